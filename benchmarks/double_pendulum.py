@@ -29,7 +29,8 @@ from peers.robodyn import four_bar_system, swing, to_lock  # noqa: E402
 from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.formulations.build import build_system  # noqa: E402
 from robodyn_cli.formulations.system import System  # noqa: E402
-from robodyn_cli.integrators.runtime.integrator import Integrator, Options  # noqa: E402
+from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
+from robodyn_cli.integrators.runtime.options import Options  # noqa: E402
 from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
 
 CONFIGS = measure.ROOT / "configs"

@@ -25,7 +25,9 @@ from peers.exudyn_loops import Mechanism, Unsupported, solve  # noqa: E402
 
 from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError  # noqa: E402
-from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options  # noqa: E402
+from robodyn_cli.integrators.runtime.grid import Grid  # noqa: E402
+from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
+from robodyn_cli.integrators.runtime.options import Options  # noqa: E402
 from robodyn_cli.run.driver.build import projected_motion  # noqa: E402
 from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
 from robodyn_cli.run.numerics.entries import LONGEST  # noqa: E402

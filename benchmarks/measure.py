@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import json
 import os
 import platform
@@ -55,6 +56,33 @@ def alternate(
                 action()
             found[name].append((time.process_time() - start) / calls[name])
     return found
+
+
+def beside_pinocchio(
+    doc: str, much: tuple[int, int], quick: tuple[int, int]
+) -> tuple[argparse.Namespace, Any]:
+    """Read the command line of a benchmark of many samples, and import Pinocchio.
+
+    Parameters
+    ----------
+    doc : the script's own text, its first line for the help. much, quick : samples a call and repeats, without and
+        with ``--quick``.
+
+    Returns
+    -------
+    The options ``samples``, ``repeats``, ``quick`` and ``json``; Pinocchio's module, None where it is not installed.
+    """
+    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer samples and repeats")
+    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
+    options = parser.parse_args()
+    options.samples, options.repeats = quick if options.quick else much
+    try:
+        import pinocchio
+    except ImportError:
+        print("Pinocchio is not installed (pip install pin): robodyn alone")
+        return options, None
+    return options, pinocchio
 
 
 def cold_and_cached(code: str, text: str = "") -> tuple[float, float]:

@@ -10,7 +10,6 @@ Machine code only: the first 200 000 states of a kernel are interpreted, and com
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from typing import Any
 
@@ -110,16 +109,8 @@ def bench(samples: int, repeats: int, pin: Any) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer states and repeats")
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
-    options = parser.parse_args()
-    try:
-        import pinocchio as pin
-    except ImportError:
-        pin = None
-        print("Pinocchio is not installed (pip install pin): robodyn alone")
-    samples, repeats = (1000, 3) if options.quick else (10_000, 15)
+    options, pin = measure.beside_pinocchio(__doc__ or "", (10_000, 15), (1000, 3))
+    samples, repeats = options.samples, options.repeats
     rows = bench(samples, repeats, pin)
     measure.print_machine()
     print(f"7-joint arm, {samples} states a call, one core, medians of {repeats} alternating repeats\n")

@@ -69,7 +69,8 @@ def measure(n: int) -> dict[str, Any]:
 
     from robodyn_cli import load_scene_text
     from robodyn_cli.formulations.build import build_system
-    from robodyn_cli.integrators.runtime.integrator import Integrator, Options
+    from robodyn_cli.integrators.runtime.integrator import Integrator
+    from robodyn_cli.integrators.runtime.options import Options
     from robodyn_cli.run.driver.prepare import prepare
 
     start = time.process_time()

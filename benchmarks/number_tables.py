@@ -23,7 +23,8 @@ import numpy as np  # noqa: E402
 from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.equations import problem as equations  # noqa: E402
 from robodyn_cli.formulations.build import build_system  # noqa: E402
-from robodyn_cli.integrators.runtime.integrator import Integrator, Options  # noqa: E402
+from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
+from robodyn_cli.integrators.runtime.options import Options  # noqa: E402
 from robodyn_cli.kernels.samples import SampleKernel  # noqa: E402
 from robodyn_cli.model import build as models  # noqa: E402
 from robodyn_cli.run.driver.prepare import prepare  # noqa: E402

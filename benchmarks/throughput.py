@@ -10,7 +10,6 @@ Compiling is not part of the time a sample and is listed apart.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from typing import Any
 
@@ -90,16 +89,8 @@ def bench(arm: arms.Arm, kind: str, samples: int, repeats: int, pin: Any) -> lis
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer samples and repeats")
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
-    options = parser.parse_args()
-    try:
-        import pinocchio as pin
-    except ImportError:
-        pin = None
-        print("Pinocchio is not installed (pip install pin): robodyn alone")
-    samples, repeats = (1000, 3) if options.quick else (10_000, 25)
+    options, pin = measure.beside_pinocchio(__doc__ or "", (10_000, 25), (1000, 3))
+    samples, repeats = options.samples, options.repeats
     rows: list[dict[str, Any]] = []
     for arm in (arms.planar_2r(), arms.seven_joint_arm(), arms.random_chain(30)):
         for kind in KINDS:

@@ -5,8 +5,10 @@ Every message is one or two sentences that name the place (file, line, key), the
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
+
+LONGEST = 60  # characters of a value that a message quotes
 
 
 class RobodynError(Exception):
@@ -59,6 +61,18 @@ class NumericalError(RobodynError):
     exit_code = 3
 
 
+def unknown_data(names: Sequence[str]) -> SceneError:
+    """Return the error that names data the equations need and the scene does not give."""
+    listed = ", ".join(sorted(set(names)))
+    hint = ""
+    if any("inertia.x" in n or "inertia.y" in n or n.startswith("com[2]") for n in names):
+        hint = " (the motion or the load leaves the plane)"
+    return SceneError(
+        f"the equations of motion need {listed}, which the scene does not give{hint}",
+        missing=sorted(set(names)),
+    )
+
+
 def no_linear_algebra(error: Exception) -> NumericalError:
     """Return the error of a matrix that cannot be decomposed, from numpy's LinAlgError or a division by zero."""
     return NumericalError(
@@ -100,6 +114,14 @@ class DirectoryInUseError(CapabilityError):
     """Another run is writing into the output directory (exit code 2)."""
 
 
+def shown(value: Any) -> str:
+    """Return a value as quoted in messages: one line, not long."""
+    text = repr(value)
+    if len(text) <= LONGEST:
+        return text
+    return f"{text[: LONGEST - 3]}...{text[-1] if isinstance(value, str) else ''}"
+
+
 def did_you_mean(word: str, options: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text."""
     near = nearest_word(word, options)
@@ -109,7 +131,8 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
 def unknown_name(what: str, name: str, options: Iterable[str]) -> str:
     """Return the message about a name that there is not."""
     options = list(options)
-    return f"unknown {what} {name!r}{did_you_mean(name, options)}; allowed: {', '.join(options)}"
+    allowed = ", ".join(options) if options else "none is defined"
+    return f"unknown {what} {shown(name)}{did_you_mean(name, options)}; allowed: {allowed}"
 
 
 def nearest_word(word: str, options: Iterable[str]) -> str | None:

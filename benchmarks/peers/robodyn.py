@@ -46,7 +46,8 @@ def entries(case: Any, methods: Any = ()) -> Iterator[Entry]:
 
     A short run at a coarse tolerance is one for fewer stages.
     """
-    from robodyn_cli.integrators.runtime.integrator import Integrator, Options
+    from robodyn_cli.integrators.runtime.integrator import Integrator
+    from robodyn_cli.integrators.runtime.options import Options
 
     smooth = ("gauss", "gauss8") if isinstance(case, FourBar) else ("gauss",)
     for method in methods or (("rodas5p", "radau13") if case.stiff else smooth):
@@ -62,7 +63,7 @@ def entries(case: Any, methods: Any = ()) -> Iterator[Entry]:
 
 
 def to_lock(integrator: Any, start: np.ndarray, options: Any) -> Any:
-    from robodyn_cli.integrators.runtime.integrator import Grid
+    from robodyn_cli.integrators.runtime.grid import Grid
 
     grid = Grid(0.0, 20.0, 2)
 
@@ -75,7 +76,7 @@ def to_lock(integrator: Any, start: np.ndarray, options: Any) -> Any:
 
 
 def swing(integrator: Any, start: np.ndarray, options: Any, case: Chain) -> tuple[Any, Any]:
-    from robodyn_cli.integrators.runtime.integrator import Grid
+    from robodyn_cli.integrators.runtime.grid import Grid
 
     def run() -> tuple[np.ndarray, int]:
         integrator.reset(0.0, start, options)

@@ -8,16 +8,16 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import Pose, prescribed_motion, slice_q, slice_v, step_velocity
 from robodyn_cli.algorithms.rnea import joint_torque
 from robodyn_cli.expr.graph import Expr, is_nonzero
-from robodyn_cli.forces.element import End
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.spatial.algebra import (
+    PARALLEL,
     Matrix,
     Transform,
     Twist,
@@ -29,7 +29,8 @@ from robodyn_cli.spatial.algebra import (
     zeros,
 )
 
-PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
+if TYPE_CHECKING:
+    from robodyn_cli.forces.element import End
 
 
 class PathKinematics:
@@ -59,6 +60,8 @@ class PathKinematics:
 
     def end(self, frame: FixedFrame) -> End:
         """Return place, axes and velocity of a frame fixed to a body."""
+        from robodyn_cli.forces.element import End  # few scenes have forces
+
         pose = self.pose(frame.body)
         velocity = self._velocity[frame.body].shifted(frame.p).rotated(pose.R)
         drift, _ = prescribed_motion(self.model, frame)

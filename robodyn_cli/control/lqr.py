@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any, ClassVar
 
 import numpy as np
 
 from robodyn_cli.control.base import PER_JOINT, POSITIVE_PER_JOINT, Controller, Linear, Situation
+from robodyn_cli.control.reachable import hidden
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, JointMap, Number, Section, key
@@ -15,7 +15,7 @@ from robodyn_cli.spatial.algebra import Array
 
 MARGIN = 1e-9  # of the size of A: a mode that decays slower counts as one that does not
 SPLIT = 1e-7  # of the size of A: so far apart may rounding put a double eigenvalue
-RANK = 1e-10
+RANK = 1e-10  # a singular value this small, relative, is that of a mode which is not reached at all
 
 
 @record
@@ -105,7 +105,7 @@ def regulator(linear: Linear, Q: Array, R: Array) -> Array:
 def unreachable_mode(A: Array, B: Array) -> complex | None:
     """Return an eigenvalue [1/s] that does not decay and that inputs do not reach, None without one."""
     size = _size(A)
-    return _hidden_mode(A, B, [mode for mode in np.linalg.eigvals(A) if mode.real >= -MARGIN * size])
+    return hidden(A, B, [mode for mode in np.linalg.eigvals(A) if mode.real >= -MARGIN * size], RANK)
 
 
 def costless_mode(A: Array, Q: Array) -> complex | None:
@@ -115,17 +115,8 @@ def costless_mode(A: Array, Q: Array) -> complex | None:
     """
     near = SPLIT * _size(A)  # what rounding makes of a double eigenvalue
     modes = [mode for mode in np.linalg.eigvals(A) if abs(mode.real) <= near]
-    return _hidden_mode(A.T, Q, [complex(0.0, mode.imag if abs(mode.imag) > near else 0.0) for mode in modes])
-
-
-def _hidden_mode(A: Array, B: Array, modes: Sequence[complex]) -> complex | None:
-    """Return the first of some modes s for which [A - s 1, B] loses rank (Hautus' test), None without one."""
-    B = B * (_size(A) / max(float(np.abs(B).max()), 1e-300))
-    for mode in modes:
-        values = np.linalg.svd(np.concatenate([A - mode * np.eye(len(A)), B], axis=1), compute_uv=False)
-        if values[-1] < RANK * values[0]:
-            return complex(mode)
-    return None
+    poles = [complex(0.0, mode.imag if abs(mode.imag) > near else 0.0) for mode in modes]
+    return hidden(A.T, Q, poles, RANK)
 
 
 def _size(A: Array) -> float:

@@ -5,15 +5,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.algorithms.external import PathKinematics, common_axis, path_torques, turn_about
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
-from robodyn_cli.forces.element import Action, Effect, HalfTurn, Line, Setting
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
 from robodyn_cli.scene.types import Torque
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot, zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.forces.element import Action, Effect, HalfTurn
 
 
 class Elements:
@@ -58,6 +60,8 @@ class Elements:
         return [self._effect(force) for force in self.model.forces]
 
     def _effect(self, force: Force) -> Effect:
+        from robodyn_cli.forces.element import Setting  # few scenes have forces
+
         root = self.root(force)
         kinematics = self._from(root)
         setting = Setting(
@@ -157,6 +161,10 @@ class Elements:
 def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[str, Scalar]:
     """Return the distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give."""
     found: dict[str, Scalar] = {}
+    if not model.spans:
+        return found
+    from robodyn_cli.forces.element import Line
+
     for name, ends in model.spans.items():
         kinematics = PathKinematics(model, X, q, v, model.common_ancestor(ends[0].body, ends[1].body))
         line = Line.of(tuple(kinematics.end(end) for end in ends))

@@ -90,17 +90,17 @@ def structure(function: Expr, t: Expr, duration: float) -> Structure:
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         rough_before = np.concatenate([rough, rough])
     doubtful = points[0].tolist() if points and resolved else []
-    found = [x for x in doubtful if _is_rough(function, slope, t, x, duration)]
+    found = [x for x in doubtful if _is_rough(function, slope, x, duration)]
     ends = np.concatenate(leaves, axis=1)
     ends = ends[:, np.argsort(ends[0])]
-    bent = _really_bent(function, t, ends[0], ends[1], span.widened(ends[0]))
+    bent = _really_bent(function, ends[0], ends[1], span.widened(ends[0]))
     edges = np.array(_edges(ends, bent, doubtful, duration))
     # a step must not end where a quotient of two zeros has no value
     (there,) = _values([function], edges)
     return Structure(tuple(found), tuple(edges[np.isfinite(there)].tolist()), resolved)
 
 
-def _really_bent(function: Expr, t: Expr, low: Array, high: Array, span: float) -> Flags:
+def _really_bent(function: Expr, low: Array, high: Array, span: float) -> Flags:
     """Tell in which intervals a function bends, in its value or its slope; its bounds may be far too wide."""
     ends = [low, 0.75 * low + 0.25 * high, 0.5 * (low + high), 0.25 * low + 0.75 * high, high]
     y = np.array([_values([function], x)[0] for x in ends])
@@ -172,7 +172,7 @@ def _centres(low: Array, high: Array, duration: float) -> Array:
     return middles[(starts > 0.0) & (ends < duration)]
 
 
-def _is_rough(function: Expr, slope: Scalar, t: Expr, time: float, duration: float) -> bool:
+def _is_rough(function: Expr, slope: Scalar, time: float, duration: float) -> bool:
     """Tell whether value or slope really jump at ``time``; a quotient of two zeros may be smooth."""
     step = BESIDE * duration
     value, rate = _values([function, slope], time + step * np.array([-2.0, -1.0, 1.0, 2.0]))

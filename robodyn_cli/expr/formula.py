@@ -6,8 +6,8 @@ import dataclasses
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from robodyn_cli.errors import NumericalError, SceneError, did_you_mean
-from robodyn_cli.expr.formula_tree import CONSTANTS, QUALIFIERS, SPANS, Name, Node, Num, fail, prefix, shown
+from robodyn_cli.errors import NumericalError, SceneError, did_you_mean, shown
+from robodyn_cli.expr.formula_tree import CONSTANTS, QUALIFIERS, SPANS, Name, Node, Num, fail, prefix
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 

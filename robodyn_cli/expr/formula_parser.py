@@ -14,7 +14,7 @@ import re
 from collections.abc import Sequence
 from typing import NoReturn
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import unknown_name
 from robodyn_cli.expr.formula_tree import (
     CONSTANTS,
     FUNCTIONS,
@@ -208,8 +208,7 @@ class Parser:
             return self.span(name)
         if name.text != "if" and name.text not in FUNCTIONS:
             known = [*FUNCTIONS, "if", *SPANS]
-            hint = did_you_mean(name.text, known)
-            self.fail(name, f"unknown function {name.text!r}{hint}; allowed: {', '.join(known)}")
+            self.fail(name, unknown_name("function", name.text, known))
         self.expect("(")
         self.calls += 1
         node = self.conditional(name, depth + 1) if name.text == "if" else self.function(name, depth + 1)

@@ -8,7 +8,7 @@ import operator
 from collections.abc import Callable, Mapping
 from typing import Any, NoReturn
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.expr import functions as fn
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
@@ -55,10 +55,6 @@ def fail(text: str, column: int, message: str, where: str = "") -> NoReturn:
 
 def prefix(where: str) -> str:
     return f"{where}: " if where else ""
-
-
-def shown(text: str) -> str:
-    return repr(text if len(text) <= 60 else text[:57] + "...")
 
 
 class Node:

@@ -9,12 +9,26 @@ from typing import Any
 from robodyn_cli.expr.fixed import Fixed, applied
 from robodyn_cli.expr.graph import Expr
 
+# what numpy calls them, where its names differ
+NUMPY = {
+    "asin": "arcsin", "acos": "arccos", "atan": "arctan", "atan2": "arctan2", "round": "rint", "min": "minimum",
+    "max": "maximum", "pow": "power",
+}  # fmt: skip
+
+
+def array_function(op: str) -> Callable[..., Any]:
+    """Return an elementary function of arrays; of a number it gives what it gives in an array, to the bit."""
+    import numpy as np
+
+    found: Callable[..., Any] = getattr(np, NUMPY.get(op, op))
+    return found
+
 
 def _sign(x: float) -> float:
     return math.nan if math.isnan(x) else float(int(x > 0) - int(x < 0))
 
 
-def _lift(op: str, number: Callable[[float], float], array: str) -> Callable[[Any], Any]:
+def _lift(op: str, number: Callable[[float], float]) -> Callable[[Any], Any]:
     def function(x: Any) -> Any:
         if isinstance(x, Expr):
             return x.graph.unary(op, x)
@@ -22,30 +36,28 @@ def _lift(op: str, number: Callable[[float], float], array: str) -> Callable[[An
             return applied(op, number, x)
         if isinstance(x, (float, int)):
             return number(x)
-        import numpy as np
-
-        return getattr(np, array)(x)
+        return array_function(op)(x)
 
     function.__name__ = op
     function.__doc__ = f"Return {op}(x)."
     return function
 
 
-sin = _lift("sin", math.sin, "sin")
-cos = _lift("cos", math.cos, "cos")
-tan = _lift("tan", math.tan, "tan")
-asin = _lift("asin", math.asin, "arcsin")
-acos = _lift("acos", math.acos, "arccos")
-atan = _lift("atan", math.atan, "arctan")
-sinh = _lift("sinh", math.sinh, "sinh")
-cosh = _lift("cosh", math.cosh, "cosh")
-tanh = _lift("tanh", math.tanh, "tanh")
-exp = _lift("exp", math.exp, "exp")
-log = _lift("log", math.log, "log")
-sqrt = _lift("sqrt", math.sqrt, "sqrt")
-absolute = _lift("abs", abs, "abs")
-sign = _lift("sign", _sign, "sign")
-nearest = _lift("round", lambda x: float(round(x)), "rint")
+sin = _lift("sin", math.sin)
+cos = _lift("cos", math.cos)
+tan = _lift("tan", math.tan)
+asin = _lift("asin", math.asin)
+acos = _lift("acos", math.acos)
+atan = _lift("atan", math.atan)
+sinh = _lift("sinh", math.sinh)
+cosh = _lift("cosh", math.cosh)
+tanh = _lift("tanh", math.tanh)
+exp = _lift("exp", math.exp)
+log = _lift("log", math.log)
+sqrt = _lift("sqrt", math.sqrt)
+absolute = _lift("abs", abs)
+sign = _lift("sign", _sign)
+nearest = _lift("round", lambda x: float(round(x)))
 
 
 def _graph_of(*xs: Any) -> Any:
@@ -61,29 +73,23 @@ def _number(op: str, function: Callable[..., float], *xs: float) -> float:
     return applied(op, function, *xs) if any(isinstance(x, Fixed) for x in xs) else function(*xs)
 
 
-def _lift_two(
-    op: str, number: Callable[[Any, Any], float], array: str, doc: str
-) -> Callable[[Any, Any], Any]:
+def _lift_two(op: str, number: Callable[[Any, Any], float], doc: str) -> Callable[[Any, Any], Any]:
     def function(a: Any, b: Any) -> Any:
         graph = _graph_of(a, b)
         if graph is not None:
             return graph.binary(op, a, b)
         if _scalar(a, b):
             return _number(op, number, a, b)
-        import numpy as np
-
-        return getattr(np, array)(a, b)
+        return array_function(op)(a, b)
 
     function.__name__, function.__doc__ = op, doc
     return function
 
 
-atan2 = _lift_two(
-    "atan2", math.atan2, "arctan2", "Return the angle of the vector (x, y) from (y, x), in (-pi, pi]."
-)
-minimum = _lift_two("min", min, "minimum", "Return the smaller of a and b.")
-maximum = _lift_two("max", max, "maximum", "Return the larger of a and b.")
-power = _lift_two("pow", math.pow, "power", "Return a ** b.")
+atan2 = _lift_two("atan2", math.atan2, "Return the angle of the vector (x, y) from (y, x), in (-pi, pi].")
+minimum = _lift_two("min", min, "Return the smaller of a and b.")
+maximum = _lift_two("max", max, "Return the larger of a and b.")
+power = _lift_two("pow", math.pow, "Return a ** b.")
 
 
 def where(x: Any, a: Any, b: Any) -> Any:

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import CANCELLED, Fixed, Witness, derive
+from robodyn_cli.expr.functions import array_function, where
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.rebuild import APPLY, piecewise
 
@@ -23,15 +24,13 @@ Array = NDArray[Any]
 COMPARE: dict[str, Callable[[Any, Any], Any]] = {
     name: getattr(operator, name) for name in ("lt", "le", "gt", "ge", "eq", "ne")
 }
-CONSTANT = -1
-Argument = tuple[int, Any]  # number of a step and nothing, or ``CONSTANT`` and a value
-Decision = tuple[
-    Callable[[Any, Any], Any], Argument, Argument, Any
-]  # a comparison, its sides, how it turned out
+CONSTANT = "constant"
+# a comparison, the values of its sides, and how it turned out
+Decision = tuple[Callable[[Any, Any], Any], int, int, Any]
 
 
 class Recipe:
-    """How numbers follow from those at places that vary: steps, each from steps before it.
+    """How numbers follow from those at places that vary: values, each computed from values before it.
 
     Parameters
     ----------
@@ -40,87 +39,84 @@ class Recipe:
 
     def __init__(self, places: Collection[str]) -> None:
         self.places = frozenset(places)
-        self.steps: list[tuple[str, Any, list[Argument]]] = []  # operation, data, arguments
-        # by identity: the number itself, so that its identity stays its own, and its step
-        self._known: dict[int, tuple[Any, int]] = {}
-        self._arguments: dict[int, tuple[Any, list[Argument]]] = {}
+        # operation, data, the values that it takes; a ``CONSTANT`` is the same in all runs
+        self.steps: list[tuple[str, Any, list[int]]] = []
+        # the number itself, so that its identity stays its own, and its value, by ``_key``
+        self._known: dict[int | str, tuple[Any, int]] = {}
+        self._asked: dict[int, tuple[Any, list[int]]] = {}
 
-    def step_of(self, x: Any) -> int:
-        """Return the step that computes a number, ``CONSTANT`` where it is the same in all runs."""
-        if not isinstance(x, Fixed):
-            return CONSTANT
-        known = self._known.get(id(x))
-        if known is not None:
-            return known[1]
-        stack: list[Fixed] = [x]
+    def varies(self, x: Any) -> bool:
+        """Tell whether a number is another one in other runs."""
+        return self.steps[self.value_of(x)][0] != CONSTANT
+
+    def value_of(self, x: Any) -> int:
+        """Return which value a number is."""
+        stack: list[Any] = [x]
         while stack:
             top = stack[-1]
-            if id(top) not in self._known:
-                waiting = [a for a in _inputs(top) if isinstance(a, Fixed) and id(a) not in self._known]
+            if _key(top) not in self._known:
+                waiting = [a for a in _inputs(top) if _key(a) not in self._known]
                 if waiting:
                     stack += waiting
                     continue
-                self._known[id(top)] = top, self._add(top)
+                self._add(top)
             stack.pop()
-        return self._known[id(x)][1]
+        return self._known[_key(x)][1]
 
-    def _add(self, x: Fixed) -> int:
-        """Add the step of a number whose inputs are known."""
-        if x.op == "literal":
-            return self._append("literal", x.args[0], []) if x.args[0] in self.places else CONSTANT
-        args = [self._argument(a) for a in _inputs(x)]
-        if all(step == CONSTANT for step, _ in args):
-            return CONSTANT
+    def _add(self, x: Any) -> int:
+        """Add the value of a number whose inputs are known."""
+        if isinstance(x, Fixed) and x.op == "literal" and x.args[0] in self.places:
+            return self._keep(x, "literal", x.args[0], [])
+        if not any(self.varies(a) for a in _inputs(x)):
+            return self._keep(x, CONSTANT, float(x), [])
         if x.op != "entry":
-            return self._append(x.op, None, args)
+            return self._keep(x, x.op, None, [self.value_of(a) for a in x.args])
         shared, k = x.args
-        return self._append("entry", k, [(self.derived(shared), None)])
+        return self._keep(x, "entry", k, [self.derived(shared)])
 
     def derived(self, shared: Any) -> int:
-        """Return the step that computes all results of one call of ``derived``, from what they share."""
-        if id(shared) not in self._known:
-            step = self._append("derived", shared, [self._argument(x) for x in shared])
-            self._known[id(shared)] = shared, step
-        return self._known[id(shared)][1]
+        """Return which value holds all results of one call of ``derived``, from what they share."""
+        known = self._known.get(_key(shared))
+        if known is not None:
+            return known[1]
+        return self._keep(shared, "derived", shared, [self.value_of(x) for x in shared])
 
-    def _argument(self, x: Any) -> Argument:
-        step = self.step_of(x)
-        return step, float(x) if step == CONSTANT else None
-
-    def _append(self, op: str, data: Any, args: list[Argument]) -> int:
-        self.steps.append((op, data, args))
+    def _keep(self, x: Any, op: str, data: Any, values: list[int]) -> int:
+        self.steps.append((op, data, values))
+        self._known[_key(x)] = x, len(self.steps) - 1
         return len(self.steps) - 1
 
-    def arguments(self, numbers: Sequence[Any]) -> list[Argument]:
-        """Return where the values of numbers come from; asked for again and again, they are looked up once."""
-        known = self._arguments.get(id(numbers))
+    def values_of(self, numbers: Sequence[Any]) -> list[int]:
+        """Return which values numbers are; asked for again and again, they are looked up once."""
+        known = self._asked.get(id(numbers))
         if known is None:
-            known = self._arguments[id(numbers)] = numbers, [self._argument(x) for x in numbers]
+            known = self._asked[id(numbers)] = numbers, [self.value_of(x) for x in numbers]
         return known[1]
 
     def deciding(self, witnesses: Sequence[Witness]) -> list[Decision]:
         """Return the comparisons that may turn out otherwise in other runs, each once."""
-        each = {
-            (w[0], *((id(w[1][0]), w[1][1]) if w[0] == "kept" else map(id, w[1:3]))): w for w in witnesses
-        }
-        found: list[Decision] = []
-        for name, a, b, outcome in each.values():
+        found: dict[tuple[Any, ...], Decision] = {}
+        for name, a, b, outcome in witnesses:
             if name == "kept":
                 shared, k = a
-                if any(self.step_of(x) != CONSTANT for x in shared):
-                    found.append((partial(_kept, k), (self.derived(shared), None), (CONSTANT, None), outcome))
-            elif any(self.step_of(x) != CONSTANT for x in (a, b)):
-                found.append((COMPARE[name], self._argument(a), self._argument(b), outcome))
-        return found
+                if any(self.varies(x) for x in shared):
+                    value = self.derived(shared)
+                    found[name, value, k] = partial(_kept, k), value, value, outcome
+            elif self.varies(a) or self.varies(b):
+                one, two = self.value_of(a), self.value_of(b)
+                found[name, one, two] = COMPARE[name], one, two, outcome
+        return list(found.values())
 
 
-def _kept(k: int, derived: tuple[Array, Array], _: None) -> Array:
+def _kept(k: int, derived: tuple[Array, Array], _: Any) -> Any:
     """Return in which runs a call of ``derived`` kept its k-th result."""
     return derived[1][:, k]
 
 
 class ManyNumbers:
-    """The values of numbers of a scene in many runs.
+    """The values of numbers of a scene in many runs, each an array (N,), or a number where one holds for all runs.
+
+    A single run has numbers instead of arrays, which take a tenth of the time; they are the same to the bit.
 
     Parameters
     ----------
@@ -128,86 +124,90 @@ class ManyNumbers:
     """
 
     def __init__(self, recipe: Recipe, given: Mapping[str, Array], runs: int) -> None:
-        # numbers take a tenth of the time of arrays of one
-        self.given = {place: x[0] for place, x in given.items()} if runs == 1 else given
         self.recipe, self.runs = recipe, runs
-        self._values: list[Any] = []  # by step
+        self.given = {place: self._taken(x) for place, x in given.items()}
+        self._values: list[Any] = []  # of the recipe's steps
+
+    def _taken(self, x: Any) -> Any:
+        """Return values as arrays, or as the number of a single run."""
+        if self.runs == 1:
+            return float(x if isinstance(x, float) else x[0])
+        return np.atleast_1d(x)
 
     def table(self, numbers: Sequence[float]) -> Array:
         """Return the values (N, n) of n numbers."""
-        return self._joined(self._take(self.recipe.arguments(numbers)))
+        return self._joined(self._take(self.recipe.values_of(numbers)))
 
     def _joined(self, columns: Sequence[Any]) -> Array:
         """Return columns, arrays or numbers, as one array (N, n)."""
         if self.runs == 1:
-            return np.array([x[0] if isinstance(x, np.ndarray) else x for x in columns], dtype=float)[None]
+            return np.array(columns, dtype=float)[None]
         out = np.empty((self.runs, len(columns)))
         for k, x in enumerate(columns):
             out[:, k] = x
         return out
 
+    @np.errstate(all="ignore")
     def evaluate(self, expressions: Expressions, inputs: Mapping[str, Sequence[Any]]) -> Array:
         """Return the values (N, outputs) of expressions.
 
         inputs : for each symbol of a group its values (N,), or a number, by group.
         """
-        constants = iter(self._take(self.recipe.arguments(expressions.constants)))
-        value: list[Any] = []
-        with np.errstate(all="ignore"):
-            for op, function, args, data in expressions.code:
-                if function is not None:
-                    value.append(function(*[value[k] for k in args]))
-                elif op == "const":
-                    value.append(next(constants))
-                elif op == "table":
-                    value.append(self._looked_up(value[args[0]], data))
-                else:
-                    _, group, position = data
-                    x = inputs[group][position]
-                    value.append(x[0] if self.runs == 1 and isinstance(x, np.ndarray) else x)
-        outputs = self._take(self.recipe.arguments(expressions.outputs))
-        return self._joined([x if k is None else value[k] for k, x in zip(expressions.places, outputs)])
+        functions = ALONE if self.runs == 1 else TOGETHER
+        values = self._take(self.recipe.values_of(expressions.constants))
+        values += [self._taken(inputs[group][position]) for _, group, position in expressions.symbols]
+        take = values.__getitem__
+        for op, args, data in expressions.code:
+            if op == "table":
+                values.append(self._looked_up(values[args[0]], data))
+            else:
+                values.append(functions[op](*map(take, args)))
+        outputs = self._take(self.recipe.values_of(expressions.outputs))
+        return self._joined([x if k is None else values[k] for k, x in zip(expressions.places, outputs)])
 
     def decided_alike(self, decisions: Sequence[Decision]) -> NDArray[np.bool_]:
         """Return in which runs (N,) all comparisons turn out as they did."""
-        alike: Any = np.ones(self.runs, dtype=bool)
-        first, second = self._take([d[1] for d in decisions]), self._take([d[2] for d in decisions])
-        with np.errstate(all="ignore"):
-            for decision, a, b in zip(decisions, first, second):
-                alike &= decision[0](a, b) == decision[3]
-        return np.asarray(alike)
+        values = self._computed()
+        alike = np.ones(self.runs, dtype=bool)
+        for compare, a, b, outcome in decisions:
+            found = compare(values[a], values[b]) == outcome
+            if found is not True:
+                alike &= found
+        return alike
 
-    def _take(self, arguments: Sequence[Argument]) -> list[Any]:
-        """Return values, each an array (N,), or a number where one holds for all runs."""
+    def _take(self, places: Sequence[int]) -> list[Any]:
+        values = self._computed()
+        return [values[k] for k in places]
+
+    def _computed(self) -> list[Any]:
+        """Return the values of all steps."""
+        if len(self._values) < len(self.recipe.steps):
+            self._compute()
+        return self._values
+
+    @np.errstate(all="ignore")
+    def _compute(self) -> None:
+        """Add the values of steps that have come since."""
         values = self._values
-        if len(values) < len(self.recipe.steps):
-            with np.errstate(all="ignore"):
-                for op, data, args in self.recipe.steps[len(values) :]:
-                    taken = [x if k == CONSTANT else values[k] for k, x in args]
-                    values.append(self._computed(op, data, taken))
-        return [x if k == CONSTANT else values[k] for k, x in arguments]
+        functions, sums = (ALONE, SUMS_ALONE) if self.runs == 1 else (TOGETHER, SUMS_TOGETHER)
+        take = values.__getitem__
+        for op, data, args in self.recipe.steps[len(values) :]:
+            if op == CONSTANT:
+                values.append(data)
+            elif op == "literal":
+                values.append(self.given[data])
+            elif op == "entry":
+                values.append(self._taken(values[args[0]][0][:, data]))
+            elif op == "derived":
+                values.append(self._derived(data, [values[k] for k in args]))
+            else:
+                values.append((sums.get(op) or functions[op])(*map(take, args)))
 
-    def _computed(self, op: str, data: Any, args: list[Any]) -> Any:
-        if op == "literal":
-            return self.given[data]
-        if op == "entry":
-            found = args[0][0][:, data]
-            return found[0] if self.runs == 1 else found
-        if op == "derived":
-            rows = np.stack([np.broadcast_to(x, self.runs) for x in args], axis=1).tolist()
-            lists = [derive(data, row) for row in rows]
-            return np.array([x for x, _ in lists], dtype=float), np.array([kept for _, kept in lists])
-        try:
-            found = APPLY[op](*args)
-        except (ArithmeticError, ValueError):  # plain numbers raise where arrays have no value
-            return np.float64("nan")
-        if op not in ("add", "sub"):
-            return found
-        # what cancels is zero, as in the arithmetic of one
-        if self.runs == 1:
-            return 0.0 if abs(found) <= CANCELLED * max(abs(args[0]), abs(args[1])) else found
-        largest = np.maximum(np.abs(args[0]), np.abs(args[1]))
-        return np.where(np.abs(found) <= CANCELLED * largest, 0.0, found)
+    def _derived(self, shared: Any, args: Sequence[Any]) -> tuple[Array, Array]:
+        """Return all results of a call of ``derived`` in all runs (N, n), and which of them are kept."""
+        rows = np.stack([np.broadcast_to(x, self.runs) for x in args], axis=1).tolist()
+        lists = [derive(shared, row) for row in rows]
+        return np.array([x for x, _ in lists], dtype=float), np.array([kept for _, kept in lists])
 
     def _looked_up(self, x: Any, table: Any) -> Array:
         """Return the values of a piecewise polynomial whose knots and coefficients may be others in each run."""
@@ -223,26 +223,67 @@ class ManyNumbers:
 class Expressions:
     """Expressions to be evaluated for many runs; their order of evaluation is found once.
 
-    code : operations in order: name, function, places of arguments, data. places : of the outputs; None where one is a
-    number, which ``outputs`` holds. constants : numbers of the scene, in order.
+    Values are those of constants, of symbols, and of operations, one after another.
+
+    code : operations in order: name, places of arguments, data. places : of the outputs; None where one is a number,
+    which ``outputs`` holds.
     """
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:
         nodes = reachable(list(outputs))
-        place = {node.index: k for k, node in enumerate(nodes)}
-        functions = {op: function for op, function in APPLY.items() if op != "table"}
-        self.code = [
-            (node.op, functions.get(node.op), [place[a.index] for a in node.args], node.value)
-            for node in nodes
-        ]
+        leaves = {op: [node for node in nodes if node.op == op] for op in ("const", "sym")}
+        self.constants, self.symbols = ([node.value for node in found] for found in leaves.values())
+        inner = [node for node in nodes if node.op not in leaves]
+        place = {node.index: k for k, node in enumerate([*leaves["const"], *leaves["sym"], *inner])}
+        self.code = [(node.op, [place[a.index] for a in node.args], node.value) for node in inner]
         self.places = [place[e.index] if isinstance(e, Expr) else None for e in outputs]
         self.outputs = [0.0 if isinstance(e, Expr) else e for e in outputs]
-        self.constants = [node.value for node in nodes if node.op == "const"]
 
 
-def _inputs(x: Fixed) -> Sequence[Any]:
+def _key(x: Any) -> int | str:
+    """Return what tells numbers apart: those of the scene by how they are computed, others by their value."""
+    return float(x).hex() if not isinstance(x, Fixed) and isinstance(x, (float, int)) else id(x)
+
+
+def _inputs(x: Any) -> Sequence[Any]:
     """Return what a number is computed from."""
-    if x.op == "literal":
+    if not isinstance(x, Fixed) or x.op == "literal":
         return ()
     inputs: Sequence[Any] = x.args[0] if x.op == "entry" else x.args
     return inputs
+
+
+# -- operations -----------------------------------------------------------------------------------------
+Operations = dict[str, Callable[..., Any]]
+
+
+def _quotient(a: float, b: float) -> float:
+    return a / b if b else float(np.divide(a, b))
+
+
+def _summed(add: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    """Return a sum of numbers of the scene: what cancels is zero, as in the arithmetic of one of them."""
+
+    def function(a: float, b: float) -> float:
+        found: float = add(a, b)
+        return 0.0 if abs(found) <= CANCELLED * max(abs(a), abs(b)) else found
+
+    return function
+
+
+def _summed_together(add: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+    def function(a: Any, b: Any) -> Array:
+        found = add(a, b)
+        return np.where(np.abs(found) <= CANCELLED * np.maximum(np.abs(a), np.abs(b)), 0.0, found)
+
+    return function
+
+
+_SUMS: Operations = {"add": operator.add, "sub": operator.sub}
+_PLAIN: Operations = {**_SUMS, "mul": operator.mul, "neg": operator.neg}
+TOGETHER: Operations = {**APPLY, **_PLAIN}
+# of numbers, which come out as they do in an array, to the bit
+ALONE: Operations = {**_PLAIN, "div": _quotient, "where": where}
+ALONE |= {op: array_function(op) for op in TOGETHER if op not in ALONE}
+SUMS_ALONE: Operations = {op: _summed(add) for op, add in _SUMS.items()}
+SUMS_TOGETHER: Operations = {op: _summed_together(add) for op, add in _SUMS.items()}

@@ -23,7 +23,6 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
-from robodyn_cli.kernels.lower import LANES as LANES
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import STATE_GROUPS

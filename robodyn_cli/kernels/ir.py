@@ -20,12 +20,16 @@ from robodyn_cli.kernels.flow import Block, Flow, Loop
 from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
 
 RELAXED = "reassoc nsz arcp contract"
-CONTRACT = "contract"
 STRICT = ""
+# Columns of samples lie far apart, so the processor does not prefetch many of them by itself. Prefetching the samples
+# of a later block pays where they do not fit into the cache (measured on a busy machine: 30 joints, 10 000 samples,
+# 0.18 us per sample instead of 0.6; derivatives of forward dynamics of 7 joints 0.34 us instead of 0.9; one block ahead
+# is too late).
+BLOCKS_AHEAD = 4
 BYTES = [f"\\{byte:02X}" for byte in range(256)]  # as a string's constant has them
 
 __all__ = [
-    "CONTRACT",
+    "BLOCKS_AHEAD",
     "RELAXED",
     "STRICT",
     "Block",

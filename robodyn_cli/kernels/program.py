@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import unknown_data
 from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.record import record
@@ -154,15 +154,3 @@ class _Collected:
             self.instructions.append(Instruction("number", (), len(self.numbers)))
             self.numbers.append(x)
         return self._read[id(x)]
-
-
-def unknown_data(names: Sequence[str]) -> SceneError:
-    """Return the error that names data the equations need and the scene does not give."""
-    listed = ", ".join(sorted(set(names)))
-    hint = ""
-    if any("inertia.x" in n or "inertia.y" in n or n.startswith("com[2]") for n in names):
-        hint = " (the motion or the load leaves the plane)"
-    return SceneError(
-        f"the equations of motion need {listed}, which the scene does not give{hint}",
-        missing=sorted(set(names)),
-    )

@@ -18,7 +18,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.ir import RELAXED, Function, Value, module
+from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Value, module
 from robodyn_cli.kernels.lower import Loaded, lower
 from robodyn_cli.kernels.program import NUMBERS, PARAMETERS, Program, make_program
 from robodyn_cli.spatial.algebra import Array
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 # measured: compiling takes 80 us an operation, and saves 0.3 ns for each operation at each sample
 LONG = 200  # operations up to which a program is compiled at once
 MANY = 200_000  # samples from which on a long program is compiled
+FOLLOWED = 16  # columns that the processor prefetches by itself while they are written in turn
 STATE, DATA = (
     "q",
     "d",
@@ -51,6 +52,11 @@ def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
                 inputs[group] = [f.splat(f.load(f.offset(address, k)), lanes) for k in range(count)]
             else:
                 inputs[group] = [f.load(f.offset(address, samples * k + t), lanes) for k in range(count)]
+        for place, entries in enumerate(program.outputs.values()):
+            if len(entries) > FOLLOWED:
+                for k in range(len(entries)):
+                    later = samples * k + t + BLOCKS_AHEAD * lanes
+                    f.prefetch(f.offset(f"%out.{place}", later), write=True)
         for place, values in enumerate(lower(f, program, inputs, lanes, fused).values()):
             for k, value in enumerate(values):
                 f.store(f.splat(value, lanes), f.offset(f"%out.{place}", samples * k + t))
@@ -113,11 +119,16 @@ class SampleKernel:
         samples = lengths.pop()
         return self.evaluate(samples, groups)
 
-    def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
-        """Evaluate so many samples; a constant program needs no input."""
-        padded = max(samples, self.lanes)
+    def evaluate(
+        self, samples: int, groups: Mapping[str, Array], memory: Mapping[str, Array] | None = None
+    ) -> dict[str, Array]:
+        """Evaluate so many samples; a constant program needs no input.
+
+        memory : where the outputs (padded(samples), n) go, column-ordered; arrays of their own by default.
+        """
+        padded = self.padded(samples)
         inputs = self._inputs(samples, padded, groups)
-        results = {
+        results = memory or {
             name: np.empty((padded, len(entries)), order="F")
             for name, entries in self.program.outputs.items()
         }
@@ -125,9 +136,13 @@ class SampleKernel:
             self._run(inputs, results, padded, self.program.table)
         return {name: r[:samples] for name, r in results.items()}
 
+    def padded(self, samples: int) -> int:
+        """Return how many samples the code evaluates for so many: the lanes at least."""
+        return max(samples, self.lanes)
+
     def of_tables(self, tables: Array, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Evaluate so many samples with each row of tables (N, numbers) in place of its own: {output: (N, n, T)}."""
-        padded = max(samples, self.lanes)
+        padded = self.padded(samples)
         inputs = self._inputs(samples, padded, groups)
         results = {
             name: np.empty((len(tables), len(entries), padded))

@@ -5,15 +5,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.expr.functions import maximum
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols, reachable
-from robodyn_cli.forces.element import ForceElement
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Transform, Vector, congruence
 from robodyn_cli.spatial.inertia import RigidInertia
+
+if TYPE_CHECKING:
+    from robodyn_cli.forces.element import ForceElement
 
 BASE = -1
 

@@ -16,6 +16,7 @@ import numpy as np
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.model.model import PARAMETER_GROUP, FixedFrame, Model, RigidPart
 from robodyn_cli.record import record
+from robodyn_cli.scene import payload as sp
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array, Transform
 
@@ -47,12 +48,12 @@ def carried_at_start(model: Model) -> list[float]:
     return [float(payload.spec.start is None) for payload in changing(model)]
 
 
-def as_link(payload: sc.Payload) -> sc.Link:
+def as_link(payload: sp.Payload) -> sc.Link:
     """Return the link that a payload is for the body that carries it; data that are not given are unknown there too."""
     return sc.Link(name=payload.name, mass=payload.mass, com=payload.com, inertia=payload.inertia)
 
 
-def placed(payload: sc.Payload, frame: FixedFrame, part: RigidPart | None, place: int | None) -> Payload:
+def placed(payload: sp.Payload, frame: FixedFrame, part: RigidPart | None, place: int | None) -> Payload:
     """Return a payload held at ``frame``, in whose axes the ``part`` is given; ``place`` of its parameter, if any."""
     if part is not None:
         part = dataclasses.replace(part, frame=Transform.from_pose(frame.R, frame.p))

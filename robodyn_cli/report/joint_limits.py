@@ -8,19 +8,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.report.decimate import finite
+from robodyn_cli.results.catalogue import JOINT_LIMITS
 from robodyn_cli.results.columns import column_names
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-# stored limits of a quantity, with the sides on which they bound it
-SIDES: dict[str, dict[str, tuple[float, ...]]] = {
-    "q": {"lower": (1.0,), "upper": (1.0,)},
-    "qd": {"speed": (1.0, -1.0)},
-    "qdd": {"acceleration": (1.0, -1.0)},
-    "tau": {"effort": (1.0, -1.0)},
-}
 NEAR = 0.3  # of the largest value of a joint: a limit further away would only make the curve small
 NOTE = "; dotted: limits of the joints"
 
@@ -30,7 +24,7 @@ def limits_near(result: Result, path: str) -> dict[str, list[float]]:
     variable = result.variables[path]
     names = column_names(variable)
     found: dict[str, list[float]] = {}
-    for limit, sides in SIDES.get(path, {}).items():
+    for limit, sides in JOINT_LIMITS.get(path, {}).items():
         stored = result.variables.get(f"joint_limits/{limit}")
         for name, size in zip(column_names(stored), stored.data) if stored is not None else ():
             values = finite(variable.data[:, names.index(name)])

@@ -22,6 +22,14 @@ class Entry:
 
 XYZ = ("x", "y", "z")
 
+# limits of joints under ``joint_limits/`` by the dataset that they bound, with the signs of the sides on which they do
+JOINT_LIMITS: dict[str, dict[str, tuple[float, ...]]] = {
+    "q": {"lower": (1.0,), "upper": (1.0,)},
+    "qd": {"speed": (1.0, -1.0)},
+    "qdd": {"acceleration": (1.0, -1.0)},
+    "tau": {"effort": (1.0, -1.0)},
+}
+
 ENTRIES: tuple[Entry, ...] = (
     Entry("time", ("time",), "s", "time"),
     Entry("q", ("time", "joint"), "rad or m", "joint position"),

@@ -10,21 +10,11 @@ import dataclasses
 import math
 from typing import Any
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import unknown_name
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.read_scalars import BROKEN, ScalarReader
-from robodyn_cli.scene.text.nodes import (
-    Mapping,
-    Node,
-    Path,
-    Scalar,
-    Sequence,
-    describe_node,
-    dotted,
-    located,
-    shown,
-)
+from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, describe_node, dotted, located
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import JointMap, Kind, Number
 
@@ -131,12 +121,7 @@ def _from_map(
             found.update(_group(reader, kind, key, item, groups[key.text], here))
         else:
             allowed = [*items, *groups]
-            hint = did_you_mean(key.text, allowed)
-            raise located(
-                key,
-                dotted(here),
-                f"unknown coordinate {shown(key.text)}{hint}; allowed: {', '.join(allowed)}",
-            )
+            raise located(key, dotted(here), unknown_name("coordinate", key.text, allowed))
     return found
 
 

@@ -7,26 +7,16 @@ import math
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from functools import partial
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.errors import SceneError, did_you_mean, nearest_word
+from robodyn_cli.errors import SceneError, did_you_mean, nearest_word, unknown_name
 from robodyn_cli.expr.expectation import Expectation, parse_expectation
 from robodyn_cli.record import record
 from robodyn_cli.scene.joint_values import joint_map
 from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader
 from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.includes import concrete
-from robodyn_cli.scene.text.nodes import (
-    Mapping,
-    Node,
-    Path,
-    Scalar,
-    Sequence,
-    describe_node,
-    dotted,
-    located,
-    shown,
-)
+from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, describe_node, dotted, located
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     ByPart,
@@ -52,8 +42,6 @@ from robodyn_cli.schema.fields import (
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.variation import Variation
-
-T = TypeVar("T")
 
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
@@ -286,9 +274,7 @@ class Reader(ScalarReader):
             if key.text in keys.inline:
                 elements[key.text] = self.value(keys.inline[key.text][1].at(key.text), item, here)
             elif key.text not in keys.fields:
-                hint = did_you_mean(key.text, keys.allowed)
-                what = f"unknown key {shown(key.text)}{hint}; allowed: {', '.join(keys.allowed)}"
-                self.faults.report(located(key, dotted(here), what))
+                self.faults.report(located(key, dotted(here), unknown_name("key", key.text, keys.allowed)))
             elif not _is_default(field := keys.fields[key.text], item):
                 values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
         # in the order of the registry, so that the order of keys in the file makes no difference

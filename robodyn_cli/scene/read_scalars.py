@@ -8,11 +8,11 @@ import re
 from collections.abc import Callable
 from typing import Any
 
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError, did_you_mean, shown
 from robodyn_cli.expr import formula as fm
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Node, Path, Scalar, describe_node, dotted, located, shown
+from robodyn_cli.scene.text.nodes import Node, Path, Scalar, describe_node, dotted, located
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     Boolean,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.expr.formula import Formula as FormulaTree
 from robodyn_cli.forces.registry import joint_forces
@@ -14,9 +14,9 @@ from robodyn_cli.schema.fields import (
     Either,
     Formula,
     Inline,
+    LaterSection,
     ListOf,
     MapOf,
-    MeshFile,
     Name,
     Number,
     Section,
@@ -26,13 +26,10 @@ from robodyn_cli.schema.fields import (
     like,
 )
 from robodyn_cli.schema.fields import Orientation as Orientation
+from robodyn_cli.schema.fields import Placement as Placement
 
-
-@record
-class Placement(Orientation):
-    """Position ``p = xyz`` and orientation of a frame."""
-
-    xyz: tuple[float, ...] = key(Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="Origin.")
+if TYPE_CHECKING:
+    from robodyn_cli.scene.robot_parts import Coupler, Shape
 
 
 @record
@@ -128,45 +125,6 @@ class Joint:
 
 
 @record
-class Shape:
-    """A shape that a link is drawn with: one of `box`, `sphere`, `cylinder`, `outline`, `mesh` and `obj`."""
-
-    box: tuple[float, ...] | None = key(
-        Vector(3), default=None, unit="m", doc="Sides of a cuboid, whose centre is the origin."
-    )
-    sphere: float | None = key(
-        Number(minimum=0.0, exclusive=True),
-        default=None,
-        unit="m",
-        doc="Radius of a sphere about the origin.",
-    )
-    cylinder: tuple[float, ...] | None = key(
-        Vector(2), default=None, unit="m", doc="Radius, and length along z, of a cylinder about the origin."
-    )
-    outline: tuple[tuple[float, ...], ...] | None = key(
-        ListOf(Vector(2), minimum=3),
-        default=None,
-        unit="m",
-        doc="Corners x, y of a plate in the x-y plane, one after another around it.",
-    )
-    thickness: float = key(
-        Number(minimum=0.0), default=0.0, unit="m", doc="Thickness of an `outline`, along z."
-    )
-    mesh: str | None = key(
-        MeshFile(), default=None, doc="Path of a mesh, relative to the file that names it: STL, OBJ or DAE."
-    )
-    obj: str | None = key(
-        Text(), default=None, doc="A mesh as text: lines `v x y z` and `f i j k`, as in OBJ files."
-    )
-    scale: tuple[float, ...] = key(
-        Vector(3), default=(1.0, 1.0, 1.0), unit="1", doc="What the coordinates of a mesh are multiplied by."
-    )
-    origin: Placement | None = key(
-        Section(Placement), default=None, doc="Placement of the shape in the link's frame."
-    )
-
-
-@record
 class Link:
     """A rigid body. Data that are not given are unknown; a run that needs them refuses the scene."""
 
@@ -183,7 +141,9 @@ class Link:
         Section(Inertia), default=Inertia(), doc="About the centre of mass, in the axes of `com_frame`."
     )
     visual: tuple[Shape, ...] = key(
-        ListOf(Section(Shape)), default=(), doc="Shapes that it is drawn with; the equations ignore them."
+        ListOf(LaterSection("scene.robot_parts:Shape")),
+        default=(),
+        doc="Shapes that it is drawn with; the equations ignore them.",
     )
 
 
@@ -221,80 +181,6 @@ class Point(Place):
 @record
 class Frame(Orientation, Place):
     """A named frame fixed to a link."""
-
-
-@record
-class Coupler:
-    """A linear relation between joint coordinates: gears, racks, belts. The sum of coefficient times q is a value."""
-
-    name: str = key(Name(of="coupler"), doc="Name.")
-    terms: dict[str, float] = key(
-        MapOf(Number(), of="joint"), unit="1, m/rad or rad/m", doc="Coefficient of each joint's coordinate."
-    )
-    value: FormulaTree | None = key(
-        Formula(("t",)),
-        default=None,
-        unit="rad or m",
-        doc="What they sum to: a number or a formula in t; default 0.",
-    )
-
-
-@record
-class Instant:
-    """A time, or an event: what a motion comes to by itself."""
-
-    time: float | None = key(
-        Number(minimum=0.0, exclusive=True), default=None, unit="s", doc="A time of the run."
-    )
-    when: FormulaTree | None = key(
-        Formula(),
-        default=None,
-        doc="Or an event: a formula of t, q and qd; it happens where its value rises through zero.",
-    )
-
-
-@record
-class Payload:
-    """A rigid body that a link carries for a while."""
-
-    name: str = key(Name(of="payload"), doc="Name.")
-    at: str = key(
-        Text(),
-        doc="What holds it: a named point or frame, LINK.origin, LINK.end or LINK.com. `com` and `inertia` are in the "
-        "axes of that frame, of the link where it is a point.",
-    )
-    mass: float = key(Number(minimum=0.0), unit="kg", doc="Mass.")
-    com: tuple[float, ...] = key(
-        Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="Centre of mass, from `at`."
-    )
-    inertia: Inertia = key(Section(Inertia), default=Inertia(), doc="About its centre of mass.")
-    start: Instant | None = key(
-        Section(Instant),
-        default=None,
-        name="from",
-        doc="When it is gripped; without this key it is carried from the start.",
-    )
-    until: Instant | None = key(Section(Instant), default=None, doc="When it is released.")
-    velocity: tuple[float, ...] = key(
-        Vector(3),
-        default=(0.0, 0.0, 0.0),
-        unit="m/s",
-        doc="Velocity of its centre of mass, in world axes, up to the time at which it is gripped.",
-    )
-    angular_velocity: tuple[float, ...] = key(
-        Vector(3), default=(0.0, 0.0, 0.0), unit="rad/s", doc="Its angular velocity then, in world axes."
-    )
-
-    @property
-    def changes(self) -> bool:
-        """Whether it is gripped or released on the way."""
-        return self.start is not None or self.until is not None
-
-    @property
-    def instants(self) -> dict[str, Instant]:
-        """When it is gripped and released, as far as that happens, by key."""
-        found = {"from": self.start, "until": self.until}
-        return {name: instant for name, instant in found.items() if instant is not None}
 
 
 @record
@@ -339,7 +225,7 @@ class Robot:
     points: dict[str, Point] = key(MapOf(Section(Point), of="point"), default=None, doc="Named points.")
     frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame"), default=None, doc="Named frames.")
     couplers: tuple[Coupler, ...] = key(
-        ListOf(Section(Coupler)),
+        ListOf(LaterSection("scene.robot_parts:Coupler")),
         default=(),
         doc="Relations between joint coordinates that belong to the robot, as those of the scene.",
     )

@@ -17,25 +17,15 @@ from robodyn_cli.forces.registry import force_types
 from robodyn_cli.integration_methods import METHODS
 from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.record import record
-from robodyn_cli.scene.mechanism_options import (
-    AssembleOptions,
-    KinematicsOptions,
-    LoadLimit,
-    ReachOptions,
-    StaticsOptions,
-)
-from robodyn_cli.scene.robot_types import Coupler as Coupler
 from robodyn_cli.scene.robot_types import Frame as Frame
 from robodyn_cli.scene.robot_types import Inertia as Inertia
 from robodyn_cli.scene.robot_types import Joint as Joint
 from robodyn_cli.scene.robot_types import Link as Link
 from robodyn_cli.scene.robot_types import Orientation as Orientation
-from robodyn_cli.scene.robot_types import Payload as Payload
 from robodyn_cli.scene.robot_types import Place as Place
 from robodyn_cli.scene.robot_types import Placement as Placement
 from robodyn_cli.scene.robot_types import Point as Point
 from robodyn_cli.scene.robot_types import Robot as Robot
-from robodyn_cli.scene.robot_types import Shape as Shape
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
@@ -61,6 +51,9 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.variation import Variation
+    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, ReachOptions, Sweep
+    from robodyn_cli.scene.payload import Payload
+    from robodyn_cli.scene.robot_parts import Coupler
 
 
 def _controllers() -> Mapping[str, type]:
@@ -167,24 +160,6 @@ class SimulateOptions:
 
 
 @record
-class Latch:
-    between: tuple[str, ...] = key(
-        ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
-    )
-    at: dict[str, float] = key(
-        JointMap(Number(angle=True)),
-        default=None,
-        unit="rad or m",
-        doc="Position of one joint at which it closes, for `criterion: latch`.",
-    )
-    at_limit: dict[str, str] = key(
-        MapOf(Choice(("lower", "upper")), of="joint"),
-        default=None,
-        doc="Or: the limit of one joint at which it closes, such as a stop.",
-    )
-
-
-@record
 class DeployOptions:
     criterion: str = key(
         Choice(("dead_point", "multipliers", "either", "latch")),
@@ -200,20 +175,60 @@ class DeployOptions:
     limit: float | None = key(
         Number(minimum=0.0, exclusive=True), default=None, unit="N", doc="Or: the norm passes this value."
     )
-    latch: Latch | None = key(Section(Latch), default=None, doc="Links that lock to each other.")
+    latch: Latch | None = key(
+        LaterSection("scene.nested_options:Latch"), default=None, doc="Links that lock to each other."
+    )
     after: str = key(
         Choice(("stop", "continue")),
         default="stop",
         doc="What follows the lock: nothing, or the locked structure until the end of the duration.",
     )
     loads: dict[str, LoadLimit] = key(
-        MapOf(Section(LoadLimit), of="joint"),
+        MapOf(LaterSection("scene.nested_options:LoadLimit"), of="joint"),
         default=None,
         doc="What joints, closures and the `latch` may bear; more is an overload.",
     )
 
 
 SEEN = Formula(("t", "q", "qd", "ref", "refd", "refdd", "s", "tau"))
+
+
+@record
+class KinematicsOptions:
+    """Options of ``kinematics``."""
+
+    sweep: Sweep | None = key(
+        LaterSection("scene.nested_options:Sweep"),
+        default=None,
+        doc="Motion of one joint; without it, `trajectory` or `prescribed` moves.",
+    )
+    samples: int = key(Integer(minimum=2, maximum=100_000_000), default=361, doc="Number of uniform samples.")
+    transmission: tuple[str, ...] | None = key(
+        ListOf(Text(), minimum=3, maximum=3),
+        default=None,
+        doc="Three points A, B, C: the transmission angle is the one at B between BA and BC.",
+    )
+
+
+@record
+class AssembleOptions:
+    """Options of ``assemble``."""
+
+    branches: bool = key(Boolean(), default=False, doc="Find all the ways in which the loops close.")
+    starts: int = key(
+        Integer(minimum=1, maximum=1_000_000), default=400, doc="Starts of the search for branches, at most."
+    )
+
+
+@record
+class StaticsOptions:
+    """Options of ``statics``."""
+
+    find: str = key(
+        Choice(("balance", "hold")),
+        default="balance",
+        doc="`balance`: the configuration in which all forces balance; `hold`: the torques that hold the given one.",
+    )
 
 
 @record
@@ -246,18 +261,6 @@ class Outputs:
 
 
 @record
-class Correlation:
-    """Two keys of a study that do not vary independently of one another."""
-
-    between: tuple[str, ...] = key(ListOf(Text(), minimum=2, maximum=2), doc="Two keys under `vary`.")
-    value: float = key(
-        Number(minimum=-1.0, maximum=1.0, exclusive=True),
-        unit="1",
-        doc="Correlation of their normal scores (a Gaussian copula).",
-    )
-
-
-@record
 class StudyOptions:
     """What ``sweep`` varies, and how."""
 
@@ -281,7 +284,9 @@ class StudyOptions:
         doc="Share of runs that must hold what `expect` says.",
     )
     correlation: tuple[Correlation, ...] = key(
-        ListOf(Section(Correlation)), default=(), doc="Pairs of keys that vary together."
+        ListOf(LaterSection("scene.nested_options:Correlation")),
+        default=(),
+        doc="Pairs of keys that vary together.",
     )
 
 
@@ -311,10 +316,14 @@ class Scene:
         ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
     )
     payloads: tuple[Payload, ...] = key(
-        ListOf(Section(Payload)), default=(), doc="Masses that links pick up and release."
+        ListOf(LaterSection("scene.payload:Payload")),
+        default=(),
+        doc="Masses that links pick up and release.",
     )
     couplers: tuple[Coupler, ...] = key(
-        ListOf(Section(Coupler)), default=(), doc="Gears, racks, belts: relations between joint coordinates."
+        ListOf(LaterSection("scene.robot_parts:Coupler")),
+        default=(),
+        doc="Gears, racks, belts: relations between joint coordinates.",
     )
     actuated: tuple[str, ...] | None = key(
         ListOf(Name(of="joint")),
@@ -367,7 +376,9 @@ class Scene:
     kinematics: KinematicsOptions = key(
         Section(KinematicsOptions), default=KinematicsOptions(), doc="Options of `kinematics`."
     )
-    reach: ReachOptions | None = key(Section(ReachOptions), default=None, doc="The pose of `reach`.")
+    reach: ReachOptions | None = key(
+        LaterSection("scene.nested_options:ReachOptions"), default=None, doc="The pose of `reach`."
+    )
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
     )

@@ -283,3 +283,10 @@ class Orientation:
         """Whether it is given by roll, pitch and yaw, or not at all."""
         others = (self.quaternion, self.axis, self.angle, self.matrix, self.x, self.y, self.z)
         return all(value is None for value in others)
+
+
+@record
+class Placement(Orientation):
+    """Position ``p = xyz`` and orientation of a frame."""
+
+    xyz: tuple[float, ...] = key(Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="Origin.")

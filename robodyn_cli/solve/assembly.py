@@ -10,11 +10,10 @@ import numpy as np
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import Equations, Numbers, newton, rank
+from robodyn_cli.solve.closure import CLOSED, Equations, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
 
 ATTEMPTS = 24  # random starts
-CLOSED = 1e-11  # rad, or part of the size of the mechanism
 RANK_TOLERANCE = 1e-7  # ratio of singular values below which a configuration counts as singular
 MOTION_SAMPLES = 80  # configurations on each side of the start at which choices of rows are compared
 MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them

@@ -11,11 +11,10 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import Conditions, newton
+from robodyn_cli.solve.closure import CLOSED, Conditions, newton
 from robodyn_cli.spatial.algebra import Array
 
-CLOSED = 1e-11  # rad, or part of the size of the mechanism
-SAME = 1e-6  # the same, for configurations that count as one
+SAME = 1e-6  # rad, or part of the size of the mechanism, for configurations that count as one
 SLOW = 6  # steps in a row that may fail to halve the residual
 FEWEST = 48  # starts at least
 PATIENCE = 16  # starts without anything new, for each branch found

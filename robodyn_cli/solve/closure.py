@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import derived
 from robodyn_cli.expr.graph import Expr
@@ -18,6 +19,7 @@ from robodyn_cli.spatial.algebra import Array, vector
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 ITERATIONS = 60
+CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
 
 
@@ -29,6 +31,15 @@ def rank(A: Array, tolerance: float = RANK) -> int:
     sigma = np.linalg.svd(A, compute_uv=False)
     counted = sigma > tolerance * np.maximum(sigma[..., :1], 1e-300)
     return int(counted.sum(axis=-1).max(initial=0))
+
+
+def has_full_rank(A: Array, tolerance: float) -> NDArray[np.bool_]:
+    """Tell of which matrices (T, m, n) all singular values count; of none that is not finite. See ``rank``."""
+    finite = np.asarray(np.isfinite(A).all(axis=(1, 2)))
+    known: Array = np.where(finite[:, None, None], A, 0.0)
+    sigma = np.linalg.svd(known, compute_uv=False)
+    found: NDArray[np.bool_] = sigma[:, -1] > tolerance * np.maximum(sigma[:, 0], 1e-300)
+    return found
 
 
 class Conditions(Protocol):

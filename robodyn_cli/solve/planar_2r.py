@@ -18,12 +18,11 @@ import numpy as np
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.algebra import PARALLEL, Array
 from robodyn_cli.trajectories.motion import PointMotion
 
 ELBOW_UP, ELBOW_DOWN = -1.0, 1.0
 BRANCHES = {"elbow_up": ELBOW_UP, "elbow_down": ELBOW_DOWN}
-PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
 
 
 @record

@@ -25,6 +25,8 @@ Vector = NDArray[Any]  # dtype object, shape (3,)
 Matrix = NDArray[Any]  # dtype object, shape (3, 3)
 Values = Sequence[Any] | NDArray[Any]  # numbers or expressions in order
 
+PARALLEL = 1e-12  # sine of the angle up to which two axes count as parallel
+
 
 def vector(xs: Iterable[Any]) -> Vector:
     """Return a vector of numbers or expressions."""

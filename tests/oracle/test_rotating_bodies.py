@@ -13,7 +13,8 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.integrator import Integrator, Options
+from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene

@@ -10,7 +10,9 @@ import pytest
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.numerics.stability_scenes import HANGING, stiff_arm
 from robodyn_cli.scene.load import load_scene_text

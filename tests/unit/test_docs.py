@@ -355,6 +355,17 @@ def test_source_files_named_exist(page: Path) -> None:
             assert any(list(base.glob(name)) for base in (ROOT / "robodyn_cli", ROOT, page.parent)), name
 
 
+def test_names_are_in_the_files_where_the_design_puts_them() -> None:
+    """As `Driver.of` (`run/driver/driver.py`) and `witnessed` in `expr/fixed.py`: there it is defined, or made."""
+    placed = re.compile(r"`([\w.]+)`(?:(?:,| and) `([\w.]+)`)? (?:\(|in )`([\w/]+\.py)`")
+    found = placed.findall((DOCS / "design.md").read_text("utf-8"))
+    assert len(found) > 70
+    for *names, path in found:
+        code = (ROOT / "robodyn_cli" / path).read_text("utf-8")
+        for name in ".".join(filter(None, names)).split("."):
+            assert re.search(rf"\b(def|class) {name}\b|\b{name} ?[:=(]", code), (name, path)
+
+
 @pytest.mark.parametrize("page", [*PAGES, *DOCS.glob("*/*.md")], ids=lambda page: page.name)
 def test_pages_are_about_the_tool_alone(page: Path) -> None:
     content = page.read_text("utf-8")

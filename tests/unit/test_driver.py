@@ -11,7 +11,8 @@ import pytest
 
 from robodyn_cli import load_scene
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome
-from robodyn_cli.integrators.runtime.integrator import Grid, Options
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.contact.events import Transition
 from robodyn_cli.run.contact.states import ContactStates
 from robodyn_cli.run.deploy.deploy import build_deployment

@@ -11,7 +11,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system, is_rolled
-from robodyn_cli.integrators.runtime.integrator import Grid, Options
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.deploy.deploy import deploy
 from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
 from robodyn_cli.run.inverse.inverse import inverse

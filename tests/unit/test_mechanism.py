@@ -10,6 +10,7 @@ import pytest
 
 from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate, write_result
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
+from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.fixed import Fixed, literal, witnessed
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.many import Expressions, ManyNumbers, Recipe
@@ -18,7 +19,7 @@ from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.many.groups import Built, Structures
-from robodyn_cli.run.many.integrate import Batch
+from robodyn_cli.run.many.integrate import JUDGED, Batch
 from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.run.many.simulate import Simulate
 from robodyn_cli.scene.load import Family
@@ -117,6 +118,33 @@ def test_what_a_comparison_decides_is_remembered() -> None:
     assert not Recipe(["c"]).deciding(witnesses)
 
 
+def test_a_run_alone_has_the_numbers_that_it_has_among_others() -> None:
+    a, b = literal(0.7, "a"), literal(1.3, "b")
+    one = [
+        getattr(f, op)(a)
+        for op in ("sin", "cos", "tan", "asin", "atan", "sinh", "tanh", "exp", "log", "sqrt")
+    ]
+    two = [op(a, b) for op in (f.power, f.atan2, f.minimum, f.maximum)]
+    numbers = [
+        *one,
+        *two,
+        b / a,
+        1.0 / (a - b),
+        abs(a - b) * 3.0,
+        -(a * b) + 0.1,
+        (a + 1e-17) - a,
+        f.sin(a) * f.cos(b),
+    ]
+    recipe, rng = Recipe(["a", "b"]), np.random.default_rng(0)
+    values = rng.uniform(-0.2, 1.0, (200, 2)) * rng.choice([1.0, 1e-9, 0.0], (200, 2))
+    values[::7, 1] = values[::7, 0]
+    values[values == 0.0] = 0.0
+    together = ManyNumbers(recipe, dict(zip("ab", values.T)), len(values)).table(numbers)
+    for row, (x, y) in zip(together, values):
+        alone = ManyNumbers(recipe, {"a": np.array([x]), "b": np.array([y])}, 1).table(numbers)[0]
+        np.testing.assert_array_equal(alone, row)
+
+
 def test_keys_are_numbers_starts_or_structure() -> None:
     family = Family(PENDULUM)
     assert understand(family, MASS).sort == NUMBER
@@ -146,6 +174,45 @@ def test_many_runs_are_those_of_their_own_scenes(name: str) -> None:
         assert found.outputs["error_estimate.q_end"][run] == pytest.approx(
             estimate["q_end"], rel=2, abs=2e-12
         )
+
+
+@pytest.mark.parametrize("method", ["gauss", "rk4, step: 0.05", "gauss4, step: 0.05"])
+def test_errors_at_the_end_follow_the_rule_of_single_runs(method: str) -> None:
+    own = [
+        f"simulate.integrator={method.partition(',')[0]}",
+        f"simulate.samples={JUDGED + 1}",
+        "simulate.rtol=1e-7",
+    ]
+    own += ["simulate.step=0.05"] * ("step" in method)
+    scene = load_scene(PENDULUM, own)
+    # of fixed steps that are longer than a run too
+    values = {"simulate.duration": np.array([0.02, 0.6, 2.0]), MASS: np.array([12.0, 11.0, 10.0])}
+    of = ["error_estimate.q_end", "error_estimate.qd_end", "error_estimate.steps"]
+    found = Mechanism(scene, list(values)).simulate_many(values, of=of)
+    assert found.ok.all() and not found.one_by_one.any(), found.reason
+    for run in range(3):
+        summary = simulate(own_scene(scene, values, run)).summary
+        for key in of:
+            estimate = summary["error_estimate"][key.partition(".")[2]]
+            assert found.outputs[key][run] == pytest.approx(estimate, rel=1e-3, abs=1e-15), (key, run)
+
+
+@pytest.mark.parametrize("method", ["dop853", "gauss"])
+def test_estimated_errors_are_the_true_ones(method: str) -> None:
+    q = np.random.default_rng(0).uniform(-1, 1, (60, 2))
+
+    def states(own: str, rtol: float) -> Any:
+        options = [
+            f"simulate.integrator={own}",
+            f"simulate.rtol={rtol}",
+            f"simulate.atol={rtol}",
+            "simulate.duration=5",
+        ]
+        return Mechanism(load_scene(PENDULUM, options)).simulate_many(q=q)
+
+    found, exact = states(method, 1e-7), states("gauss", 1e-13)
+    shares = np.abs(found.q - exact.q).max(axis=1) / found.q_error.max(axis=1)
+    assert np.quantile(shares, 0.95) < 1.5 and np.median(shares) > 0.2
 
 
 def test_the_bits_depend_neither_on_threads_nor_on_order() -> None:

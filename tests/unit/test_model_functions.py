@@ -79,6 +79,15 @@ def test_one_state_many_states_and_none(scene: Any, frame: str) -> None:
         assert call(*(x[:0] for x in many)).shape == (0, *found.shape[1:]), name
 
 
+def test_results_lie_in_one_block() -> None:
+    """Arrays of their own cost a page fault for every 4 kB; vectors of a block that begins with a cache line fill lines."""
+    m = Mechanism(ARM)
+    for count in (1, 7, 64):
+        found = m.inverse_dynamics_derivatives(*states(m, count))
+        assert found.dq.base is found.dqd.base is found.dqdd.base is not None
+        assert found.dq.ctypes.data % 64 == 0
+
+
 def test_shapes_that_do_not_fit() -> None:
     m = Mechanism(ARM)
     q, v, a = states(m)
@@ -94,6 +103,21 @@ def test_shapes_that_do_not_fit() -> None:
         m.inverse_dynamics(q, v[0], a)
     with pytest.raises(SceneError, match="unknown frame 'link7' .did you mean 'link6'"):
         m.jacobian("link7", q)
+
+
+@pytest.mark.parametrize("given", ["x", None, [[1, 2], [3]], {"q1": 0}, np.zeros(6) + 1j, ["1"] * 6])
+def test_what_is_no_array_of_numbers(given: Any) -> None:
+    m = Mechanism(ARM)
+    zero = np.zeros(6)
+    for call in (
+        m.mass_matrix,
+        lambda q: m.inverse_dynamics(zero, q, zero),
+        lambda q: m.jacobian("link6", q),
+    ):
+        with pytest.raises(CapabilityError, match=r"^qd? is .*; needed: an array of real numbers"):
+            call(given)
+    with pytest.raises(SceneError, match="frame 3 is no name; allowed: a named point"):
+        m.jacobian(3, zero)  # type: ignore[arg-type]
 
 
 def test_they_belong_together() -> None:
@@ -113,6 +137,12 @@ def test_they_belong_together() -> None:
     spin = turned @ np.swapaxes(m.forward_kinematics("link6", q)[1], 1, 2)
     w = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], axis=1)
     assert_close(J[:, :3, 0], w, 1e-11)
+    p, R = m.forward_kinematics("link6.com", q)
+    found = m.inverse_kinematics("link6.com").solve(p, R)
+    assert found.reached.all()
+    again, turned = m.forward_kinematics("link6.com", found.q)
+    assert_close(again, p, 1e-9)
+    assert_close(turned, R, 1e-9)
 
 
 def test_derivatives_of_a_scene_with_springs_friction_and_a_tie() -> None:

@@ -11,7 +11,9 @@ from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system
-from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.driver.prepare import prepare
 from tests import mechanisms

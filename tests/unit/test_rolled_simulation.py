@@ -16,7 +16,9 @@ from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels import compiler, crossover
 from robodyn_cli.kernels.rolled_tables import RolledPlan
 from robodyn_cli.run.batch.findings import findings

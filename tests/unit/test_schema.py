@@ -34,6 +34,7 @@ def data(path: Path) -> Any:
 
 
 def test_it_is_a_schema() -> None:
+    """``check_schema`` raises an error else."""
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 

@@ -29,7 +29,7 @@ from robodyn_cli.scene.mesh.read import MOST_FACES, small_mesh
 from robodyn_cli.scene.mesh.simplify import simplified
 from robodyn_cli.scene.mesh.stl import TRIANGLE
 from robodyn_cli.scene.mesh.surfaces import surface_of
-from robodyn_cli.scene.types import Shape
+from robodyn_cli.scene.robot_parts import Shape
 
 SCENE = """
 schema: 1
@@ -147,6 +147,7 @@ DAE = """<?xml version="1.0"?>
 
 def test_collada_is_read_in_its_unit_with_its_nodes_placed(tmp_path: Path) -> None:
     """A box of 20 x 40 x 60 mm by faces of four corners, turned by its node about z and moved by 10 mm."""
+    pytest.importorskip("collada")
     corners = [(x, y, z) for x in (0, 20) for y in (0, 40) for z in (0, 60)]
     faces = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
     text = DAE.format(

@@ -20,7 +20,8 @@ from robodyn_cli.run.study.samples import strata
 from robodyn_cli.run.study.spread import LEVELS, MOST, Moments, quantiles
 from robodyn_cli.run.study.study import Asked, Study, prepare
 from robodyn_cli.scene.load import Family, load_scene_text
-from robodyn_cli.scene.types import Correlation, StudyOptions
+from robodyn_cli.scene.nested_options import Correlation
+from robodyn_cli.scene.types import StudyOptions
 
 SLIDER = """
 schema: 1

@@ -34,7 +34,8 @@ from robodyn_cli.run.study.statistics import influences, share, sobol
 from robodyn_cli.run.study.study import Asked, prepare
 from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
-from robodyn_cli.scene.types import Correlation, StudyOptions
+from robodyn_cli.scene.nested_options import Correlation
+from robodyn_cli.scene.types import StudyOptions
 
 # a falling point mass with drag-free motion has a closed form: z = v t - g t^2 / 2
 FALL = """

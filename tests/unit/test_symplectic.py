@@ -13,7 +13,8 @@ from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.integration_methods import METHODS as NAMES
 from robodyn_cli.integrators.methods.symplectic import COMPOSITIONS, composed
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.integrator import Integrator, Options
+from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from tests import systems

@@ -6,21 +6,17 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from robodyn_cli.algorithms.kinematics import Pose
-from robodyn_cli.expr.graph import Expr, Graph
-from robodyn_cli.model.model import Model
+from robodyn_cli.equations.linear.protocol import Equations as Linearised
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector
+from robodyn_cli.spatial.algebra import Array, Transform, Values, Vector
 
 
-class Equations(Protocol):
+class Equations(Linearised, Protocol):
     """The equations of a scene (satisfied by ``Problem``)."""
 
     scene: Scene
-    model: Model
-    graph: Graph
     t: Expr
-    q: list[Expr]
-    v: list[Expr]
 
     @property
     def environment(self) -> dict[str, Any]: ...
@@ -31,14 +27,9 @@ class Equations(Protocol):
     @property
     def pose(self) -> dict[int, Pose]: ...
     @property
-    def mass_matrix(self) -> Matrix: ...
-    @property
-    def bias(self) -> Vector: ...
-    @property
     def inverse_dynamics(self) -> Vector: ...
     def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector: ...
     def passive_forces(self, smooth: bool) -> dict[str, Vector]: ...
-    def free_accelerations(self, f: Values) -> Vector: ...
     def numbers(self, entries: Any, q: Array) -> Array: ...
 
     @property

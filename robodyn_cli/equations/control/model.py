@@ -13,7 +13,6 @@ from robodyn_cli.algorithms.external import PathKinematics, path_torques
 from robodyn_cli.control.base import Linear, PointTask
 from robodyn_cli.equations.control.equations import Equations
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import renamed
@@ -134,10 +133,15 @@ class ControllerModel:
         ------
         SceneError : the driven joints cannot hold it there.
         """
+        from robodyn_cli.equations.linear.reduce import linearise_states
+        from robodyn_cli.equations.linear.residuals import Residuals, States
+
         own, nv, driven = self.problem, self.problem.model.nv, self.driven
         if any(body.joint.quasi for body in own.model.bodies):
             self.refuse("a joint has an attitude, which 'lqr' does not linearise; allowed: joints of axes")
-        holding = own.numbers(own.bias - self._friction - self._others, pose)
+        equations = Residuals(own, self._friction + self._others, own.model.switched)
+        still = np.zeros((1, nv))
+        holding = equations.values(States(np.zeros(1), pose[None], still, None, still))["load"][0]
         left = [k for k in range(nv) if k not in driven]
         if left and np.abs(holding[left]).max() > LEFT * max(1.0, float(np.abs(holding).max())):
             worst = left[int(np.argmax(np.abs(holding[left])))]
@@ -146,17 +150,13 @@ class ControllerModel:
                 f"would need {holding[worst]:.4g} N m (or N) there; allowed: a pose that the driven joints can hold"
             )
         tau = np.where(np.isin(np.arange(nv), driven), holding, 0.0)
-        f = self._friction + self._others - own.bias
-        a = own.free_accelerations(vector([x + float(y) for x, y in zip(f, tau)]))
-        rows = jacobian(list(a), [*own.q, *own.v])
-        there = own.numbers(_dense(rows, 2 * nv), pose)
-        A = np.zeros((2 * nv, 2 * nv))
-        A[:nv, nv:], A[nv:] = np.eye(nv), there
-        B = np.zeros((2 * nv, len(driven)))
-        B[nv:] = np.linalg.inv(own.numbers(own.mass_matrix, pose))[:, driven]
+        at_rest = States(np.zeros(1), pose[None], still, None, tau[None])
+        found = linearise_states(equations, at_rest, driven, tuple(range(nv)))
         held = [literal(float(x), f"control.pose.{name}") for name, x in zip(own.model.q_names, pose)]
         x = [*(a - b for a, b in zip(q, held)), *v]
-        return Linear(A, B, x, holding[driven], own.model.v_names, self._period, self.refuse)
+        return Linear(
+            found.A[0], found.B[0], x, holding[driven], own.model.v_names, self._period, self.refuse
+        )
 
     @property
     def _period(self) -> float | None:
@@ -173,7 +173,3 @@ class ControllerModel:
         """Raise the error of a controller for which there is no gain."""
         path = self.problem.scene.path
         raise SceneError(f"{path}: control: {why}", file=path, key="control")
-
-
-def _dense(rows: Sequence[Mapping[int, Any]], columns: int) -> list[list[Any]]:
-    return [[row.get(k, 0.0) for k in range(columns)] for row in rows]

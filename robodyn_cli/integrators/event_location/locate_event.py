@@ -12,10 +12,10 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import FINE, UNARMED, DoubleSlot, IntegerSlot, Status
-from robodyn_cli.integrators.stepping.writer import ARGUMENTS, LANES, Tables
+from robodyn_cli.integrators.stepping.writer import ARGUMENTS, Tables
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import INLINE_LIMIT, REGISTERS, Programs
+from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs
 from robodyn_cli.kernels.program import NUMBERS
 
 # the run's own arguments, room for a copy of its memory block and its bytes, for values of the event functions, and

@@ -12,8 +12,9 @@ from typing import Any
 
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.stepper import Stepper
-from robodyn_cli.integrators.stepping.writer import LANES, Exit, Writer
+from robodyn_cli.integrators.stepping.writer import Exit, Writer
 from robodyn_cli.kernels.ir import Condition, Function, Int, Value
+from robodyn_cli.kernels.lower import LANES
 
 DIPS = 4  # windows around points where a function nearly touches zero
 TOUCHING = 1e-9  # of its neighbours, below which a value says nothing about what lies beyond zero

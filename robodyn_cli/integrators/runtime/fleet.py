@@ -30,13 +30,15 @@ from robodyn_cli.spatial.algebra import Array
 Integers = NDArray[np.int64]
 CHUNK = 64  # runs of one call into compiled code, at most: between calls interrupts are handled
 PER_LANE = 64  # the same for each lane: the last runs of a call leave lanes idle
+FEW = 32  # samples, at most, to which runs in lanes go step by step; more make more steps than lanes save
+COUNTED = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS]
 MOST_FUNCTIONS = 63  # events that fit into the bits of a number
 WAIT = 0.1  # s between looks of the calling thread at interrupts
 
 
 @record
 class Limits:
-    """Limits of single runs (N,): the longest step [s], the number of steps; None: as the options say."""
+    """Limits of single runs (N,): longest or fixed steps [s], numbers of steps; None: as in the options."""
 
     step: Array | None = None
     steps: Integers | None = None
@@ -145,11 +147,10 @@ class Fleet:
             w[:, slot] = value
         for slot, number in integers_at_start(self.system.nv).items():
             n[:, slot] = number
-        w[:, DoubleSlot.H_MAX] = options.max_step if limits.step is None else limits.step
         n[:, IntegerSlot.MAX_STEPS] = options.max_steps if limits.steps is None else limits.steps
         if self.watch:
             n[:, IntegerSlot.WATCH] = UNARMED
-        self._set_steps(w, ends, options)
+        self._set_steps(w, ends, options, limits.step)
         if samples:
             n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
             n[:, IntegerSlot.CAPACITY] = samples
@@ -157,20 +158,44 @@ class Fleet:
         out = np.zeros((count, self.system.size, samples))
         return Runs(w, n, np.array(starts), np.ascontiguousarray(numbers), out, np.full(count, -1))
 
-    def _set_steps(self, w: Array, ends: Array, options: Options) -> None:
-        longest = w[:, DoubleSlot.H_MAX]
-        w[:, DoubleSlot.T_END] = ends
-        if options.step is not None:
-            longest[:] = options.step
-            first: Any = options.step
-        else:
-            first = np.minimum(first_step(ends, options), longest)
+    def _set_steps(self, w: Array, ends: Array, options: Options, own: Array | None) -> None:
+        """Set ends and steps; own : the longest or fixed step of each run."""
+        fixed = options.step is not None
+        longest: Any = (options.step if fixed else options.max_step) if own is None else own
+        longest = options.part_of_way(longest, ends) if fixed else longest
+        first = longest if fixed else np.minimum(first_step(ends, options), longest)
+        w[:, DoubleSlot.T_END], w[:, DoubleSlot.H_MAX] = ends, longest
         w[:, DoubleSlot.H] = w[:, DoubleSlot.H_OLD] = first
 
     def drive(self, runs: Runs, threads: int = 1) -> None:
         """Make the runs, up to their end, their first event or what stops them."""
-        # runs with samples are made one after another
-        lanes = self.lanes if runs.out.size == 0 else 1
+        samples = runs.out.shape[2]
+        if self.lanes == 1 or samples > FEW:
+            self._drive(runs, threads, 1)
+        elif samples:
+            self._drive_to_samples(runs, threads)
+        else:
+            self._drive(runs, threads, self.lanes)
+
+    def _drive_to_samples(self, runs: Runs, threads: int) -> None:
+        """Make the runs in lanes, which have no output between steps: steps end at the samples."""
+        ends, most, samples = (
+            runs.w[:, DoubleSlot.T_END].copy(),
+            runs.n[:, IntegerSlot.MAX_STEPS].copy(),
+            runs.out.shape[2],
+        )
+        counts = np.zeros((len(runs), len(COUNTED)), dtype=np.int64)
+        status = np.full(len(runs), int(Status.DONE))
+        for k in range(samples):
+            runs.w[:, DoubleSlot.T_END] = ends * ((k + 1) / samples)
+            runs.n[:, IntegerSlot.MAX_STEPS] = most - counts[:, 0] - counts[:, 1]
+            self._drive(runs, threads, self.lanes)
+            runs.out[:, :, k] = runs.y
+            counts += runs.n[:, COUNTED]
+            status = np.where(status == Status.DONE, runs.status, status)
+        runs.n[:, COUNTED], runs.status[:] = counts, status
+
+    def _drive(self, runs: Runs, threads: int, lanes: int) -> None:
         many, most = (self._many, CHUNK) if lanes == 1 else (self._in_lanes, PER_LANE * lanes)
         size = max(lanes, min(most, len(runs) // (4 * threads)))
         chunks = deque((k, min(k + size, len(runs))) for k in range(0, len(runs), size))

@@ -18,11 +18,9 @@ from robodyn_cli.integrators.runtime.approach import Approach
 from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
 from robodyn_cli.integrators.runtime.crowd import Crowd
 from robodyn_cli.integrators.runtime.engine import Engine
-from robodyn_cli.integrators.runtime.grid import Grid as Grid
-from robodyn_cli.integrators.runtime.grid import stretches
+from robodyn_cli.integrators.runtime.grid import Grid, stretches
 from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status, resolution
-from robodyn_cli.integrators.runtime.options import Counters as Counters
-from robodyn_cli.integrators.runtime.options import Options as Options
+from robodyn_cli.integrators.runtime.options import Counters, Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
 from robodyn_cli.spatial.algebra import Array
 

@@ -27,14 +27,10 @@ class DoubleSlot:
     EVENT_HIGH = 13
     EVENT_GUESS = 14  # where dense output has the event, and the slope of its function there
     EVENT_SLOPE = 15
-    DENSE_END = (
-        16  # end and length of the step whose rates the method predicts from; an event may have cut it
-    )
+    DENSE_END = 16  # end and length of the step whose rates the method predicts from, before any event cut it
     DENSE_STEP = 17
     T_REST = 18  # what rounding has left out of T
-    T_AFTER = (
-        19  # the stretch between two breakpoints, just inside: formulas of time are evaluated there alone
-    )
+    T_AFTER = 19  # the stretch between two breakpoints, just inside: formulas of time have values there alone
     T_BEFORE = 20
     NEXT_UPDATE = 21  # instant at which a sampled controller acts next
     SIZE = 22  # event function values follow
@@ -57,22 +53,10 @@ class IntegerSlot:
     PROJECTIONS = 11
     VELOCITIES = 12  # how many there are, for code that serves systems of any size
     LOCATED = 13  # the state is at the event that was met, alone
-    RATE_KNOWN = (
-        14  # a method that keeps the rate at the current state has it; not after anybody changed anything
-    )
+    RATE_KNOWN = 14  # the method has the rate at the current state; not after anybody changed anything
     UPDATES = 15  # periods of a sampled controller that are done
     PHASE = 16  # which phase of the present one comes next
     SIZE = 17
-
-
-class UpdateSlot:
-    """Slots of the block of updates; measured q and v follow, then the torques of a function in Python, then noise."""
-
-    PERIOD = 0
-    REST = 1
-    FUNCTION = 2  # its address, an integer
-    TIME = 3  # for the function
-    SIZE = 4
 
 
 class Status(enum.IntEnum):

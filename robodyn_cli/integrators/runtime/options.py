@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from typing import Any
+
+import numpy as np
 
 from robodyn_cli.record import mutable_record, record
 
@@ -44,10 +47,12 @@ class Options:
     max_steps: int = 10_000_000
     first: float = 1.0
 
-    def part_of_way(self, step: float, left: float) -> float:
-        """Return a step that has so much time left; where first steps are shorter, it takes only a part of the way.
+    def part_of_way(self, step: Any, left: Any) -> Any:
+        """Return a step that has so much time left, numbers or arrays.
+
+        Where first steps are shorter, it takes only a part of the way.
 
         A stretch that is shorter than the steps of two integrations would be one and the same step of both, so that
         they share its error.
         """
-        return step if self.first >= 1.0 else min(step, self.first * left)
+        return step if self.first >= 1.0 else np.minimum(step, self.first * left)

@@ -7,11 +7,21 @@ import ctypes
 import numpy as np
 
 from robodyn_cli.formulations.updates import Updates
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, UpdateSlot
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.runtime.memory import Memory
 from robodyn_cli.kernels.arrays import aligned_zeros
 
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int64)
+
+
+class UpdateSlot:
+    """Slots of the block of updates; measured q and v follow, then the torques of a function in Python, then noise."""
+
+    PERIOD = 0
+    REST = 1
+    FUNCTION = 2  # its address, an integer
+    TIME = 3  # for the function
+    SIZE = 4
 
 
 class UpdateMemory:

@@ -11,11 +11,11 @@ from __future__ import annotations
 from typing import Generic, Protocol, TypeVar
 
 from robodyn_cli.algorithms.complex import Complex
-from robodyn_cli.formulations.dynamics import LANES
 from robodyn_cli.formulations.linearisation import DIRECTION
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Condition, Function, Int, Value
+from robodyn_cli.kernels.lower import LANES
 
 Number = TypeVar("Number", Value, Complex)
 

@@ -9,13 +9,13 @@ from collections.abc import Sequence
 from typing import Protocol
 
 from robodyn_cli.algorithms.complex import Complex
-from robodyn_cli.formulations.dynamics import LANES
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.stepping.columns import ComplexArray, ComplexLanes, FactorsInLoops, Real
 from robodyn_cli.integrators.stepping.stepper import DERIVATIVES, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Int, Value
+from robodyn_cli.kernels.lower import LANES
 
 
 def derivatives_of(system: System, complex_g: bool = False) -> StepProgram:

@@ -7,12 +7,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from robodyn_cli.decision import RATES, Decision
-from robodyn_cli.formulations.dynamics import LANES as LANES
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
-from robodyn_cli.kernels.lower import INLINE_LIMIT, REGISTERS, Programs, is_inlined
+from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs, is_inlined
 from robodyn_cli.kernels.program import NUMBERS, Program
 
 LONG = 24  # velocities from which on what is done for each of them is a loop

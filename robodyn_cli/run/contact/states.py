@@ -136,7 +136,7 @@ class ContactStates(Watcher):
         x = x.copy()
         self._clear()
         self.options = options
-        check_freedom(self.joints, self._numbers(t, x)[1])
+        check_freedom(self.joints, self._mass_matrix_and_psi(t, x)[1])
         self._settle_speeds(x)
         for k, joint in enumerate(self.joints):
             place = self._q(joint)
@@ -154,8 +154,8 @@ class ContactStates(Watcher):
         self._write()
         return x
 
-    def _numbers(self, t: float, x: Array) -> tuple[Array, Array]:
-        """Return the mass matrix and Psi."""
+    def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
+        """Return the mass matrix (nv, nv) and Psi (m, nv) at a state."""
         found = self._matrices.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
         nv = self.problem.model.nv
         return found["M"].reshape(nv, nv), found.get("psi", np.zeros(0)).reshape(-1, nv)
@@ -180,7 +180,9 @@ class ContactStates(Watcher):
             if k not in self.rest:
                 self.rest.add(k)
                 v = list(self.system.v_places)
-                x[v] = halted(self._numbers(t, x)[1], x[v], [self.joints[j].v for j in sorted(self.rest)])
+                x[v] = halted(
+                    self._mass_matrix_and_psi(t, x)[1], x[v], [self.joints[j].v for j in sorted(self.rest)]
+                )
         elif k in self.rest:
             forced[k] = -1 if function.transition is Transition.BREAK_HIGH else 1
         self._settle(t, x, forced)
@@ -236,7 +238,7 @@ class ContactStates(Watcher):
         for k in still:
             self.state[k] = forced.get(k, HELD)
         if still:
-            self._inertia = 1.0 / np.diag(np.linalg.inv(self._numbers(t, x)[0]))
+            self._inertia = 1.0 / np.diag(np.linalg.inv(self._mass_matrix_and_psi(t, x)[0]))
             self._pivot(t, x, still)
         for k in still:
             if self.state[k] != HELD:
@@ -320,7 +322,7 @@ class ContactStates(Watcher):
             self.contact[k] = push
             self.rest.add(k)
             return x
-        M, psi = self._numbers(t, x)
+        M, psi = self._mass_matrix_and_psi(t, x)
         places = list(s.v_places)
         v = x[places]
         resting = {self.joints[j].v: side for j, side in self.contact.items() if j != k}

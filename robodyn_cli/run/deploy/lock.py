@@ -26,6 +26,7 @@ from robodyn_cli.run.observation.recorder import Recorder
 from robodyn_cli.run.singular.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.spatial.algebra import Array
 
+ROUNDING = 1e-14  # part of a time that rounding leaves over the steps of a run
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
 
 
@@ -112,7 +113,7 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
     pace = found.end / max(other.end, 1e-300)
     apart = abs(again[0] - lock.time) * remainder(method, found.steps, round(other.steps * pace))
     # an agreement below what rounding leaves over the steps of a run says nothing
-    return max(apart, 1e-14 * lock.time)
+    return max(apart, ROUNDING * lock.time)
 
 
 def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
@@ -190,7 +191,7 @@ def describe_lock(
     times = growth_times(found)
     asked = motion.scene.simulate.error_estimate
     angles = [(name, float(x), unit) for name, x, unit in zip(model.q_names, q, model.q_units)]
-    keys, note = _latch_keys(motion, found, lock, latch)
+    keys, note = _latch_keys(motion, lock, latch)
     return LockKeys(
         time=lock.time,
         time_error=error,
@@ -231,7 +232,7 @@ def _multiplier_keys(motion: Motion, found: Scan, recorder: Recorder) -> Multipl
 
 
 def _latch_keys(
-    motion: Motion, found: Scan, lock: Lock, latch: Latch | None
+    motion: Motion, lock: Lock, latch: Latch | None
 ) -> tuple[LatchKeys | Absent | None, str | Absent]:
     """Return what is said of the latch, and a note where one was asked for and none could close."""
     if latch is not None:

@@ -19,8 +19,10 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.crowd import CROWDED
-from robodyn_cli.integrators.runtime.integrator import Counters, Grid, Integrator, Options
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
+from robodyn_cli.integrators.runtime.options import Counters, Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Beginning, Motion, Watcher
 from robodyn_cli.spatial.algebra import Array

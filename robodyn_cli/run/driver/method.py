@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
@@ -29,6 +31,11 @@ def can_be_stiff(problem: Problem) -> bool:
     return any(e.index in rates for tau in problem.actuator_torques for e in free_symbols([tau]))
 
 
+def trial_of(duration: Any, decay: Any) -> Any:
+    """Return over which time two methods are compared (numbers or arrays): a part of the run, and until modes decay."""
+    return np.maximum(TRIAL * duration, np.minimum(duration, 20.0 / decay))
+
+
 def choose(scene: Scene, problem: Problem, system: System, start: Array, options: Options) -> Choice:
     """Return the method that a scene asks for, or for ``auto`` the one that suits the motion.
 
@@ -47,7 +54,7 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     duration = scene.simulate.duration
     if decay * duration < FAST_DECAYS:
         return Choice(DEFAULT, usual, may_change=True)
-    trial = max(TRIAL * duration, min(duration, 20.0 / decay))
+    trial = float(trial_of(duration, decay))
     slow, fast = (cost_of(system, m, start, trial, options) for m in (DEFAULT, STIFF))
     if fast < slow:
         return Choice(

@@ -34,9 +34,7 @@ FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a 
 FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the second run must not take the same steps
 DECIDES = 0.5  # of the growth of the steps, as a power: below it something else than the tolerance decides about them
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
-FIRST_STEPS = (
-    0.4  # times the first steps, at the start and behind events, or both runs would share their errors
-)
+FIRST_STEPS = 0.4  # times the first steps, at the start and behind events: else both runs share their errors
 HIGH_ORDER = 7
 NOT_MEANINGFUL = 1e-2  # part of the range of a quantity above which its error means that its digits are lost
 AT_ROUNDING = 100.0  # times the rounding floor
@@ -52,9 +50,8 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
     """
     kind = registry[method]
     if options.step is not None:
-        # a step longer than the run is as long as the run
-        taken = options.step if options.step < 2.0 * mean_step else mean_step
-        return dataclasses.replace(options, step=FINER * taken, first=FIRST_STEPS), shorter(FINER)
+        step = float(finer_step(options.step, mean_step))
+        return dataclasses.replace(options, step=step, first=FIRST_STEPS), shorter(FINER)
     factor = min(TIGHTER, MORE_STEPS ** (kind.order / kind.proportion))
     if kind.order >= HIGH_ORDER:
         factor = min(factor, options.rtol / TIGHTEST_RTOL)
@@ -65,6 +62,21 @@ def tighter(options: Options, mean_step: float, method: str) -> tuple[Options, s
         return tight, f"rtol {rtol:.1g}"
     # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
     return other_steps(options, mean_step)
+
+
+def finer_step(step: float, mean_step: Any) -> Any:
+    """Return the fixed steps of second runs (numbers or arrays): a step longer than a run is as long as the run."""
+    return FINER * np.where(step < 2.0 * mean_step, step, mean_step)
+
+
+def shorter_step(options: Options, mean_step: Any) -> Any:
+    """Return the longest steps of second runs (numbers or arrays) whose steps are other ones."""
+    return np.minimum(options.max_step, SHORTER * mean_step)
+
+
+def most_steps(options: Options, steps: Any) -> Any:
+    """Return how many steps second runs may take (numbers or arrays): not many times as many as the first."""
+    return np.minimum(4 * options.max_steps, MOST_STEPS * steps + 1000)
 
 
 def least_growth(options: Options, tight: Options, method: str) -> float:
@@ -81,7 +93,7 @@ def least_growth(options: Options, tight: Options, method: str) -> float:
 
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
     """Return the options of a second run with shorter steps, and how it differs in words."""
-    longest = min(options.max_step, SHORTER * mean_step)
+    longest = float(shorter_step(options, mean_step))
     return dataclasses.replace(options, max_step=longest, first=FIRST_STEPS), shorter(SHORTER)
 
 
@@ -188,8 +200,7 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     went = first.end - first.beginning.time
     options, mean_step = motion.options, went / max(first.steps, 1)
     tight, how = tighter(options, mean_step, first.method)
-    # more steps than the first are what is asked of it, but not many times as many
-    most = min(4 * options.max_steps, MOST_STEPS * first.steps + 1000)
+    most = int(most_steps(options, first.steps))
     tight = dataclasses.replace(tight, max_steps=most)
     try:
         try:
@@ -267,15 +278,21 @@ def remainder(method: str, steps: Any, more: Any) -> Any:
     return 1.0 / (1.0 - np.minimum(left, 0.5))
 
 
-def end_error(errors: Array, scale: float) -> float:
-    """Return the error at the last sample from estimates (T, n), differences of two runs times ``scale``.
+def end_error(errors: Array, scale: Any) -> Any:
+    """Return the error at the last sample from estimates (..., T, n), differences of two runs times ``scale``.
 
-    At a single sample the errors of both may agree by chance. So it is no less than what the second run's own error,
-    a part 1 - 1/scale of the first one's (see ``remainder``), typically is over the second half of the samples.
+    At a single sample the errors of both may agree by chance, so it is no less than what the second run's own typically
+    is.
     """
-    largest = errors.max(axis=1, initial=0.0)
-    typical = float(np.median(largest[len(largest) // 2 :]))
-    return max(float(largest[-1]), (1.0 - 1.0 / scale) * typical)
+    return np.maximum(errors[..., -1, :].max(axis=-1, initial=0.0), own_error(errors, scale))
+
+
+def own_error(errors: Array, scale: Any) -> Any:
+    """Return what the second run's own error, a part 1 - 1/scale of the first one's (see ``remainder``), typically is
+    over the second half of the samples, from estimates (..., T, n).
+    """
+    largest = errors.max(axis=-1, initial=0.0)
+    return (1.0 - 1.0 / scale) * np.median(largest[..., largest.shape[-1] // 2 :], axis=-1)
 
 
 def rounding_walk(steps: Any) -> Any:

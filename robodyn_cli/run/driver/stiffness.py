@@ -8,10 +8,11 @@ trials take a small part of the cost of the run.
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import NumericalError
+from robodyn_cli.errors import NumericalError, unknown_data
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.formulations.system import System
@@ -140,17 +141,19 @@ def fastest_decay(system: System, t: float, x: Array, p: Array) -> float:
     ------
     SceneError : the accelerations depend on data that the scene does not give.
     """
-    from robodyn_cli.kernels.program import unknown_data
-
     entries = system.jacobian.J
     groups = system.own_groups(np.array([t]), x, p)
     missing = [e.value[0] for e in free_symbols(entries.flat) if e.value[1] not in groups]
     if missing:
         raise unknown_data(missing)
     J = numbers(entries, {group: values.tolist() for group, values in groups.items()})
-    if not np.all(np.isfinite(J)):
-        return 0.0
-    return float(max(0.0, -np.linalg.eigvals(J).real.min()))
+    return float(largest_decays(J))
+
+
+def largest_decays(J: Array) -> Any:
+    """Return the largest -Re of the eigenvalues of Jacobians (..., n, n) [1/s], 0 where one is not finite."""
+    finite = np.isfinite(J).all(axis=(-2, -1), keepdims=True)
+    return np.maximum(0.0, -np.linalg.eigvals(np.where(finite, J, 0.0)).real.min(axis=-1, initial=np.inf))
 
 
 def parameters_at(system: System, t: float, x: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -17,6 +18,7 @@ from robodyn_cli.spatial.algebra import Array
 # symbol groups of the arrays that functions take
 GROUPS = {"q": "q", "qd": "v", "qdd": "a", "tau": "tau"}
 OUT = "out"  # the output of a kernel
+LINE = 8  # numbers in a line of the cache, or in the widest vector
 
 
 @record
@@ -35,10 +37,10 @@ class Arguments:
 
         Raises
         ------
-        CapabilityError : an array without exactly one column per joint (further columns would be ignored silently), or
-        arrays of different lengths.
+        CapabilityError : what is no array of real numbers, an array without exactly one column per joint (further
+        columns would be ignored silently), or arrays of different lengths.
         """
-        found = {name: np.asarray(array, dtype=float) for name, array in zip(self.columns, arrays)}
+        found = {name: _real(name, array) for name, array in zip(self.columns, arrays)}
         for name, array in found.items():
             joints = self.columns[name]
             if array.ndim not in (1, 2) or array.shape[-1] != len(joints):
@@ -52,6 +54,22 @@ class Arguments:
             raise CapabilityError(f"arrays of different lengths: {listed}; needed: as many rows of each")
         one = () in shapes.values()
         return {n: array[None] if one else np.asfortranarray(array) for n, array in found.items()}, one
+
+
+def _real(name: str, array: Any) -> Array:
+    """Return what is given for an argument as an array of doubles.
+
+    Raises
+    ------
+    CapabilityError : it is none of real numbers.
+    """
+    try:
+        found = np.asarray(array)
+        if found.dtype.kind in "fiub":
+            return found.astype(float, copy=False)
+    except ValueError:  # rows of different lengths
+        pass
+    raise CapabilityError(f"{name} is {array!r:.60}; needed: an array of real numbers")
 
 
 class StateFunction:
@@ -89,8 +107,25 @@ class StateFunction:
         return {name: a[0] if one else a for name, a in self.evaluate(rows).items()}
 
     def evaluate(self, rows: Mapping[str, Array]) -> dict[str, Array]:
-        """Return {output: (T, *shape)} of arrays (T, n) by name."""
+        """Return {output: (T, *shape)} of arrays (T, n) by name.
+
+        All outputs lie in one block of memory. Several large arrays the allocator would give back to the system, to
+        take them anew at the next call; a page touched for the first time costs more than what is written to it.
+        """
         groups = {GROUPS[name]: array for name, array in rows.items()}
         samples = len(next(iter(rows.values())))
-        found = {name: kernel.evaluate(samples, groups)[OUT] for name, kernel in self.kernels.items()}
-        return {name: array.reshape(samples, *self.shapes[name]) for name, array in found.items()}
+        sizes = [math.prod(shape) for shape in self.shapes.values()]
+        padded = max(kernel.padded(samples) for kernel in self.kernels.values())
+        parts = np.split(_block(padded, sum(sizes)), np.cumsum(sizes)[:-1], axis=1)
+        found: dict[str, Array] = {}
+        for (name, kernel), part in zip(self.kernels.items(), parts):
+            out = kernel.evaluate(samples, groups, {OUT: part})[OUT]
+            found[name] = out.reshape(samples, *self.shapes[name])
+        return found
+
+
+def _block(rows: int, columns: int) -> Array:
+    """Return an empty column-ordered array that begins with a line of the cache: vectors then fill whole lines."""
+    memory = np.empty(rows * columns + LINE)
+    first = -(memory.ctypes.data // memory.itemsize) % LINE
+    return memory[first : first + rows * columns].reshape(columns, rows).T

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import SceneError
 from robodyn_cli.model.model import FixedFrame
 from robodyn_cli.run.functions.function import StateFunction
 from robodyn_cli.spatial.algebra import Array
@@ -75,6 +76,8 @@ class ModelFunctions:
         """Return a frame, and the equations that know it."""
         from robodyn_cli.run.poses.targets import find_frame, with_frame
 
+        if not isinstance(frame, str):
+            raise SceneError(f"frame {frame!r:.60} is no name; allowed: a named point or frame, or a link")
         if frame not in self._places:
             problem = with_frame(self._source, frame) if "." in frame else self._problem
             self._places[frame] = problem, find_frame(problem.model, frame)

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.rnea import rnea
+from robodyn_cli.equations.linear.derivatives import by_symbols
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import unknown_data
 from robodyn_cli.expr.graph import is_nonzero, is_number
-from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.model.model import Body
 from robodyn_cli.record import record
-from robodyn_cli.run.functions.derivatives import by_symbols
 from robodyn_cli.spatial.algebra import Array, Matrix, matrix, vector
 from robodyn_cli.spatial.inertia import RigidInertia
 

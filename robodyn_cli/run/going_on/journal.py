@@ -18,7 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.integrators.runtime.integrator import Counters
+from robodyn_cli.integrators.runtime.options import Counters
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.provenance import robodyn_version, sha256
@@ -98,8 +98,10 @@ class Journal:
         if self.taken:
             with open(self.path, "rb") as file:
                 _line(file)
-                while file.tell() < self._length:
-                    yield next(_blocks(file))
+                for block in _blocks(file):
+                    yield block
+                    if file.tell() >= self._length:  # behind it are those that this run adds
+                        return
 
     def add(self, t: Array, x: Array, driver: Driver) -> None:
         """Write a block of samples; it is in the file when this returns."""

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.forces.element import half_turn_warning
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
@@ -82,6 +81,10 @@ def half_turns(problem: Problem, sampled: Sampled) -> list[str]:
         step = np.diff(sampled.arrays["half_turns"][:, k])
         change[name] = change.get(name, 0.0) + step * step
     jumped = {name: np.flatnonzero(square > np.pi**2) for name, square in change.items()}
+    if not jumped:
+        return []
+    from robodyn_cli.forces.element import half_turn_warning
+
     return [half_turn_warning(name, sampled.times[at[0] + 1]) for name, at in jumped.items() if at.size]
 
 

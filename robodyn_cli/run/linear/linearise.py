@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robodyn_cli.equations.linear.reduce import Linear, linearise_states
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.manifold import Manifold
@@ -20,7 +21,6 @@ from robodyn_cli.run.linear.modes import (
     stability_of,
 )
 from robodyn_cli.run.linear.nominal import Nominal, Question, nominal
-from robodyn_cli.run.linear.reduce import Linear, linearise_states
 from robodyn_cli.run.linear.signals import Outputs, Signal, input_signals, state_signals
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.units import add_motion

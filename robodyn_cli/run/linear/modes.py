@@ -6,8 +6,8 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.linalg import matrix_balance
 
+from robodyn_cli.control.reachable import reached
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -56,7 +56,7 @@ def modes_of(A: Array, B: Array, C: Array, dq: Array, names: Sequence[str]) -> l
             Mode(
                 s.real, s.imag, size / math.tau, 0.0 - s.real / size if size else None,
                 1.0 / abs(s.real) if abs(s.real) > BLIND * size else None,
-                shape, _reached(A, B, s), _reached(A.T, C.T, s),
+                shape, reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
             )
         )  # fmt: skip
     return found
@@ -69,17 +69,6 @@ def _shape(motion: Array, names: Sequence[str]) -> dict[str, list[float]]:
     k = int(np.argmax(np.abs(motion)))
     relative = motion / motion[k] if motion[k] else motion
     return {name: [float(abs(x)), float(np.angle(x))] for name, x in zip(names, relative)}
-
-
-def _reached(A: Array, B: Array, s: complex) -> bool:
-    """Tell whether (A - s E, B) has full rank: the test of Popov, Belevitch and Hautus."""
-    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
-    forces = B / scale[:, None]
-    forces = forces / max(float(np.abs(forces).max(initial=0.0)), 1e-300)
-    size = max(float(np.abs(balanced).max(initial=0.0)), 1e-300)
-    rows = np.concatenate([(balanced - s * np.eye(len(A))) / size, forces], axis=1)
-    values = np.linalg.svd(rows, compute_uv=False)
-    return bool(values[-1] > BLIND * values[0])
 
 
 def stability_of(modes: Sequence[Mode]) -> str:

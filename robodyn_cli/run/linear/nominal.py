@@ -9,12 +9,12 @@ import numpy as np
 
 from robodyn_cli.equations.contact_joints import FIELDS, moving_freely
 from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.linear.reduce import independent, tangent
+from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.prepare import prepare, refuse_changes
-from robodyn_cli.run.linear.equations import Equations, States
-from robodyn_cli.run.linear.reduce import independent, tangent
 from robodyn_cli.run.linear.signals import inputs_of
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
@@ -25,17 +25,14 @@ HELD = 1e-9  # part of the loads that may be left where inputs hold a pose
 
 @record
 class Nominal:
-    """Equations and states about which they are linearised; inputs and independent coordinates by place."""
+    """Residuals and states about which they are linearised; inputs and independent coordinates by place."""
 
     about: str
-    equations: Equations
+    problem: Problem
+    equations: Residuals
     states: States
     inputs: tuple[int, ...]
     places: tuple[int, ...]
-
-    @property
-    def problem(self) -> Problem:
-        return self.equations.problem
 
 
 @record
@@ -74,12 +71,12 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
         states = _balance(problem, states)
     elif asked.about == "hold":
         states, force = _one(states.q[0], 0.0 * states.v[0]), _passive
-    equations = Equations(problem, force(problem), _parameters(problem, states))
+    equations = Residuals(problem, force(problem), _parameters(problem, states))
     psi = equations.values(states)["Psi"]
     places = independent(psi[0], inputs)
     if asked.about == "hold":
         states = _held(equations, states, inputs, places)
-    return Nominal(asked.about, equations, states, inputs, places)
+    return Nominal(asked.about, problem, equations, states, inputs, places)
 
 
 def plant_of(scene: Scene) -> Scene:
@@ -136,7 +133,7 @@ def _balance(problem: Problem, states: States) -> States:
     return States(np.zeros(1), rest.q[None], still[None], None, (rest.tau - own)[None])
 
 
-def _held(equations: Equations, states: States, inputs: Sequence[int], places: tuple[int, ...]) -> States:
+def _held(equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]) -> States:
     """Return the state with the constant torques of the inputs that hold it.
 
     Raises

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robodyn_cli.equations.linear.reduce import Linear
+from robodyn_cli.equations.linear.residuals import States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.prepare import passive_coordinates
 from robodyn_cli.run.functions.places import frame_jacobian
-from robodyn_cli.run.linear.equations import States
-from robodyn_cli.run.linear.reduce import Linear
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.spatial.algebra import Array
 

@@ -13,19 +13,20 @@ from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.layout import IntegerSlot, Status
 from robodyn_cli.results.result import Result
 from robodyn_cli.run.deploy.deploy import build_deployment
-from robodyn_cli.run.deploy.lock import TRUSTED
+from robodyn_cli.run.deploy.lock import ROUNDING, TRUSTED
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.many.command import Rows
+from robodyn_cli.run.many.groups import first_of
 from robodyn_cli.run.many.integrate import Batch, Driven, Masks, Second, first_run
 from robodyn_cli.run.many.motions import MotionCommand, column_of
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
 
 SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
-ROUNDING = 1e-14  # part of a time that rounding leaves over the steps of a run
 LOCK_TIME, LOCK_ERROR = "lock.time", "lock.time_error"
 
 
@@ -44,7 +45,7 @@ class Deploy(MotionCommand):
             "the motion goes on as the locked structure": asked.after == "continue",
             "loads are judged on samples": bool(asked.loads),
         }
-        return next((reason for reason, holds in reasons.items() if holds), "")
+        return first_of(reasons)
 
     def gives(self, key: str) -> bool:
         return key in (LOCK_TIME, LOCK_ERROR) or key.startswith(("lock.angles.", "lock.rates."))
@@ -65,16 +66,16 @@ class Deploy(MotionCommand):
         system = motion.system
         trusted &= self._is_regular(batch, batch.starts.q, motion.passive)
         trusted &= self._is_regular(batch, system.split(runs.y)[0], ())
+        if not motion.scene.simulate.error_estimate:
+            return Driven(runs, trusted)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
         rows = np.flatnonzero(trusted)
-        if motion.scene.simulate.error_estimate and len(rows):
-            second = Second(batch.part(rows), method, runs.steps[rows], runs.time[rows], locked)
-            ends = second.run()
-            time = runs.time[rows]
-            found = np.maximum(ends.scale * np.abs(ends.time - time), ROUNDING * time)
-            errors[rows], steps[rows] = found, ends.steps
-            trusted[rows] &= ends.done & (found <= TRUSTED * time)
-        return Driven(runs, np.full(runs.y.shape, np.nan), errors, steps, trusted)
+        time = runs.time[rows]
+        second = Second(batch.part(rows), method, runs.steps[rows], time, locked)
+        found = np.maximum(second.scale * np.abs(second.time - time), ROUNDING * time)
+        errors[rows], steps[rows] = found, second.steps
+        trusted[rows] &= second.done & (found <= TRUSTED * time)
+        return Driven(runs, trusted, time_errors=errors, second_steps=steps)
 
     @staticmethod
     def _is_regular(batch: Batch, q: Array, columns: tuple[int, ...]) -> Masks:
@@ -82,11 +83,7 @@ class Deploy(MotionCommand):
         psi = batch.structure.psi_of_loops
         inputs = {"q": list(q.T), "t": [0.0], "p": []}
         values = batch.numbers.evaluate(psi, inputs).reshape(len(q), -1, batch.structure.motion.system.nv)
-        sound = np.isfinite(values).all(axis=(1, 2))
-        values[~sound] = 0.0
-        ratios = np.linalg.svd(values[:, :, list(columns)] if columns else values, compute_uv=False)
-        found: Masks = sound & (ratios[:, -1] > SOUND * np.maximum(ratios[:, 0], 1e-300))
-        return found
+        return has_full_rank(values[:, :, list(columns)] if columns else values, SOUND)
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
         if key in (LOCK_TIME, LOCK_ERROR):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,17 +34,19 @@ class Built:
         self, keys: Sequence[Key], row: Array, tables: Tables, witnesses: Sequence[Witness], obstacle: str
     ) -> None:
         self.keys, self.row, self.tables, self.obstacle = keys, row, tables, obstacle
-        self.recipe = Recipe([key.place for key in keys if key.sort == NUMBER])
+        self._varying = [(k, key.place) for k, key in enumerate(keys) if key.sort == NUMBER]
+        self.recipe = Recipe([place for _, place in self._varying])
         self._deciding = self.recipe.deciding(witnesses)
         self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
         self._confirmed = np.zeros(len(row))  # how far from its own row another one has been built
 
     def numbers(self, values: Array) -> ManyNumbers:
         """Return the numbers of the scene for rows of values (N, keys)."""
-        if self._last is None or not np.array_equal(self._last[0], values):
-            given = {k.place: values[:, j] for j, k in enumerate(self.keys) if k.sort == NUMBER}
-            self._last = values, ManyNumbers(self.recipe, given, len(values))
-        return self._last[1]
+        last = self._last
+        if last is None or last[0].shape != values.shape or not (last[0] == values).all():
+            given = {place: values[:, k] for k, place in self._varying}
+            last = self._last = values, ManyNumbers(self.recipe, given, len(values))
+        return last[1]
 
     def column(self, place: str, values: Array) -> Array | None:
         """Return the values of the key that is a start or an option of this name; None where none varies."""
@@ -63,7 +65,7 @@ class Built:
         as far.
         """
         away = np.abs(values - self.row)
-        if not any(key.sort == NUMBER for key in self.keys) or np.all(away <= FARTHER * self._confirmed):
+        if not self._varying or (away <= FARTHER * self._confirmed).all():
             return True
         farthest = np.argsort(-(away / np.maximum(away.max(axis=0), 1e-300)).sum(axis=1))
         for row in farthest[:TRIES]:
@@ -90,7 +92,12 @@ class Built:
 def table_rows(tables: Tables, numbers: ManyNumbers) -> Array:
     """Return the tables of numbers (N, n) of all programs of a run."""
     columns = [numbers.table(p.numbers or (0.0,)) for p in tables.programs]
-    return np.hstack(columns)
+    return np.concatenate(columns, axis=1)
+
+
+def first_of(reasons: Mapping[str, bool]) -> str:
+    """Return the first reason that holds, as an ``obstacle``; nothing where none does."""
+    return next((reason for reason, holds in reasons.items() if holds), "")
 
 
 Build = Callable[[Family, Sequence[Key], Array], Built]
@@ -106,6 +113,11 @@ class Structures:
 
     def __init__(self, family: Family, keys: Sequence[Key], build: Build) -> None:
         self.family, self.keys, self._make = family, list(keys), build
+        self._is_structure = np.array([key.sort == STRUCTURE for key in keys], dtype=bool)
+        most = max((len(key.special) for key in keys), default=0)
+        self._special = np.full((len(keys), most), np.nan)
+        for row, key in zip(self._special, keys):
+            row[: len(key.special)] = key.special
         self._found: dict[tuple[float, ...], list[Built]] = {}
 
     def groups(self, values: Array) -> Iterator[tuple[Built | None, NDArray[np.int64]]]:
@@ -134,14 +146,9 @@ class Structures:
         return known
 
     def _patterns(self, values: Array) -> Array:
-        """Return what of each row is structure: values of keys that are, and which keys are at a special one."""
-        columns = [
-            values[:, k]
-            if key.sort == STRUCTURE
-            else sum((values[:, k] == x for x in key.special), np.zeros(len(values)))
-            for k, key in enumerate(self.keys)
-        ]
-        return np.stack([*columns, np.zeros(len(values))], axis=1)
+        """Return what of each row is structure: values of keys that are, and special ones of others."""
+        special = self._is_structure | (values[:, :, None] == self._special).any(axis=2)
+        return np.where(special, values, np.inf)
 
     def _split(
         self, values: Array, rows: NDArray[np.int64], known: list[Built]

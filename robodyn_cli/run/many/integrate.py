@@ -18,23 +18,27 @@ from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, Limits, Runs
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.method import FAST_DECAYS, TRIAL
+from robodyn_cli.run.driver.method import FAST_DECAYS, trial_of
 from robodyn_cli.run.driver.second_run import (
-    MOST_STEPS,
+    finer_step,
     least_growth,
+    most_steps,
     other_steps,
+    own_error,
     remainder,
     rounding_walk,
+    shorter_step,
     tighter,
 )
 from robodyn_cli.run.driver.self_check import BEYOND, EPS, is_judged_by_energy
-from robodyn_cli.run.driver.stiffness import COST, FIRST_LOOK, MOST, WORTH
+from robodyn_cli.run.driver.stiffness import COST, FIRST_LOOK, MOST, WORTH, largest_decays
 from robodyn_cli.run.many.groups import table_rows
 from robodyn_cli.run.many.start import Starts, starts_of
 from robodyn_cli.run.many.structure import Structure
 from robodyn_cli.spatial.algebra import Array
 
 Masks = NDArray[np.bool_]
+JUDGED = 16  # samples, at least, by which errors at the end are judged
 
 
 @record
@@ -90,15 +94,15 @@ class Batch:
 class Driven:
     """What a batch came to: the first run, and for which runs all of this can be trusted.
 
-    errors, time_errors : of states (N, nx) and times (N,) at the end, nan where none is estimated. second_steps : of
-    the second integration.
+    errors, time_errors : of states (N, nx) and times (N,) at the end, nan where none is estimated; None for all runs.
+    second_steps : of the second integration, None without one.
     """
 
     runs: Runs
-    errors: Array
-    time_errors: Array
-    second_steps: NDArray[np.int64]
     trusted: Masks
+    errors: Array | None = None
+    time_errors: Array | None = None
+    second_steps: NDArray[np.int64] | None = None
 
 
 def method_of(batch: Batch) -> NDArray[np.str_]:
@@ -107,12 +111,12 @@ def method_of(batch: Batch) -> NDArray[np.str_]:
     found = np.full(count, DEFAULT if choice.may_change else choice.method, dtype="<U20")
     if not choice.may_change:
         return found
-    decays = _fastest_decays(batch)
+    decays = _decays(batch)
     stiff = np.flatnonzero(decays * batch.ends >= FAST_DECAYS)
     if len(stiff):
         part = batch.part(stiff)
-        trial = np.maximum(TRIAL * part.ends, np.minimum(part.ends, 20.0 / decays[stiff]))
-        part, most = dataclasses.replace(part, ends=trial), np.full(len(stiff), MOST)
+        part = dataclasses.replace(part, ends=trial_of(part.ends, decays[stiff]))
+        most = np.full(len(stiff), MOST)
         costs = {}
         for method in (DEFAULT, STIFF):
             runs = part.drive(method, batch.options, Limits(steps=most), watch=False)
@@ -121,15 +125,13 @@ def method_of(batch: Batch) -> NDArray[np.str_]:
     return found
 
 
-def _fastest_decays(batch: Batch) -> Array:
-    """Return the largest -Re of the eigenvalues of the Jacobian at the starts (N,) [1/s]."""
+def _decays(batch: Batch) -> Array:
+    """Return the fastest decays at the starts (N,) [1/s]."""
     system, x = batch.structure.motion.system, batch.states
     groups = {"t": [0.0], "q": x.T[: system.nq], "v": x.T[system.nq : system.nq + system.nv],
               "z": x.T[system.nq + system.nv :], "p": []}  # fmt: skip
     J = batch.numbers.evaluate(batch.structure.jacobian, groups).reshape(len(x), system.size, system.size)
-    sound = np.isfinite(J).all(axis=(1, 2))
-    J[~sound] = 0.0
-    found: Array = np.maximum(0.0, -np.linalg.eigvals(J).real.min(axis=1))
+    found: Array = largest_decays(J)
     return found
 
 
@@ -145,20 +147,44 @@ def first_run(batch: Batch, method: str, samples: int) -> Runs:
 
 def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
     """Make the runs of a batch by one method, and estimate their errors by a second integration."""
-    motion, runs = batch.structure.motion, first_run(batch, method, samples)
-    trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
-    if is_judged_by_energy(motion):
-        trusted &= _keeps_energy(batch, runs)
-    errors, none = np.full(runs.y.shape, np.nan), np.full(len(runs), np.nan)
-    steps = np.zeros(len(runs), dtype=np.int64)
+    motion = batch.structure.motion
+    if not motion.scene.simulate.error_estimate:
+        runs = first_run(batch, method, samples)
+        return Driven(runs, _trusted(batch, runs))
+    # the errors at the end are judged by samples, of which those asked for are some
+    share = -(-JUDGED // samples) if samples else 1
+    judged = share * samples or JUDGED
+    runs = first_run(batch, method, judged)
+    trusted = _trusted(batch, runs)
     rows = np.flatnonzero(trusted)
-    if motion.scene.simulate.error_estimate and len(rows):
-        ends = Second(batch.part(rows), method, runs.steps[rows], batch.ends[rows]).run()
-        found = ends.scale[:, None] * np.abs(ends.y - runs.y[rows])
-        errors[rows] = np.maximum(found, _rounding(batch, runs)[rows])
-        steps[rows] = ends.steps
-        trusted[rows] &= ends.done
-    return Driven(runs, errors, none, steps, trusted)
+    second = Second(batch.part(rows), method, runs.steps[rows], batch.ends[rows], samples=judged)
+    errors, steps = np.full(runs.y.shape, np.nan), np.zeros(len(runs), dtype=np.int64)
+    errors[rows] = np.maximum(_end_errors(batch, runs.out[rows], second), _rounding(batch, runs)[rows])
+    steps[rows] = second.steps
+    trusted[rows] &= second.done
+    runs = dataclasses.replace(
+        runs, out=runs.out[:, :, share - 1 :: share] if samples else runs.out[:, :, :0]
+    )
+    return Driven(runs, trusted, errors, second_steps=steps)
+
+
+def _trusted(batch: Batch, runs: Runs) -> Masks:
+    """Tell which runs came to their end, and look as they should."""
+    trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
+    if is_judged_by_energy(batch.structure.motion):
+        trusted &= _keeps_energy(batch, runs)
+    return trusted
+
+
+def _end_errors(batch: Batch, samples: Array, second: Second) -> Array:
+    """Return the errors of states at the end (N, nx), from samples (N, nx, M), by the rule of ``end_error``."""
+    system, scale = batch.structure.motion.system, second.scale
+    apart = np.pad(second.samples - samples, ((0, 0), (0, 0), (1, 0)))  # both begin alike
+    found = (scale[:, None, None] * np.abs(apart)).transpose(0, 2, 1)
+    errors: Array = found[:, -1].copy()
+    for places in (list(system.q_places), list(system.v_places)):
+        errors[:, places] = np.maximum(errors[:, places], own_error(found[:, :, places], scale)[:, None])
+    return errors
 
 
 def _rounding(batch: Batch, runs: Runs) -> Array:
@@ -172,26 +198,14 @@ def _rounding(batch: Batch, runs: Runs) -> Array:
     return floor
 
 
-@record
-class Ends:
-    """What second integrations came to: time (N,) [s], states (N, nx), steps, and which came to their end.
-
-    scale : by which differences from the first are multiplied; see ``remainder``.
-    """
-
-    time: Array
-    y: Array
-    steps: NDArray[np.int64]
-    done: Masks
-    scale: Array
-
-
 class Second:
     """The second integration of many runs; see ``run/driver/second_run.py``, whose rules these are.
 
     Parameters
     ----------
     steps, ends : of the first one, in which it came so far [s]. arrived : tells which runs came to their end.
+
+    What it came to: time (N,) [s], states y (N, nx), samples (N, nx, M), steps, and which runs are done.
     """
 
     def __init__(
@@ -201,43 +215,48 @@ class Second:
         steps: NDArray[np.int64],
         ends: Array,
         arrived: Callable[[Runs], Masks] = lambda runs: runs.arrived,
+        samples: int = 0,
     ) -> None:
-        self.batch, self.method, self.first, self.arrived = batch, method, steps, arrived
-        self.mean_step = ends / np.maximum(steps, 1)
-        self.tight, _ = tighter(batch.options, float(self.mean_step.mean()), method)
-        self.least = least_growth(batch.options, self.tight, method)
+        self._batch, self._method, self._first, self._arrived = batch, method, steps, arrived
+        self._mean_step = ends / np.maximum(steps, 1)
+        count, size = batch.states.shape
+        self.time, self.y = np.full(count, np.nan), np.full((count, size), np.nan)
+        self.samples = np.full((count, size, samples), np.nan)
+        self.steps, self.done = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
+        if count:
+            self._integrate()
 
-    def run(self) -> Ends:
+    @property
+    def scale(self) -> Array:
+        """By which differences from the first are multiplied (N,); see ``remainder``."""
+        found: Array = remainder(self._method, self._first, self.steps)
+        return found
+
+    def _integrate(self) -> None:
         """Make the runs once more, more accurately."""
-        count = len(self.first)
-        time, y = np.full(count, np.nan), np.full(self.batch.states.shape, np.nan)
-        steps, done = np.zeros_like(self.first), np.zeros(count, dtype=bool)
-        rows = np.arange(count)
-        # those about whose steps a tolerance does not decide go on with other steps
-        for way in (self._tighter, self._other_steps):
-            if not len(rows):
-                break
-            runs = way(rows)
-            arrived = self.arrived(runs)
-            time[rows], y[rows], steps[rows], done[rows] = runs.time, runs.y, runs.steps, arrived
-            rows = rows[~arrived | (runs.steps < self.least * self.first[rows])]
-        return Ends(time, y, steps, done, remainder(self.method, self.first, steps))
+        options, longest_mean = self._batch.options, float(self._mean_step.max())
+        tight, _ = tighter(options, longest_mean, self._method)
+        steps = None if tight.rtol < options.rtol else shorter_step(options, self._mean_step)
+        if options.step is not None:
+            steps = finer_step(options.step, self._mean_step)
+        self._drive(np.arange(len(self.time)), tight, steps)
+        if options.step is not None:
+            return
+        # with other steps those whose method cannot keep a tighter tolerance, or about whose steps it does not decide
+        few = self.done & (self.steps < least_growth(options, tight, self._method) * self._first)
+        for rows, base in ((np.flatnonzero(few), tight), (np.flatnonzero(~self.done), options)):
+            other, _ = other_steps(base, longest_mean)
+            self._drive(rows, other, shorter_step(options, self._mean_step))
 
-    def _most(self, rows: NDArray[np.int64]) -> NDArray[np.int64]:
-        return np.minimum(4 * self.batch.options.max_steps, MOST_STEPS * self.first[rows] + 1000)
-
-    def _tighter(self, rows: NDArray[np.int64]) -> Runs:
-        options = self.batch.options
-        step = self._shorter(rows) if self.tight.max_step < options.max_step else None
-        return self.batch.part(rows).drive(self.method, self.tight, Limits(step, self._most(rows)))
-
-    def _other_steps(self, rows: NDArray[np.int64]) -> Runs:
-        options, _ = other_steps(self.tight, float(self.mean_step.max()))
-        limits = Limits(self._shorter(rows), self._most(rows))
-        return self.batch.part(rows).drive(self.method, options, limits)
-
-    def _shorter(self, rows: NDArray[np.int64]) -> Array:
-        return np.array([other_steps(self.batch.options, float(h))[0].max_step for h in self.mean_step[rows]])
+    def _drive(self, rows: NDArray[np.int64], options: Options, steps: Array | None) -> None:
+        """Make some of the runs; steps : fixed or longest ones (N,) [s]."""
+        if not len(rows):
+            return
+        most = most_steps(self._batch.options, self._first[rows])
+        limits = Limits(None if steps is None else steps[rows], most)
+        runs = self._batch.part(rows).drive(self._method, options, limits, self.samples.shape[2])
+        self.time[rows], self.y[rows], self.samples[rows] = runs.time, runs.y, runs.out
+        self.steps[rows], self.done[rows] = runs.steps, self._arrived(runs)
 
 
 def _keeps_energy(batch: Batch, runs: Runs) -> Masks:
@@ -253,12 +272,14 @@ def _keeps_energy(batch: Batch, runs: Runs) -> Masks:
         groups = {"t": [t], "q": q.T, "v": v.T, "p": []}
         return numbers.evaluate(structure.energies, groups)
 
-    before, after = energies(0.0, batch.states), energies(batch.ends, runs.y)
-    work = system.split(runs.y)[2][:, -1] if system.work_done_by else np.zeros(len(runs))
-    drift = np.abs(after.sum(axis=1) - before.sum(axis=1) - work)
-    exchanged = after[:, 0] + before[:, 0] + np.abs(after[:, 1] - before[:, 1]) + np.abs(work)
-    exchanged += np.abs(after[:, 1]) * EPS
+    (kinetic, potential), (kinetic_end, potential_end) = (
+        energies(t, x).T for t, x in ((0.0, batch.states), (batch.ends, runs.y))
+    )
+    work = system.split(runs.y)[2][:, -1] if system.work_done_by else 0.0
+    risen, level = potential_end - potential, np.abs(potential_end)
+    drift = np.abs(kinetic_end - kinetic + risen - work)
+    exchanged = kinetic_end + kinetic + np.abs(risen) + np.abs(work) + level * EPS
     rtol = max(batch.options.rtol, EPS)
-    rounding = EPS * np.maximum(runs.steps, 1) * (exchanged + np.abs(after[:, 1]))
+    rounding = EPS * np.maximum(runs.steps, 1) * (exchanged + level)
     found: Masks = drift <= BEYOND * np.maximum(rtol * exchanged, rounding)
     return found

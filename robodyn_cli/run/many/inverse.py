@@ -19,7 +19,7 @@ from robodyn_cli.run.inverse.checks import FIGURES, Loaded
 from robodyn_cli.run.inverse.inverse import at_rest, program_of
 from robodyn_cli.run.inverse.program import InverseProgram
 from robodyn_cli.run.many.command import Asked, Command, Rows
-from robodyn_cli.run.many.groups import Built, table_rows
+from robodyn_cli.run.many.groups import Built, first_of, table_rows
 from robodyn_cli.run.many.keys import NUMBER, Key, settings
 from robodyn_cli.run.many.record import ManyRuns
 from robodyn_cli.run.mechanism.motion import Planned
@@ -79,7 +79,7 @@ def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) 
         "payloads are gripped or released": bool(program.problem.model.switched),
         "forces in the joints' bearings are wanted": bool(scene.outputs.reactions),
     }
-    return next((reason for reason, holds in reasons.items() if holds), "")
+    return first_of(reasons)
 
 
 class Inverse(Command[InverseStructure]):

@@ -189,14 +189,15 @@ class Allowed:
 
     def _box_holds(self, values: Array) -> bool:
         """Tell whether all values between the extremes are allowed, as far as that can be told at once."""
-        if not np.all(np.isfinite(values)):
+        inside = ((self._low <= values) & (values <= self._high)).all()
+        if not inside and not np.isfinite(values).all():
             return False
-        low = np.minimum(values.min(axis=0, initial=np.inf), self._low)
-        high = np.maximum(values.max(axis=0, initial=-np.inf), self._high)
         if not self._each_is_allowed(values):
             return False
-        if np.all(low == self._low) and np.all(high == self._high):
+        if inside:
             return True
+        low = np.minimum(values.min(axis=0, initial=np.inf), self._low)
+        high = np.maximum(values.max(axis=0, initial=-np.inf), self._high)
         for element in dict.fromkeys(key.element for key in self.keys):
             columns = [k for k, key in enumerate(self.keys) if key.element == element]
             if len(columns) > CORNERS:

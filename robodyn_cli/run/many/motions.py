@@ -76,9 +76,11 @@ class MotionCommand(Command[Structure]):
         result, system, good = asked.result, batch.structure.motion.system, driven.trusted
         runs, to = driven.runs, rows[driven.trusted]
         result.code[to], result.time[to], result.steps[to] = 0, runs.time[good], runs.steps[good]
-        result.time_error[to] = driven.time_errors[good]
         result.q[to], result.qd[to], _ = system.split(runs.y[good])
-        result.q_error[to], result.qd_error[to], _ = system.split(driven.errors[good])
+        if driven.time_errors is not None:
+            result.time_error[to] = driven.time_errors[good]
+        if driven.errors is not None:
+            result.q_error[to], result.qd_error[to], _ = system.split(driven.errors[good])
         for key, column in result.outputs.items():
             column[to] = self._output(key, result, driven, to)
             result.errors[key][to] = self.error_of(key, result, to)
@@ -92,6 +94,8 @@ class MotionCommand(Command[Structure]):
             found: Array = getattr(driven.runs, name)[driven.trusted]
             return found
         if key == SECOND_STEPS:
+            if driven.second_steps is None:
+                return np.full(len(rows), np.nan)
             steps = driven.second_steps[driven.trusted]
             return np.where(steps > 0, steps, np.nan)
         return self.output(key, result, rows)

@@ -15,8 +15,8 @@ from robodyn_cli.expr.many import Expressions, ManyNumbers
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.prepare import held_columns
 from robodyn_cli.run.many.structure import Structure
-from robodyn_cli.solve.assembly import CLOSED, RANK_TOLERANCE
-from robodyn_cli.solve.closure import MOST_STEP, Numbers
+from robodyn_cli.solve.assembly import RANK_TOLERANCE
+from robodyn_cli.solve.closure import CLOSED, MOST_STEP, Numbers, has_full_rank
 from robodyn_cli.spatial.algebra import Array
 
 ROUNDS = 20  # Newton steps; from a pose nearby five do
@@ -62,7 +62,8 @@ def starts_of(
     }
     rows = {}
     for name, columns in (("q", model.q_names), ("qd", model.v_names)):
-        rows[name] = np.tile(own[name] if name == "q" else np.zeros(model.nv), (count, 1))
+        nominal = own[name] if name == "q" else np.zeros(model.nv)
+        rows[name] = np.broadcast_to(nominal, (count, len(nominal))).copy()
         for k, column in enumerate(columns):
             if column in given[name]:
                 rows[name][:, k] = given[name][column]
@@ -133,10 +134,8 @@ class _Closing:
         q = self._newton(q, self.free)
         residual = np.abs(self.eta(q) / self.one.sizes).max(axis=1)
         psi = self.psi(q)
-        sound = (residual <= CLOSED) & np.isfinite(psi).all(axis=(1, 2))
+        sound = (residual <= CLOSED) & has_full_rank(psi, RANK_TOLERANCE)
         psi[~sound] = 0.0
-        ratios = np.linalg.svd(psi, compute_uv=False)
-        sound &= ratios[:, -1] > RANK_TOLERANCE * np.maximum(ratios[:, 0], 1e-300)
         cosines = self.numbers.evaluate(self._cosines, self._inputs(q))
         sound &= (cosines >= 0.5).all(axis=1)
         if self.missing:
@@ -172,8 +171,7 @@ class _Closing:
         """Tell which positions are on the branch of the structure's own pose: near to it, with no branching between."""
         near = (np.abs(q - self.own) / self.one.lengths).max(axis=1) < LEAP
         block, own = psi[:, :, self.missing], self.one.psi(self.own)[:, self.missing]
-        ratios = np.linalg.svd(block, compute_uv=False)
-        regular = ratios[:, -1] > REGULAR * np.maximum(ratios[:, 0], 1e-300)
+        regular = has_full_rank(block, REGULAR)
         alike = np.ones(len(q), dtype=bool)
         if own.shape[0] == own.shape[1]:
             alike = np.sign(np.linalg.det(block)) == np.sign(np.linalg.det(own))

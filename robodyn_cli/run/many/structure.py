@@ -14,7 +14,7 @@ from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.many.groups import Built
+from robodyn_cli.run.many.groups import Built, first_of
 from robodyn_cli.run.many.keys import NUMBER, OPTION, Key, settings
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
@@ -106,4 +106,4 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
         "fixed steps come close to jumps in Python": motion.options.step is not None
         and any(event.is_discontinuity for event in system.events),
     }
-    return next((reason for reason, holds in reasons.items() if holds), "")
+    return first_of(reasons)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import unknown_data
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.run.mechanism.summary import Balanced, Held

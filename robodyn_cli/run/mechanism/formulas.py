@@ -12,9 +12,7 @@ from robodyn_cli.expr.formula import Formula, formulas_in
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.spatial.algebra import Array
 
-BESIDE = (
-    1e-9  # change of a coordinate, relative to its size or to 1, that shows whether a formula is at an edge
-)
+BESIDE = 1e-9  # change of a coordinate, over its size or 1, that shows whether a formula is at an edge
 AHEAD = 1e-6  # part of the duration after the start at which formulas must have a value too
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError, unknown_name
 from robodyn_cli.scene.checks.robot import moving
 from robodyn_cli.scene.types import Scene
 
@@ -43,8 +43,7 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
 
 def _known(joint: str, joints: Sequence[str], text: str) -> None:
     if joint not in joints:
-        hint = did_you_mean(joint, joints)
-        raise SceneError(f"--at {text!r}: unknown joint {joint!r}{hint}; allowed: {', '.join(joints)}")
+        raise SceneError(f"--at {text!r}: {unknown_name('joint', joint, joints)}")
 
 
 def _items(value: str, joints: Sequence[str], text: str) -> Iterable[tuple[str, str]]:

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import RobodynError
+from robodyn_cli.errors import RobodynError, unknown_data
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.integration_methods import FIXED_STEP, REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import limits
-from robodyn_cli.kernels.program import unknown_data
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from robodyn_cli.decision import Decision
+from robodyn_cli.errors import unknown_data
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols
 from robodyn_cli.expr.rebuild import Interpreter
-from robodyn_cli.kernels.program import Program, make_program, unknown_data
+from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import UNKNOWN_GROUP
 from robodyn_cli.spatial.algebra import Array
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
+from robodyn_cli.results.catalogue import JOINT_LIMITS
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
@@ -55,10 +56,6 @@ def joint_columns(model: Model) -> dict[str, JointColumns]:
     }
 
 
-# limits of joints by what they limit
-LIMITS = {"q": ("lower", "upper"), "qd": ("speed",), "qdd": ("acceleration",), "tau": ("effort",)}
-
-
 def add_joint_limits(result: Result, scene: Scene, model: Model) -> None:
     """Add the limits of the joints that have some: a column for each joint with such a limit."""
     if not scene.robot.limited:
@@ -66,9 +63,9 @@ def add_joint_limits(result: Result, scene: Scene, model: Model) -> None:
     from robodyn_cli.run.observation.joint_limits import limited_joints
 
     joints, columns = limited_joints(scene, model), joint_columns(model)
-    for path, names in LIMITS.items():
+    for path, limited in JOINT_LIMITS.items():
         units = dict(zip(columns[path].names, columns[path].column_units))
-        for name in names:
+        for name in limited:
             limits = {joint.name: getattr(joint.limits, name) for joint in joints if joint.name in units}
             limits = {joint: value for joint, value in limits.items() if value is not None}
             if limits:

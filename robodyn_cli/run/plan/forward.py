@@ -16,7 +16,7 @@ from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.stepping.writer import LANES
+from robodyn_cli.kernels.lower import LANES
 from robodyn_cli.run.deploy.deploy import build_deployment
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.observation.observe import observed

@@ -10,9 +10,7 @@ from robodyn_cli.algorithms.kinematics import poses, slice_q, transforms
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Array
-
-PARALLEL = 1e-12
+from robodyn_cli.spatial.algebra import PARALLEL, Array
 
 
 @record

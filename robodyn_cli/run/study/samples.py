@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.scene.types import Correlation
+from robodyn_cli.scene.nested_options import Correlation
 from robodyn_cli.spatial.algebra import Array
 
 # uniform numbers stay this far from 0 and 1, where a normal distribution has no finite value

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from collections.abc import Sequence as SequenceOf
 from typing import NoReturn
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import unknown_name
 from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, dotted, find, located, nearest
 
@@ -41,9 +41,7 @@ class Check(Faults):
         """Refuse a name that is not among ``options``."""
         names = list(options)
         if name not in names:
-            hint = did_you_mean(name, names)
-            allowed = ", ".join(names) if names else "none is defined"
-            self.fail(path, f"unknown {what} {name!r}{hint}; allowed: {allowed}", at_key)
+            self.fail(path, unknown_name(what, name, names), at_key)
 
     def unique(self, names: SequenceOf[str], what: str, paths: SequenceOf[Path]) -> None:
         """Refuse a name that appears twice."""

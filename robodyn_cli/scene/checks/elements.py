@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from robodyn_cli.expr.formula import formulas_in, points_of
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, carrier, point_link, point_problem
 from robodyn_cli.scene.text.nodes import Path
-from robodyn_cli.scene.types import Coupler, Robot, Scene
+from robodyn_cli.scene.types import Robot, Scene
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.robot_parts import Coupler
 
 
 def check_loops(scene: Scene, check: Check) -> None:

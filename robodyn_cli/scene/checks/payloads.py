@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.payload import Payload
 from robodyn_cli.scene.points import BASE, carrier, point_problem
 from robodyn_cli.scene.text.nodes import Path
-from robodyn_cli.scene.types import Payload, Scene
+from robodyn_cli.scene.types import Scene
 
 
 def check_payloads(scene: Scene, check: Check) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.orientation import check_orientation
-from robodyn_cli.scene.mechanism_options import ReachOptions
+from robodyn_cli.scene.nested_options import ReachOptions
 from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.robot_types import Robot
 from robodyn_cli.scene.text.nodes import Path

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from robodyn_cli.scene.checks.check import Check
-from robodyn_cli.scene.robot_types import Link, Shape
+from robodyn_cli.scene.robot_parts import Shape
+from robodyn_cli.scene.robot_types import Link
 from robodyn_cli.scene.text.nodes import Path
 
 KINDS = ("box", "sphere", "cylinder", "outline", "mesh", "obj")

@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.scene.mesh.obj import read_obj
 from robodyn_cli.scene.mesh.outline import plate
-from robodyn_cli.scene.types import Shape
+from robodyn_cli.scene.robot_parts import Shape
 from robodyn_cli.spatial.algebra import Array
 
 Faces = tuple[tuple[int, ...], ...]

@@ -10,7 +10,7 @@ import dataclasses
 import re
 from collections.abc import Callable
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import did_you_mean, shown, unknown_name
 from robodyn_cli.scene.text.nodes import (
     Mapping,
     Node,
@@ -24,7 +24,6 @@ from robodyn_cli.scene.text.nodes import (
     name_of,
     scalar,
     sequence,
-    shown,
 )
 from robodyn_cli.schema.fields import ATTACH, INCLUDE, PREFIX
 
@@ -148,8 +147,7 @@ def _parent(robot: Mapping, item: Mapping, path: Path) -> Node:
     parent = item.get("to") or scalar(item, GROUND)
     links = [GROUND, *(name for name in map(name_of, _items(robot, "links")) if name)]
     if isinstance(parent, Scalar) and parent.text not in links:
-        message = f"unknown link {shown(parent.text)}{did_you_mean(parent.text, links)}"
-        raise located(parent, dotted((*path, "to")), f"{message}; allowed: {', '.join(links)}")
+        raise located(parent, dotted((*path, "to")), unknown_name("link", parent.text, links))
     return parent
 
 

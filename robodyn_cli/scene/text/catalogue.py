@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from pathlib import Path as FilePath
 
 from robodyn_cli import motors
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import shown, unknown_name
 from robodyn_cli.motors.drive import Brake
 from robodyn_cli.motors.registry import gear_types, motor_types
 from robodyn_cli.scene.text.nodes import (
@@ -21,7 +21,6 @@ from robodyn_cli.scene.text.nodes import (
     mapping,
     scalar,
     sequence,
-    shown,
 )
 from robodyn_cli.scene.text.scalars import resolve
 from robodyn_cli.schema.fields import Section, key_name
@@ -99,9 +98,7 @@ def _check_header(header: Cells) -> None:
     allowed = _columns()
     for k, cell in enumerate(header):
         if cell.text not in allowed:
-            hint = did_you_mean(cell.text, allowed)
-            what = f"unknown column {shown(cell.text)}{hint}; allowed: {', '.join(allowed)}"
-            raise located(cell, "catalogue", what)
+            raise located(cell, "catalogue", unknown_name("column", cell.text, allowed))
         if cell.text in [other.text for other in header[:k]]:
             raise located(cell, "catalogue", f"column {cell.text!r} appears twice")
     for needed in ("name", "type"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from typing import Any
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.scalars import Value
 
@@ -164,12 +164,6 @@ def located(node: Node, key: str, message: str, **details: Any) -> SceneError:
         key=key,
         **details,
     )
-
-
-def shown(value: Any) -> str:
-    """Return a value as quoted in messages: one line, not long."""
-    text = repr(value)
-    return text if len(text) <= 60 else text[:57] + "..."
 
 
 def describe_node(node: Node) -> str:

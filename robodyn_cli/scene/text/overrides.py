@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError, did_you_mean, shown
 from robodyn_cli.scene.text.includes import Includer, child_kind, concrete
 from robodyn_cli.scene.text.nodes import (
     Mapping,
@@ -18,7 +18,6 @@ from robodyn_cli.scene.text.nodes import (
     mapping,
     name_of,
     sequence,
-    shown,
 )
 from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from robodyn_cli.errors import ResultFileError
+from robodyn_cli.errors import ResultFileError, shown
 from robodyn_cli.registry import Registry
-from robodyn_cli.scene.text.nodes import Node, Scalar, Sequence, Source, located, scalar, sequence, shown
+from robodyn_cli.scene.text.nodes import Node, Scalar, Sequence, Source, located, scalar, sequence
 from robodyn_cli.scene.text.scalars import resolve
 
 HDF5 = (".h5", ".hdf5")

@@ -13,20 +13,10 @@ from typing import Any
 
 import yaml
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.record import mutable_record
 from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import (
-    Node,
-    Path,
-    Scalar,
-    Source,
-    dotted,
-    located,
-    mapping,
-    sequence,
-    shown,
-)
+from robodyn_cli.scene.text.nodes import Node, Path, Scalar, Source, dotted, located, mapping, sequence
 from robodyn_cli.scene.text.scalars import Value, resolve
 
 # reading takes a second or two per megabyte

@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 from collections import Counter
 
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import shown
 from robodyn_cli.scene.urdf.xml import Element
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -217,8 +216,7 @@ def _joint(element: Element) -> UrdfJoint:
     what = f"joint {name!r}"
     kind = element.text("type", what)
     if kind not in JOINT_TYPES:
-        hint = did_you_mean(kind, JOINT_TYPES)
-        raise element.error(f"{what}: unknown type {shown(kind)}{hint}; allowed: {', '.join(JOINT_TYPES)}")
+        raise element.error(f"{what}: {unknown_name('type', kind, JOINT_TYPES)}")
     ends = []
     for tag in ("parent", "child"):
         end = element.one(tag, what)

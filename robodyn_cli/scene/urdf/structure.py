@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import did_you_mean, shown
 from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import shown
 from robodyn_cli.scene.urdf.elements import UrdfJoint, UrdfLink, UrdfRobot
 
 

@@ -11,9 +11,9 @@ import re
 from typing import Any
 from xml.parsers import expat
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.record import mutable_record
-from robodyn_cli.scene.text.nodes import Scalar, Source, located, shown
+from robodyn_cli.scene.text.nodes import Scalar, Source, located
 
 MAX_DEPTH = 50
 _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")

@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import position_rates
-from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.linear.derivatives import by_steps, by_symbols
+from robodyn_cli.equations.linear.protocol import Equations
+from robodyn_cli.errors import unknown_data
 from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.expr.rebuild import Interpreter
 from robodyn_cli.record import record
-from robodyn_cli.run.functions.derivatives import by_steps, by_symbols
-from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.spatial.algebra import Array, Matrix, Vector, identity, zeros
 
 LAMBDA = "lam"  # symbol group of the multipliers
@@ -39,7 +41,7 @@ class States:
         return {"t": self.times[:, None], "q": self.q, "v": self.v}
 
 
-class Equations:
+class Residuals:
     """M a + h - f - Psi^T lambda = tau and Psi a + gamma = 0 of a mechanism, f the forces that belong to it.
 
     Parameters
@@ -47,7 +49,7 @@ class Equations:
     f : (nv,) as expressions of t, q and v. parameters : values of p.
     """
 
-    def __init__(self, problem: Problem, f: Vector, parameters: Sequence[float]) -> None:
+    def __init__(self, problem: Equations, f: Vector, parameters: Sequence[float]) -> None:
         self.problem, self.f, self.parameters = problem, f, parameters
         self.rows = problem.constraints.rows
 
@@ -94,13 +96,33 @@ class Equations:
         groups = {**states.groups, **more}
         if self.parameters:
             groups["p"] = np.tile(self.parameters, (len(states), 1))
-        flat = {name: list(np.asarray(x, dtype=object).flat) for name, x in outputs.items()}
-        function = SampleFunction(flat, tuple(groups), 1)  # interpreted: each is evaluated once
-        arrays = function(**groups)
-        return {name: arrays[name].reshape(len(states), *np.shape(x)) for name, x in outputs.items()}
+        return evaluated(outputs, groups)
 
 
-def _brackets(problem: Problem) -> tuple[Matrix, Matrix]:
+def evaluated(outputs: Mapping[str, Any], groups: Mapping[str, Array]) -> dict[str, Array]:
+    """Return arrays of expressions at samples, {name: (T, *shape)}; groups : (T, n) by symbol group.
+
+    Raises
+    ------
+    SceneError : they depend on data that the scene does not give.
+    """
+    entries = {name: np.asarray(x, dtype=object) for name, x in outputs.items()}
+    flat = [e for x in entries.values() for e in x.flat]
+    missing = [s.value[0] for s in free_symbols(flat) if s.value[1] not in groups]
+    if missing:
+        raise unknown_data(missing)
+    samples = len(next(iter(groups.values())))
+    values = iter(Interpreter(flat)({name: x.T for name, x in groups.items()}))
+    found = {}
+    for name, x in entries.items():
+        rows = np.empty((samples, x.size))
+        for k in range(x.size):
+            rows[:, k] = next(values)
+        found[name] = rows.reshape(samples, *x.shape)
+    return found
+
+
+def _brackets(problem: Equations) -> tuple[Matrix, Matrix]:
     """Return N (nq, nv) with q-dot = N v, and its bracket with the motion: d(N v)/dq N - d(N e_k)/dq (N v) in column k.
 
     A motion beside another one is q + N xi with a step xi (nv,). Then xi-dot = dv + K xi with N K = bracket: K vanishes

@@ -11,11 +11,10 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from scipy.linalg import qr
 
+from robodyn_cli.equations.linear.residuals import Residuals, States, drift
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.record import record
-from robodyn_cli.run.linear.equations import Equations, States, drift
 from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-9  # a singular value this small beside the largest counts as zero
@@ -41,6 +40,8 @@ class Linear:
 
 def independent(psi: Array, wished: Sequence[int]) -> tuple[int, ...]:
     """Return the places of independent coordinates, ``wished`` among them where that is a good choice; psi (m, nv)."""
+    from scipy.linalg import qr
+
     nv = psi.shape[1]
     if not len(psi):
         return tuple(range(nv))
@@ -94,7 +95,7 @@ def multipliers(values: Mapping[str, Array], states: States, k: int) -> tuple[Ar
 
 
 def linearise_states(
-    equations: Equations, states: States, inputs: Sequence[int], places: tuple[int, ...]
+    equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]
 ) -> Linear:
     """Return the linear systems at states; ``inputs`` : velocity coordinates with a torque as input.
 

@@ -1,4 +1,4 @@
-"""Options of the commands that look at a mechanism without integrating it: their keys in the scene."""
+"""Sections inside the options of commands that few scenes have; imported for scenes that have them."""
 
 from __future__ import annotations
 
@@ -8,8 +8,9 @@ from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
     Direction,
-    Integer,
+    JointMap,
     ListOf,
+    MapOf,
     Name,
     Number,
     Section,
@@ -45,33 +46,6 @@ class Sweep:
 
 
 @record
-class KinematicsOptions:
-    """Options of ``kinematics``."""
-
-    sweep: Sweep | None = key(
-        Section(Sweep),
-        default=None,
-        doc="Motion of one joint; without it, `trajectory` or `prescribed` moves.",
-    )
-    samples: int = key(Integer(minimum=2, maximum=100_000_000), default=361, doc="Number of uniform samples.")
-    transmission: tuple[str, ...] | None = key(
-        ListOf(Text(), minimum=3, maximum=3),
-        default=None,
-        doc="Three points A, B, C: the transmission angle is the one at B between BA and BC.",
-    )
-
-
-@record
-class AssembleOptions:
-    """Options of ``assemble``."""
-
-    branches: bool = key(Boolean(), default=False, doc="Find all the ways in which the loops close.")
-    starts: int = key(
-        Integer(minimum=1, maximum=1_000_000), default=400, doc="Starts of the search for branches, at most."
-    )
-
-
-@record
 class ReachOptions:
     """The pose of ``reach``, and what decides between the ways to reach it."""
 
@@ -103,11 +77,30 @@ class ReachOptions:
 
 
 @record
-class StaticsOptions:
-    """Options of ``statics``."""
+class Latch:
+    between: tuple[str, ...] = key(
+        ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
+    )
+    at: dict[str, float] = key(
+        JointMap(Number(angle=True)),
+        default=None,
+        unit="rad or m",
+        doc="Position of one joint at which it closes, for `criterion: latch`.",
+    )
+    at_limit: dict[str, str] = key(
+        MapOf(Choice(("lower", "upper")), of="joint"),
+        default=None,
+        doc="Or: the limit of one joint at which it closes, such as a stop.",
+    )
 
-    find: str = key(
-        Choice(("balance", "hold")),
-        default="balance",
-        doc="`balance`: the configuration in which all forces balance; `hold`: the torques that hold the given one.",
+
+@record
+class Correlation:
+    """Two keys of a study that do not vary independently of one another."""
+
+    between: tuple[str, ...] = key(ListOf(Text(), minimum=2, maximum=2), doc="Two keys under `vary`.")
+    value: float = key(
+        Number(minimum=-1.0, maximum=1.0, exclusive=True),
+        unit="1",
+        doc="Correlation of their normal scores (a Gaussian copula).",
     )
