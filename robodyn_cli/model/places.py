@@ -43,9 +43,8 @@ def with_free(scene: Scene, places: Collection[str]) -> Scene:
     Zeros, defaults and angles of attitudes can be such numbers; places that have none are passed over.
     """
     sections = {place.partition(".")[0] for place in places} & set(SECTIONS)
-    return dataclasses.replace(
-        scene, **{name: _freed(getattr(scene, name), name, frozenset(places)) for name in sections}
-    )
+    found = {name: _freed(getattr(scene, name), name, frozenset(places)) for name in sections}
+    return dataclasses.replace(scene, **found)
 
 
 def _freed(value: Any, place: str, places: frozenset[str]) -> Any:
@@ -98,6 +97,8 @@ def numbers_at_places(scene: Scene) -> dict[str, float]:
     placed = with_places(scene)
     for name in SECTIONS:
         visit(getattr(placed, name))
+    for name in placed.control.numbers if placed.control is not None else ():
+        visit(getattr(placed.control, name))
     return found
 
 

@@ -17,7 +17,7 @@ from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.nodes import Scalar, located
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.units import node_at, refuse_doubles, unit_of
+from robodyn_cli.scene.units import in_joint, node_at, refuse_doubles, unit_of
 
 NEARBY = 1e-3  # part of a key's value by which it is changed to see whether the scene takes other numbers
 
@@ -123,7 +123,20 @@ def _unit(family: Family, key: Key, model: Model) -> str:
             (model.q_names, model.q_units, "") if group == "q" else (model.v_names, model.v_units, "/s")
         )
         return units[names.index(column)] + rate
-    return "" if "#" in key.name else unit_of(family.root, key.name)
+    if "#" in key.name:
+        return ""
+    scene = family.own
+    named = ".".join(_joint_names(scene, key.name.split(".")))
+    driven = scene.control.joints if scene.control is not None and named.startswith("control.") else ()
+    return in_joint(unit_of(family.root, key.name), named, dict(zip(model.v_names, model.v_units)), driven)
+
+
+def _joint_names(scene: Scene, steps: Sequence[str]) -> list[str]:
+    """Return the steps of a key with joints by name."""
+    found = list(steps)
+    if found[:2] == ["robot", "joints"] and len(found) > 2 and found[2].isdecimal():
+        found[2] = scene.robot.joints[int(found[2])].name
+    return found
 
 
 def _of_key(family: Family, name: str) -> tuple[Key, float]:

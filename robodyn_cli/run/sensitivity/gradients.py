@@ -12,6 +12,7 @@ from robodyn_cli.expr.by_keys import ByKeys
 from robodyn_cli.expr.calculus import SparseRow, gradients
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -57,9 +58,9 @@ class Gradients:
         self.kernel = SampleKernel({name: x for name, x in programs.items() if x}, known)
 
     @property
-    def digest(self) -> str:
-        """Key of everything that decides the code of values and derivatives."""
-        return self.kernel.program.digest
+    def program(self) -> Program:
+        """The code of values and derivatives, with its numbers."""
+        return self.kernel.program
 
     def __call__(self, samples: int, groups: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         """Return values and derivatives by name at so many samples."""
@@ -107,12 +108,12 @@ class MotionGradients:
             self._columns[group] = slice(len(columns), len(columns) + len(own))
             columns |= {x.index: len(columns) + k for k, x in enumerate(own)}
         self._columns[KEYS] = slice(len(columns), None)
-        self._program = Gradients(outputs, Columns(columns, len(columns), tuple(places)), [*symbols, "p"])
-        self.digest = self._program.digest
+        self._gradients = Gradients(outputs, Columns(columns, len(columns), tuple(places)), [*symbols, "p"])
+        self.program = self._gradients.program
 
     def __call__(self, groups: Mapping[str, Array], p: Sequence[float] = ()) -> Along:
         """Evaluate at samples: arrays (T, n) by group of symbols."""
-        found = self._program(len(groups["t"]), {**groups, "p": np.array(p, dtype=float)})
+        found = self._gradients(len(groups["t"]), {**groups, "p": np.array(p, dtype=float)})
         return Along(found, self._columns)
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.program import Program
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.run.inverse.checks import joint_figures
@@ -74,9 +75,9 @@ class InverseSlopes:
         return found
 
     @property
-    def digest(self) -> str:
-        """Key of everything that decides the code of values and derivatives."""
-        return self.gradients.digest + self.led.digest
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [self.gradients.program, *self.led.programs]
 
     def slopes(self) -> dict[str, list[Slope]]:
         """Return the derivatives of those outputs that are figures of the samples."""

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.run.mechanism.kinematics import leading, outputs, plan, problem_of, report, summarise
 from robodyn_cli.run.mechanism.motion import Planned
@@ -38,9 +39,9 @@ class KinematicsSlopes:
         self.gradients = MotionGradients(self.problem, outputs(self.problem), self.led.places)
 
     @property
-    def digest(self) -> str:
-        """Key of everything that decides the code of values and derivatives."""
-        return self.gradients.digest + self.led.digest
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [self.gradients.program, *self.led.programs]
 
     def slopes(self) -> dict[str, list[Slope]]:
         """Return the derivatives of those outputs that are figures of the samples."""

@@ -17,6 +17,7 @@ from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.program import Program
 from robodyn_cli.record import record
 from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions, lead_of
 from robodyn_cli.run.mechanism.motion import plan_motion
@@ -127,9 +128,9 @@ class Led:
             self.motion = LedMotion(self.course.problem, self.course.lead, self.course.times, self.places)
 
     @property
-    def digest(self) -> str:
-        """Key of everything that decides the code of values and derivatives."""
-        return "" if self.motion is None else self.motion.digest
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [] if self.motion is None else [self.motion.gradients.program]
 
     def moved(self, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the derivatives (T, n, K) of t, q, v and v-dot along a motion."""
@@ -150,8 +151,7 @@ class LedMotion:
     def __init__(self, problem: Problem, lead: Lead, times: Array, places: Sequence[str]) -> None:
         self.conditions, self.nv = LoopConditions(problem, lead, times), problem.model.nv
         levels = dict(zip((*LEVELS_OF, "J"), self.conditions.levels()))
-        self.program = MotionGradients(problem, {**levels, "N": velocity_map(problem)}, places)
-        self.digest = self.program.digest
+        self.gradients = MotionGradients(problem, {**levels, "N": velocity_map(problem)}, places)
 
     def changes(self, groups: Mapping[str, Array], dt: Array, asked: Arrays) -> dict[str, Array]:
         """Return the derivatives (T, n, K) of t, q, v and v-dot.
@@ -165,7 +165,7 @@ class LedMotion:
         ------
         CapabilityError : the conditions do not determine the motion.
         """
-        conditions, along = self.conditions, self.program(groups)
+        conditions, along = self.conditions, self.gradients(groups)
         sizes = conditions.sizes[:, None]
         J = along["J"].reshape(len(dt), -1, self.nv) * conditions.lengths / sizes
         s = np.linalg.svd(J, compute_uv=False)

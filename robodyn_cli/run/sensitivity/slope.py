@@ -27,7 +27,12 @@ TIMES = ("_time", "singular_ratio.time")
 
 def is_time_of_sample(output: str) -> bool:
     """Tell whether an output is the time of one of the samples, which stays or jumps when a key changes."""
-    return output.endswith(TIMES)
+    figures = output.startswith("drives.") and output.endswith(".time")
+    return (
+        output.endswith(TIMES)
+        or figures
+        or (output.startswith("control.tracking.") and output.endswith(".at"))
+    )
 
 
 def why_not(output: str) -> str:

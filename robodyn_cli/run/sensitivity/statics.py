@@ -14,9 +14,11 @@ from functools import cached_property
 
 import numpy as np
 
+from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.program import Program
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.inverse.terms import torque_terms
@@ -85,9 +87,9 @@ class StaticsSlopes:
         self.gradients = MotionGradients(problem, outputs, asked.places(numbers))
 
     @property
-    def digest(self) -> str:
-        """Key of everything that decides the code of values and derivatives."""
-        return self.gradients.digest
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [self.gradients.program]
 
     def _load(self) -> list[Scalar]:
         if self.balances:
@@ -108,14 +110,14 @@ class StaticsSlopes:
             raise CapabilityError("payloads are gripped or released on the way")
         model = self.problem.model
         q = balanced(self.problem, self.start).q if self.balances else self.start
-        still = np.zeros((1, model.nv))
+        still, p = np.zeros((1, model.nv)), moving_freely(self.problem.contact_joints)
         groups = {"t": np.zeros((1, 1)), "q": q[None], "v": still, "a": still}
         lam = np.zeros((1, len(self.problem.constraints.rows)))
-        along = self.gradients({**groups, "lam": lam})
+        along = self.gradients({**groups, "lam": lam}, p)
         found = self._balanced(along) if self.balances else self._held(along, q)
         found.values["q"] = q
         if self.loads is not None:
-            along = self.gradients({**groups, "lam": found.values["lam"][None]})
+            along = self.gradients({**groups, "lam": found.values["lam"][None]}, p)
             moved = {name: found.changes[name][None] for name in ("q", "lam")}
             for path in self.loads.names:
                 found.values[path], found.changes[path] = along[path][0], along.change(path, moved)[0]

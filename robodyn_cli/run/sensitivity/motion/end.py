@@ -24,6 +24,7 @@ from robodyn_cli.run.driver.second_run import tighter
 from robodyn_cli.run.many.keys import OPTION, Key
 from robodyn_cli.run.sensitivity.motion.blocks import nodes_of, transfers
 from robodyn_cli.run.sensitivity.motion.course import (
+    BESIDE,
     Switch,
     follow,
     parts_of,
@@ -33,6 +34,7 @@ from robodyn_cli.run.sensitivity.motion.course import (
     switches_of,
 )
 from robodyn_cli.run.sensitivity.motion.start import start_slopes
+from robodyn_cli.run.sensitivity.motion.updates import Updated
 from robodyn_cli.run.sensitivity.motion.variational import Linearised, Point, Slopes, Variational
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
@@ -94,7 +96,8 @@ class MotionSlopes:
             [float(key.sort == OPTION) for key in keys]
         )  # keys that are the time of the end
         self.variational = Variational(motion, places)
-        self.start = start_slopes(motion, self.variational, keys)
+        self.updates = Updated(motion, self.variational)
+        self.start = self.updates.begun(start_slopes(motion, self.variational, keys))
         self.follow()
 
     def follow(self) -> None:
@@ -103,7 +106,9 @@ class MotionSlopes:
         self.switches = switches_of(motion, end)
         steps = step_times(motion, end)
         self.mean_step = end / (len(steps) + 1)
-        self.parts = parts_of(end, self.switches, steps)
+        # a sample at the end of a sampled motion would show what an update at the end has set
+        last = end if motion.system.updates is None else end * (1.0 - BESIDE)
+        self.parts = parts_of(last, self.switches, steps)
 
     def found(self) -> tuple[EndSlopes, EndSlopes]:
         """Return the derivatives and their estimated errors.
@@ -158,10 +163,12 @@ class MotionSlopes:
         """Return S (nx, K) at the sample behind a switch, from that at the ``last`` sample before it."""
         before = along.point(last, S)
         before = before.moved(switch.time - before.t)
-        behind = along.point(last + 1, before.S)
+        S = before.S if switch.update is None else self.updates.over(switch.update, before)
+        behind = along.point(last + 1, S)
         away = behind.t - switch.time
-        jump = before.rate - behind.moved(-away).rate
-        S = before.S + np.outer(jump, self._shift(switch, before, jump))
+        if switch.functions or switch.update is None:
+            jump = before.rate - behind.moved(-away).rate
+            S = S + np.outer(jump, self._shift(switch, before, jump))
         return along.point(last + 1, S).moved(away).S
 
     def _shift(self, switch: Switch, before: Point, jump: Array) -> Array:
@@ -191,7 +198,9 @@ class MotionSlopes:
         """
         plain, function = self.variational.system, self.ending.function
         shift = self.lasting
-        if function is not None:
+        if function is None:
+            end = end.moved(self.ending.time - end.t)
+        else:
             at = self.variational.slopes([function], end.t, end.x)
             end = end.moved(-float(at.values[0]) / self._pace(at, end.rate))
         (S, sizes), terms = self._on_constraints(end), np.abs(shift)

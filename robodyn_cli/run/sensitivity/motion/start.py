@@ -55,7 +55,7 @@ def _closed(motion: Motion, variational: Variational, given_q: Array, given_v: A
     dq = closing.positions(given_q, variational.slopes(closing.rows.eta, 0.0, x).keys)
     rate = variational.slopes(closing.rows.velocity_residual(problem.v), 0.0, x)
     dv = closing.rates(given_v, rate.keys + rate.state[:, : system.nq] @ dq)
-    return np.concatenate([dq, dv])
+    return np.concatenate([dq, dv, np.zeros((system.size - 2 * system.nq, dq.shape[1]))])
 
 
 def given_slopes(names: Sequence[str], group: str, keys: Sequence[Key]) -> Array:

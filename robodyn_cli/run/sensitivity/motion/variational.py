@@ -18,6 +18,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
+from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion
@@ -131,15 +132,25 @@ class Variational:
             parts.append(self._rates(1, self.system.own_groups(t[k : k + 1], x[k : k + 1], p))["f"])
         return np.concatenate([f for f, _ in parts]), np.concatenate([J for _, J in parts])
 
-    def slopes(self, outputs: Sequence[Scalar], t: float, x: Array) -> Slopes:
-        """Return the derivatives of expressions of the integrator's symbols at time t and state x (nx,)."""
+    def slopes(self, outputs: Sequence[Scalar], t: float, x: Array, **more: Array) -> Slopes:
+        """Return the derivatives of expressions of the integrator's symbols at time t and state x (nx,).
+
+        more : values of symbols that nothing is differentiated by, by group.
+        """
         n = self.system.size
         identity = tuple(map(id, outputs))
         if identity not in self._known:
             self._known[identity] = outputs, at_one_point(outputs, self._columns(outputs))
         _, function = self._known[identity]
-        values, J = function(self.system.own_groups([t], x, np.zeros(0)))
+        values, J = function({**self.system.own_groups([t], x, np.zeros(0)), **more})
         return Slopes(values, J[:, :n], J[:, n + 1 :], J[:, n])
+
+
+def programs_of(motion: Motion) -> list[Program]:
+    """Return the code of the rates of a motion, and of what a sampled controller sets."""
+    system = _plain(motion)
+    updates = () if system.updates is None else system.updates.programs
+    return [make_program({"f": system.rates}, STATE_GROUPS), *updates]
 
 
 def _plain(motion: Motion) -> System:
