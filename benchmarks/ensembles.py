@@ -145,7 +145,7 @@ def has(module: str) -> bool:
 def double_pendulums(count: int, repeats: int) -> list[dict[str, Any]]:
     ensemble = Ensemble(count)
     actions = {f"robodyn {m}": ensemble.ours(m) for m in ("dop853", "gauss")}
-    actions["robodyn dop853, a loop in Python"] = ensemble.in_python("dop853")
+    actions["robodyn gauss, a loop in Python"] = ensemble.in_python("gauss")
     if has("heyoka"):
         actions[f"heyoka, batches of {BATCH}"] = ensemble.heyoka(BATCH, TOLERANCE)
         actions["heyoka, one by one"] = ensemble.heyoka(1, TOLERANCE)
@@ -163,6 +163,21 @@ def double_pendulums(count: int, repeats: int) -> list[dict[str, Any]]:
         if "heyoka, batches" in "".join(actions):
             rows[-1]["to_batch"] = measure.median_ratio(times[f"heyoka, batches of {BATCH}"], times[name])
     return rows
+
+
+def work_precision(count: int, repeats: int) -> list[dict[str, Any]]:
+    """Return runs a second and true errors over tolerances, of runs side by side and of heyoka's batches."""
+    ensemble = Ensemble(count)
+    actions = {("robodyn dop853", t): ensemble.ours("dop853", t) for t in (1e-7, 1e-9, 1e-11, 1e-13)}
+    actions |= {("robodyn gauss", t): ensemble.ours("gauss", t) for t in (1e-5, 1e-7, 1e-9, 1e-11)}
+    actions |= {(f"heyoka, batches of {BATCH}", t): ensemble.heyoka(BATCH, t) for t in (1e-6, 1e-9, 1e-12)}
+    reference = ensemble.heyoka(1, 1e-16, CHECKED)()
+    times = measure.alternate(actions, repeats)
+    return [
+        {"way": way, "tolerance": tolerance, "runs": count, "seconds": min(times[way, tolerance]),
+         "error": error_of(action(), reference)}
+        for (way, tolerance), action in actions.items()
+    ]  # fmt: skip
 
 
 def threads(count: int, repeats: int) -> dict[str, Any]:
@@ -286,6 +301,7 @@ def main() -> None:
     rows = double_pendulums(count, repeats)
     rows += stiff(20 if chosen.quick else 1000, repeats)
     rows += four_bars(count, repeats)
+    precise = work_precision(count // 5, repeats) if has("heyoka") else []
     side = threads(count, repeats)
     whole = studies(count)
     measure.print_machine()
@@ -303,7 +319,11 @@ def main() -> None:
     print(measure.table([head, *[
         [r["work"], f"{r['single']:.2f}", f"{r['study']:.2f}", f"{r['study'] / r['single']:.1f}"] for r in whole
     ]]))  # fmt: skip
-    measure.write_json(chosen.json, rows, **side, studies=whole)
+    head = ["double pendulums", "tolerance", "runs/s", "median error"]
+    print("\n" + measure.table([head, *[
+        [r["way"], f"{r['tolerance']:.0e}", f"{r['runs'] / r['seconds']:.0f}", f"{r['error']:.1e}"] for r in precise
+    ]]))  # fmt: skip
+    measure.write_json(chosen.json, rows, **side, studies=whole, work_precision=precise)
 
 
 if __name__ == "__main__":

@@ -195,7 +195,7 @@ def main() -> None:
 def recursions(sizes: list[int]) -> list[dict[str, Any]]:
     """Measure inverse (RNEA) and forward dynamics (ABA) of chains by loops over their bodies; print each row."""
     from robodyn_cli import load_scene_text
-    from robodyn_cli.kernels.rolled import RolledForwardDynamics, RolledInverseDynamics
+    from robodyn_cli.kernels.rolled.kernels import RolledForwardDynamics, RolledInverseDynamics
     from robodyn_cli.model.build import build_model
 
     texts = {n: tree(n, "simulate", chain=True).replace("prismatic", "revolute") for n in sizes}

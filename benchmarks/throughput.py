@@ -29,7 +29,7 @@ CHECKED = 250
 READY = """
 import sys, time
 from robodyn_cli import ForwardDynamics, InverseDynamics, load_scene_text
-import llvmlite.binding, robodyn_cli.kernels.rolled, robodyn_cli.kernels.samples
+import llvmlite.binding, robodyn_cli.kernels.rolled.kernels, robodyn_cli.kernels.samples
 scene = load_scene_text(sys.stdin.read())
 start = time.process_time()
 {kind}(scene)

@@ -13,21 +13,35 @@ from robodyn_cli.cli.console import width
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
     """Return rows as aligned columns; the first row is the head, the first column is text.
 
-    A table that is wider than the terminal (``columns``) is continued below, with the first column again.
+    In a table that is wider than the terminal (``columns``) units stand below their headings; one that is too wide
+    still is continued below, with the first column again.
     """
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     room = columns or width(sys.stdout) or math.inf
+    lines = [list(row) for row in rows]
+    if _wide(_widths(lines)) > room:
+        parted = [head.partition(" [") for head in rows[0]]
+        lines[:1] = [name for name, _, _ in parted], [f"[{unit}" if unit else "" for _, _, unit in parted]
+    widths = _widths(lines)
     parts: list[list[int]] = [[]]
     for k in range(1, len(widths)):
-        if parts[-1] and sum(widths[j] + 2 for j in [0, *parts[-1], k]) > room:
+        if parts[-1] and _wide([widths[j] for j in [0, *parts[-1], k]]) > room:
             parts.append([])
         parts[-1].append(k)
-    lines = []
-    for part in parts:
-        for row in rows:
-            cells = [row[0].ljust(widths[0]), *(row[k].rjust(widths[k]) for k in part)]
-            lines.append("  " + "  ".join(cells).rstrip())
-    return "\n".join(lines)
+    written = [
+        "  " + "  ".join([line[0].ljust(widths[0]), *(line[k].rjust(widths[k]) for k in part)]).rstrip()
+        for part in parts
+        for line in lines
+    ]
+    return "\n".join(line for line in written if line.strip())
+
+
+def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
+    return [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+
+
+def _wide(widths: Sequence[int]) -> int:
+    """Return the width of a table."""
+    return sum(widths) + 2 * len(widths)
 
 
 def number(x: Any, digits: int = 6) -> str:
@@ -93,10 +107,14 @@ def cost_line(summary: Mapping[str, Any]) -> str:
     """Return a line about steps and times."""
     counters = summary.get("counters", {})
     times = summary.get("wall_time_s", {})
-    steps = f"{counters.get('steps', 0)} steps, {counters.get('evaluations', 0)} evaluations"
+    steps = (
+        f"{counters['steps']} steps, {counters.get('evaluations', 0)} evaluations; "
+        if "steps" in counters
+        else ""
+    )
     parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
     told = " without an error estimate" if summary.get("error_estimate", {}) is None else ""
-    return f"  cost               {steps}; ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"
+    return f"  cost               {steps}ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"
 
 
 def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
@@ -128,7 +146,7 @@ DRIVE_FIGURES: tuple[tuple[str, tuple[str, ...], int], ...] = (
 
 
 def drive_lines(summary: Mapping[str, Any]) -> list[str]:
-    """Return the lines about motors and gears: what each bears, the margin, and what decides it."""
+    """Return the lines about motors and gears: whether each bears its duty, by what margin, and what it bears."""
     drives: Mapping[str, Mapping[str, Any]] = summary.get("drives", {})
     if not drives:
         return []
@@ -136,18 +154,26 @@ def drive_lines(summary: Mapping[str, Any]) -> list[str]:
     columns = [
         ["joint", *drives],
         ["motor", *(_parts(one) for one in every)],
+        ["margin", *(margin_text(one["margin"]) for one in every)],
+        ["decides", *(_decides(one) for one in every)],
+        ["verdict", *("bears it" if one["passes"] else "TOO SMALL" for one in every)],
         *(
             [heading, *(number(_below(one, path), digits) for one in every)]
             for heading, path, digits in DRIVE_FIGURES
         ),
-        ["margin", *(f"{number(100.0 * one['margin'], 3)} %" for one in every)],
-        ["decides", *(_decides(one) for one in every)],
-        ["", *("" if one["passes"] else "TOO SMALL" for one in every)],
     ]
     found = [table(list(zip(*columns)))]
+    off = max((_below(one, ("errors", "margin")) or 0.0 for one in every), default=0.0)
+    if off > 0.0:
+        found.append(f"  sampling           margins off by some {100.0 * off:.1g} %")
     if "catalogue" in summary:
         found.append(f"  catalogue          {summary['catalogue']}")
     return found
+
+
+def margin_text(margin: float) -> str:
+    """Return the part of a limit that is left, or, where more than twice the limit is asked for, how much."""
+    return f"{number(100.0 * margin, 3)} %" if margin >= -1.0 else f"{number(1.0 - margin, 3)} x limit"
 
 
 def _parts(drive: Mapping[str, Any]) -> str:

@@ -6,6 +6,7 @@ simulation evaluates it at every instant, or as one compiled program at each sam
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from typing import Any, ClassVar, Protocol
 
@@ -26,7 +27,6 @@ from robodyn_cli.schema.fields import (
     Tagged,
     key,
 )
-from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.registry import trajectory_types
 
 Problems = Iterator[tuple[tuple[str | int, ...], str]]
@@ -92,13 +92,14 @@ class OwnModel:
 class Controller:
     """The keys that all kinds share.
 
-    numbers : fields whose values are numbers of the compiled code's table. open_chain : whether the law needs a
-    mechanism without loops. whole : whether it needs to drive every joint. at_point : whether it follows a point.
-    reference : the motion that it follows, where it follows any.
+    numbers : fields whose values are numbers of the compiled code's table. shares : whether the driven joints of a
+    mechanism with loops share a load, so that they must command all its freedoms. whole : whether the law needs to
+    drive every joint of an open chain. at_point : whether it follows a point. reference : the motion that it follows,
+    where it follows any. directions : (n, f) numbers of more driven joints than freedoms f, see ``DrivenJoints``.
     """
 
-    numbers: ClassVar[tuple[str, ...]] = ("gains", "limit", "rate_limit", "sensors", "period")
-    open_chain: ClassVar[bool] = False
+    numbers: ClassVar[tuple[str, ...]] = ("gains", "limit", "rate_limit", "sensors", "period", "directions")
+    shares: ClassVar[bool] = False
     whole: ClassVar[bool] = False
     at_point: ClassVar[bool] = False
 
@@ -132,6 +133,7 @@ class Controller:
         POSITIVE_PER_JOINT, default=None, unit="N m/s or N/s", doc="Largest change of the torque in a second."
     )
     sensors: Sensors = key(Section(Sensors), default=Sensors(), doc="How it sees the joints.")
+    directions: Any = dataclasses.field(default=None, compare=False, repr=False)
 
     def problems(self) -> Problems:
         """Report what single keys cannot tell, as (path below ``control``, message)."""
@@ -187,8 +189,17 @@ class Situation(Protocol):
         """Return what formulas may ask for, by name."""
         ...
 
-    def inverse_dynamics(self, q: Sequence[Any], qd: Sequence[Any], qdd: Sequence[Any]) -> list[Any]:
-        """Return the model's torques for a motion of all joints; those of springs and friction included."""
+    def seen_of(self, name: str) -> tuple[Any, Any]:
+        """Return measured position and rate of any joint of one coordinate."""
+        ...
+
+    def inverse_dynamics(self, accelerations: Sequence[Any]) -> list[Any]:
+        """Return the model's torques that give the driven joints accelerations (n,) where they are measured to be;
+        those of springs and friction included."""
+        ...
+
+    def feed_forward(self) -> list[Any]:
+        """Return the same torques for the reference itself."""
         ...
 
     def gravity(self) -> list[Any]:
@@ -199,16 +210,12 @@ class Situation(Protocol):
         """Return the point that the reference leads."""
         ...
 
-    def linear(self, pose: dict[str, float]) -> Linear:
-        """Return the model about a pose at rest."""
-        ...
-
 
 @record
 class PointTask:
     """A point in world coordinates: where it is and how fast, and where it should be [m, m/s].
 
-    torques : from a force on it (m,) to torques J^T F (n,).
+    torques : from a force on it (m,) to torques (n,): J^T F, in a mechanism with loops the share of the driven joints.
     """
 
     p: list[Any]
@@ -216,23 +223,6 @@ class PointTask:
     wanted: list[Any]
     wanted_rate: list[Any]
     torques: Any
-
-
-@record
-class Linear:
-    """x-dot = A x + B u about a pose at rest, x = (q - q0, v) of all joints, u = tau - tau0 of the driven ones.
-
-    x : q - q0 and v as the controller measures them. tau : tau0 (n,). names : of the joints. refuse : raises the error
-    of a pose for which there is no gain.
-    """
-
-    A: Array
-    B: Array
-    x: list[Any]
-    tau: Array
-    names: tuple[str, ...]
-    period: float | None
-    refuse: Any
 
 
 def tracking(at: Situation, kp: Any, kd: Any) -> list[Any]:

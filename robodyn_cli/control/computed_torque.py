@@ -22,10 +22,11 @@ class ComputedTorque(Follower):
     """``tau = M(q) a + C(q, qd) qd + G(q) - tau_f``, ``a = qdd_ref + kd e-dot + kp e``.
 
     M, C, G and tau_f (springs, dampers, friction) are those of the controller's model. Where it is exact, the error of
-    each joint obeys ``e-ddot + kd e-dot + kp e = 0`` (Siciliano et al. 2009, section 8.5.2).
+    each joint obeys ``e-ddot + kd e-dot + kp e = 0`` (Siciliano et al. 2009, section 8.5.2). In a mechanism with loops
+    a belongs to the driven joints, and tau gives them just these accelerations (``algorithms/driven.py``).
     """
 
-    open_chain: ClassVar[bool] = True
+    shares: ClassVar[bool] = True
     whole: ClassVar[bool] = True
 
     type: str = key(Choice(("computed_torque",)), doc="Kind of controller.")
@@ -34,4 +35,4 @@ class ComputedTorque(Follower):
     def torques(self, at: Situation) -> list[Any]:
         _, _, a = at.reference
         asked = [x + y for x, y in zip(a, tracking(at, self.gains.kp, self.gains.kd))]
-        return at.inverse_dynamics(at.q, at.qd, asked)
+        return at.inverse_dynamics(asked)

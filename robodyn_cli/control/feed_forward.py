@@ -14,12 +14,11 @@ from robodyn_cli.schema.fields import Choice, Section, key
 class FeedForward(Follower):
     """``tau = ID(q_ref, qd_ref, qdd_ref) + kp e + kd e-dot``, with ID of the controller's model."""
 
-    open_chain: ClassVar[bool] = True
+    shares: ClassVar[bool] = True
     whole: ClassVar[bool] = True
 
     type: str = key(Choice(("feed_forward",)), doc="Kind of controller.")
     gains: PdGains = key(Section(PdGains), default=PdGains(), doc="Its gains.")
 
     def torques(self, at: Situation) -> list[Any]:
-        ahead = at.inverse_dynamics(*at.reference)
-        return [x + y for x, y in zip(ahead, tracking(at, self.gains.kp, self.gains.kd))]
+        return [x + y for x, y in zip(at.feed_forward(), tracking(at, self.gains.kp, self.gains.kd))]

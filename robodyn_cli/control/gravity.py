@@ -14,7 +14,7 @@ from robodyn_cli.schema.fields import Choice, Section, key
 class Gravity(Follower):
     """``tau = G(q) + kp e + kd e-dot``, with G of the controller's model; no gains: compensation alone."""
 
-    open_chain: ClassVar[bool] = True
+    shares: ClassVar[bool] = True
 
     type: str = key(Choice(("gravity",)), doc="Kind of controller.")
     gains: PdGains = key(Section(PdGains), default=PdGains(), doc="Its gains.")

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any, ClassVar
 
 import numpy as np
 
-from robodyn_cli.control.base import PER_JOINT, POSITIVE_PER_JOINT, Controller, Linear, Situation
+from robodyn_cli.control.base import PER_JOINT, POSITIVE_PER_JOINT, Controller, Situation
 from robodyn_cli.control.reachable import hidden
-from robodyn_cli.expr.fixed import literal
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, JointMap, Number, Section, key
 from robodyn_cli.spatial.algebra import Array
@@ -28,78 +28,81 @@ class Weights:
 
 
 @record
+class Regulator:
+    """tau = hold - gain (q - at, qd) of independent joints of one coordinate; gain (n, 2 f), hold (n,), at (f,)."""
+
+    joints: tuple[str, ...]
+    gain: tuple[tuple[float, ...], ...]
+    hold: tuple[float, ...]
+    at: tuple[float, ...]
+
+
+@record
 class Lqr(Controller):
-    """``tau = tau_0 - K x`` with ``x = (q - q_0, qd)`` of all joints, which makes the integral of the cost least:
+    """``tau = tau_0 - K x`` with ``x = (q - q_0, qd)``, which makes the integral of the cost least:
 
         x^T Q x + u^T R u,   x-dot = A x + B u
 
-    for the model linearised about the pose q_0 at rest, tau_0 holding it there. With a sampling period, x and u are
-    those at the samples (discrete regulator).
+    for the model linearised about the pose q_0 at rest, tau_0 holding it there. Q counts all joints; K belongs to
+    independent ones, which in a mechanism with loops give the others. With a sampling period, x and u are those at the
+    samples (discrete regulator).
+
+    regulator : what ``run/control/regulator.py`` finds before the equations are built.
     """
 
-    open_chain: ClassVar[bool] = True
-    numbers: ClassVar[tuple[str, ...]] = ("limit", "rate_limit", "sensors", "period", "pose")
+    numbers: ClassVar[tuple[str, ...]] = ("limit", "rate_limit", "sensors", "period", "pose", "regulator")
 
     type: str = key(Choice(("lqr",)), doc="Kind of controller.")
     gains: Weights = key(Section(Weights), default=Weights(), doc="Weights Q (`q`, `qd`) and R (`tau`).")
     pose: dict[str, float] = key(
         JointMap(Number(angle=True)), default=None, unit="rad or m", doc="The pose q_0; by default the start."
     )
+    regulator: Any = dataclasses.field(default=None, compare=False, repr=False)
 
     def torques(self, at: Situation) -> list[Any]:
-        linear = at.linear(self.pose)
-        K = self.gain_matrix(linear, at)
-        return [
-            literal(float(tau), f"control.tau_0.{i}")
-            - sum(literal(float(k), f"control.K.{i}.{j}") * x for j, (k, x) in enumerate(zip(row, linear.x)))
-            for i, (tau, row) in enumerate(zip(linear.tau, K))
-        ]
-
-    def gain_matrix(self, linear: Linear, at: Situation) -> Array:
-        """Return K (n, 2 nv)."""
-        n = len(linear.names)
-        weights = [_by_name(w, linear.names) for w in (self.gains.q, self.gains.qd)]
-        R = np.diag([float(x) for x in at.each(self.gains.tau, "gains.tau")])
-        try:
-            return regulator(linear, np.diag(np.concatenate(weights)), R)
-        except np.linalg.LinAlgError as error:
-            rates = "" if n == 0 else " (a mode that costs nothing and does not decay needs a weight)"
-            linear.refuse(f"the Riccati equation has no solution that stabilises: {error}{rates}")
-            raise
+        own = self.regulator
+        seen = [at.seen_of(name) for name in own.joints]
+        x = [*(q - q0 for (q, _), q0 in zip(seen, own.at)), *(qd for _, qd in seen)]
+        return [tau - sum(k * y for k, y in zip(row, x)) for tau, row in zip(own.hold, own.gain)]
 
 
-def regulator(linear: Linear, Q: Array, R: Array) -> Array:
+def regulator_gain(A: Array, B: Array, Q: Array, R: Array, period: float | None) -> Array:
     """Return the gain K of the regulator (Anderson and Moore 1990), in the form that the period asks for.
 
     Raises
     ------
-    SceneError : some mode that does not decay cannot be reached by the torques, or one that stays costs nothing.
+    ValueError : in words: some mode that does not decay cannot be reached by the torques, one that stays costs nothing,
+    or there is no solution.
     """
     from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-    A, B = linear.A, linear.B
     unreachable = unreachable_mode(A, B)
     if unreachable is not None:
-        linear.refuse(
+        raise ValueError(
             f"the pair (A, B) cannot be stabilised: the mode {unreachable:.4g} 1/s does not decay, and the driven "
             "joints have no influence on it; allowed: joints that do"
         )
     costless = costless_mode(A, Q)
     if costless is not None:
-        linear.refuse(
+        raise ValueError(
             f"the mode {costless:.4g} 1/s neither grows nor decays and costs nothing, so it would stay as it is; "
             "allowed: weights `gains.q` and `gains.qd` that see it"
         )
-    if linear.period is None:
-        P = solve_continuous_are(A, B, Q, R)
-        return np.linalg.solve(R, B.T @ P)
-    n, m = B.shape
-    whole = np.zeros((n + m, n + m))
-    whole[:n, :n], whole[:n, n:] = A, B
-    step = expm(linear.period * whole)
-    F, G = step[:n, :n], step[:n, n:]
-    P = solve_discrete_are(F, G, Q, R)
-    return np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F)
+    try:
+        if period is None:
+            return np.asarray(np.linalg.solve(R, B.T @ solve_continuous_are(A, B, Q, R)))
+        n, m = B.shape
+        whole = np.zeros((n + m, n + m))
+        whole[:n, :n], whole[:n, n:] = A, B
+        step = expm(period * whole)
+        F, G = step[:n, :n], step[:n, n:]
+        P = solve_discrete_are(F, G, Q, R)
+        return np.asarray(np.linalg.solve(R + G.T @ P @ G, G.T @ P @ F))
+    except np.linalg.LinAlgError as error:
+        raise ValueError(
+            f"the Riccati equation has no solution that stabilises: {error} (a mode that costs nothing and does not "
+            "decay needs a weight)"
+        ) from error
 
 
 def unreachable_mode(A: Array, B: Array) -> complex | None:
@@ -121,9 +124,3 @@ def costless_mode(A: Array, Q: Array) -> complex | None:
 
 def _size(A: Array) -> float:
     return max(1.0, float(np.abs(A).max(initial=0.0)))
-
-
-def _by_name(weight: Any, names: tuple[str, ...]) -> Array:
-    """Return a weight for each joint; joints that a map does not name cost nothing."""
-    found = [weight.get(name, 0.0) if isinstance(weight, dict) else weight for name in names]
-    return np.array([float(x) for x in found])

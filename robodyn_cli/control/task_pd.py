@@ -25,7 +25,7 @@ class TaskPd(Follower):
     p is the point that the reference leads, a path of a point; its attitude, where the path has one, is left free.
     """
 
-    open_chain: ClassVar[bool] = True
+    shares: ClassVar[bool] = True
     at_point: ClassVar[bool] = True
 
     type: str = key(Choice(("task_pd",)), doc="Kind of controller.")

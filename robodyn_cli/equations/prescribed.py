@@ -10,7 +10,6 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Body, Model
-from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import cross, dot, vector, zeros
 from robodyn_cli.trajectories.attitudes import evaluated, joint_expressions
@@ -41,13 +40,15 @@ def prescribed_rows(
     return rows
 
 
-def attitude_functions(scene: Scene, t: Expr) -> dict[str, list[Scalar]]:
+def attitude_functions(
+    prescribed: Mapping[str, Any], parameters: Mapping[str, float], t: Expr
+) -> dict[str, list[Scalar]]:
     """Return what the rows of attitudes depend on, with two derivatives, by joint (``prescribed.ball``).
 
     Where these functions of t are smooth, the rows are; the rows themselves are long, and their bounds wide.
     """
-    env = {"t": t, **{f"p.{name}": value for name, value in scene.parameters.items()}}
-    given = evaluated(scene.prescribed, env)
+    env = {"t": t, **{f"p.{name}": value for name, value in parameters.items()}}
+    given = evaluated(prescribed, env)
     found: dict[str, list[Scalar]] = {}
     for joint in (name for name in led_joints(given) if name not in given):
         entries: list[Scalar] = []

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.scene import types as sc
-from robodyn_cli.trajectories.led import followed_by
+from robodyn_cli.trajectories.led import followed_by, given_by_formulas
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Constraints
@@ -57,11 +57,13 @@ class Switching:
         if e.scene.prescribed:
             from robodyn_cli.equations.prescribed import attitude_functions
 
-            attitudes = {} if self.followed is not None else attitude_functions(e.scene, e.t)
+            prescribed = e.scene.prescribed
+            given = prescribed if self.followed is None else given_by_formulas(prescribed)
+            attitudes = attitude_functions(given, e.scene.parameters, e.t)
             found += attitudes.items()
-            known = {e.constraints.rows[i].name for i in e.constraints.prescribed}
-            if self.followed is None:
-                known = {name for name in known if name.rpartition(".")[0] in attitudes}
+            names = [e.constraints.rows[i].name for i in e.constraints.prescribed]
+            formulas = {f"prescribed.{name}" for name in given}
+            known = {x for x in names if x not in formulas or x.rpartition(".")[0] in attitudes}
         rows = [e.constraints.rows[i] for i in e.constraints.rheonomic]
         for row in (row for row in rows if row.name not in known):
             found.append((row.name, [row.eta, row.eta_t, row.gamma]))

@@ -16,14 +16,6 @@ NUMPY = {
 }  # fmt: skip
 
 
-def array_function(op: str) -> Callable[..., Any]:
-    """Return an elementary function of arrays; of a number it gives what it gives in an array, to the bit."""
-    import numpy as np
-
-    found: Callable[..., Any] = getattr(np, NUMPY.get(op, op))
-    return found
-
-
 def _sign(x: float) -> float:
     return math.nan if math.isnan(x) else float(int(x > 0) - int(x < 0))
 
@@ -36,7 +28,9 @@ def _lift(op: str, number: Callable[[float], float]) -> Callable[[Any], Any]:
             return applied(op, number, x)
         if isinstance(x, (float, int)):
             return number(x)
-        return array_function(op)(x)
+        import numpy as np
+
+        return getattr(np, NUMPY.get(op, op))(x)
 
     function.__name__ = op
     function.__doc__ = f"Return {op}(x)."
@@ -80,7 +74,9 @@ def _lift_two(op: str, number: Callable[[Any, Any], float], doc: str) -> Callabl
             return graph.binary(op, a, b)
         if _scalar(a, b):
             return _number(op, number, a, b)
-        return array_function(op)(a, b)
+        import numpy as np
+
+        return getattr(np, NUMPY.get(op, op))(a, b)
 
     function.__name__, function.__doc__ = op, doc
     return function

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import CANCELLED, Fixed, Witness, derive
-from robodyn_cli.expr.functions import array_function, where
+from robodyn_cli.expr.functions import NUMPY, where
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.rebuild import APPLY, piecewise
 
@@ -284,6 +284,6 @@ _PLAIN: Operations = {**_SUMS, "mul": operator.mul, "neg": operator.neg}
 TOGETHER: Operations = {**APPLY, **_PLAIN}
 # of numbers, which come out as they do in an array, to the bit
 ALONE: Operations = {**_PLAIN, "div": _quotient, "where": where}
-ALONE |= {op: array_function(op) for op in TOGETHER if op not in ALONE}
+ALONE |= {op: getattr(np, NUMPY.get(op, op)) for op in TOGETHER if op not in ALONE}
 SUMS_ALONE: Operations = {op: _summed(add) for op, add in _SUMS.items()}
 SUMS_TOGETHER: Operations = {op: _summed_together(add) for op, add in _SUMS.items()}

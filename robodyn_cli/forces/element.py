@@ -143,7 +143,8 @@ class InJoint:
     def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit a coordinate, or a rotation or translation in space, as ``problems`` does."""
         if in_space:
-            yield (), "acts on one coordinate, and a motion in any direction has none"
+            what = "acts on one coordinate, and this joint turns or moves in any direction"
+            yield (), f"{what}; allowed: joints of one axis, and single coordinates of others"
 
     def potential(self, q: Any) -> Any:
         """Return the potential energy [J] at position ``q``."""

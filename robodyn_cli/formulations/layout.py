@@ -5,11 +5,11 @@ A joint whose v is the rate of its q goes into the former. One with quasi-veloci
 goes into z with both its q and its v:
 
     positions, rates : q and v of the joints with q-dot = v
-    z                : q, v of each joint with quasi-velocities, then the further states (work, controllers)
+    z                : q, v of each joint with quasi-velocities, then the further states (controllers, work)
 
 Nothing is lost by that: a collocation method gives the same solution in acceleration form and in first-order form,
 Gauss keeps |quaternion| as it does any quadratic invariant, and no method needs to know. The state is put back on
-the joints' manifolds after each step (``System.normalisation``).
+the joints' manifolds after each step (``Corrections.normalisation``).
 """
 
 from __future__ import annotations

@@ -19,8 +19,8 @@ from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
 from robodyn_cli.kernels.lower import LANES, lower
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
-from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function
-from robodyn_cli.kernels.rolled_tables import RolledPlan
+from robodyn_cli.kernels.rolled.loops import rolled_function, tree_function
+from robodyn_cli.kernels.rolled.tables import RolledPlan
 from robodyn_cli.model.model import STATE_GROUPS, Model
 
 

@@ -151,6 +151,11 @@ class System:
         """How many states there are beside the mechanism's q and v."""
         return self.nz if self.layout is None else len(self.layout.z)
 
+    @property
+    def work_place(self) -> int | None:
+        """Place in x of the work, the last of the further states; None where it is not integrated."""
+        return self.size - 1 if self.work_done_by else None
+
     def split(self, x: NDArray[Any]) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
         """Return the mechanism's q, v and z of states x (..., nx)."""
         if self.layout is None:
@@ -176,6 +181,12 @@ class System:
         """Return the inputs of kernels of this system's own expressions (events, corrections); as ``groups``."""
         q, v, z = np.split(x, [self.nq, self.nq + self.nv], axis=-1)
         return {"t": t, "q": q, "v": v, "z": z, "p": p}
+
+    def parameters_at(self, t: float, q: NDArray[Any]) -> NDArray[np.float64]:
+        """Return the parameters p that a run starts with at q (nq,): those given, or what the partition chooses."""
+        if self.partition is None:
+            return np.array(self.parameters or [0.0])
+        return np.concatenate([np.zeros(self.partition.first), self.partition.choose(t, q, None)])
 
     def watched_by(self, owner_of: Callable[[EventFunction], Owner | None]) -> System:
         """Return the system with other owners of its events, without those that ``owner_of`` gives none for."""

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Function, Int, Value
-from robodyn_cli.kernels.mathematics import operation, sincos
+from robodyn_cli.kernels.mathematics import operation, piecewise, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
 if TYPE_CHECKING:
@@ -23,41 +23,6 @@ REGISTERS = "registers"  # argument of functions that evaluate programs: memory 
 def is_inlined(program: Program) -> bool:
     """Tell whether a program's code goes where it is evaluated, instead of into a function of its own."""
     return program.operations <= INLINE_LIMIT
-
-
-def _table(f: Function, x: Value, at: str, n: int, degree: int, held: bool) -> Value:
-    """Piecewise polynomial by bisection, lane by lane.
-
-    n knots, n - 1 coefficients of each power, and the values held beyond the ends lie one after another.
-    """
-    rows = [f.offset(at, n + power * (n - 1)) for power in range(degree + 2)]
-    first, last = f.load(at), f.load(f.offset(at, n - 1))
-    results = []
-    for k in range(x.width):
-        u = f.lane(x, k)
-        low, high = f.int_slot(), f.int_slot()
-        f.store_int(0, low)
-        f.store_int(n - 1, high)
-        # bisection with a fixed number of halvings needs no test of its own
-        for _ in range(max(1, (n - 1).bit_length())):
-            a, b = f.load_int(low), f.load_int(high)
-            middle = f.emit_int(f"lshr i64 {(a + b).ref}, 1")
-            right = f.compare("oge", u, f.load(f.offset(at, middle)))
-            wider = f.compare_int("sgt", b - a, 1)
-            f.store_int(f.select_int(right & wider, middle, a), low)
-            f.store_int(f.select_int((~right) & wider, middle, b), high)
-        i = f.load_int(low)
-        s = u - f.load(f.offset(at, i))
-        value = f.load(f.offset(rows[degree], i))
-        for power in reversed(range(degree)):
-            value = f.load(f.offset(rows[power], i)) + s * value
-        if held:
-            inside = f.compare("oge", u, first) & f.compare("olt", u, last)
-            ends = f.load(rows[-1]), f.load(f.offset(rows[-1], 1))
-            outside = f.select(f.compare("olt", u, first), *ends)
-            value = f.select(inside, value, f.select(f.compare("uno", u, 0.0), u, outside))
-        results.append(value)
-    return f.pack(results, x.width)
 
 
 class Loaded(Array):
@@ -161,7 +126,7 @@ class _Lowering:
         args = [self.value(a) for a in i.args]
         if i.op == "table":
             first, *shape = i.value
-            return _table(f, args[0], f.offset(self._numbers.base, first), *shape)
+            return piecewise(f, args[0], f.offset(self._numbers.base, first), *shape)
         return operation(f, i.op, args, self.fused)
 
 
@@ -273,7 +238,7 @@ class Programs:
         """
         if is_inlined(program):
             return lower(f, program, _values(f, program, inputs, width), width, self.fused)
-        if self.interpreted and not program.has_tables:
+        if self.interpreted:
             return self._interpret(f, program, inputs, width)
         name = f"program.{program.digest[:12]}.{width}"
         if name not in self.functions:
@@ -311,7 +276,7 @@ class Programs:
             else:
                 for position, value in enumerate(source[:count]):
                     target[position] = value
-        f.call(function, [f"ptr {address}", f"ptr {registers.base}"])
+        f.call(function, [f"ptr {address}", f"ptr {registers.base}", f"ptr {numbers.base}"])
         return {
             output: [f.constant(e, width) if isinstance(e, float) else registers[e] for e in entries]
             for output, entries in code.outputs.items()

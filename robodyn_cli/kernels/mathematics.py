@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.kernels.ir import Function, Value, double_type, int_type
+from robodyn_cli.kernels.ir import Function, Int, Value, double_type, int_type
 from robodyn_cli.kernels.program import TRIGONOMETRIC
 
 # pi/2 in three parts of full precision: with fused multiply-add each product is exact, so the reduction holds
@@ -180,3 +180,75 @@ def operation(f: Function, op: str, args: Sequence[Value], fused: bool) -> Value
     if op in LIBRARY:
         return f.intrinsic(op, args)
     raise CapabilityError(f"the operation {op} cannot be compiled")
+
+
+# -- piecewise polynomials ------------------------------------------------------------------------------------
+# Their numbers lie in a program's table: n knots, n - 1 coefficients of each power from the lowest on, and the values
+# held beyond the ends.
+def halvings(n: int) -> int:
+    """Return how many halvings find one of n - 1 segments; so many need no test of their own."""
+    return max(1, (n - 1).bit_length())
+
+
+def piecewise(f: Function, x: Value, at: str, n: int, degree: int, held: bool) -> Value:
+    """Return the polynomial at x, lane by lane; the numbers begin at the address ``at``."""
+    rows = [f.offset(at, n + power * (n - 1)) for power in range(degree + 2)]
+    results = []
+    for k in range(x.width):
+        u = f.lane(x, k)
+        low, high = _interval(f, n)
+        for _ in range(halvings(n)):
+            _halve(f, u, at, low, high)
+        i = f.load_int(low)
+        s = u - f.load(f.offset(at, i))
+        value = f.load(f.offset(rows[degree], i))
+        for power in reversed(range(degree)):
+            value = f.load(f.offset(rows[power], i)) + s * value
+        if held:
+            value = _beyond_ends(f, u, value, at, f.offset(at, n - 1), rows[-1])
+        results.append(value)
+    return f.pack(results, x.width)
+
+
+def piecewise_of_shape(f: Function, u: Value, at: str, shape: list[Int], target: str) -> None:
+    """Store the polynomial at u, one number, of which the code reads the shape: n, degree, held, halvings."""
+    n, degree, held, times = shape
+    low, high = _interval(f, n)
+    with f.count(times):
+        _halve(f, u, at, low, high)
+    i = f.load_int(low)
+    s = u - f.load(f.offset(at, i))
+    segments = n - 1
+    row = f.offset(f.offset(at, n), i)
+    f.store(f.load(f.offset(row, segments * degree)), target)
+    with f.count(degree, down=True) as power:
+        f.store(f.load(f.offset(row, segments * power)) + s * f.load(target), target)
+    with f.when(f.compare_int("sgt", held, 0)):
+        ends = f.offset(f.offset(at, n), segments * (degree + 1))
+        f.store(_beyond_ends(f, u, f.load(target), at, f.offset(at, segments), ends), target)
+
+
+def _interval(f: Function, n: Int | int) -> tuple[str, str]:
+    """Return the places in memory of the ends of the interval that is halved: at first all n knots."""
+    low, high = f.int_slot(), f.int_slot()
+    f.store_int(0, low)
+    f.store_int(n - 1, high)
+    return low, high
+
+
+def _halve(f: Function, u: Value, at: str, low: str, high: str) -> None:
+    """Halve the interval of knots that u lies in, unless it is one segment."""
+    a, b = f.load_int(low), f.load_int(high)
+    middle = f.emit_int(f"lshr i64 {(a + b).ref}, 1")
+    right = f.compare("oge", u, f.load(f.offset(at, middle)))
+    wider = f.compare_int("sgt", b - a, 1)
+    f.store_int(f.select_int(right & wider, middle, a), low)
+    f.store_int(f.select_int((~right) & wider, middle, b), high)
+
+
+def _beyond_ends(f: Function, u: Value, value: Value, first: str, last: str, ends: str) -> Value:
+    """Return the value between the first and the last knot, and those held before and behind; u itself if NaN."""
+    begin, end = f.load(first), f.load(last)
+    inside = f.compare("oge", u, begin) & f.compare("olt", u, end)
+    held = f.select(f.compare("olt", u, begin), f.load(ends), f.load(f.offset(ends, 1)))
+    return f.select(inside, value, f.select(f.compare("uno", u, 0.0), u, held))

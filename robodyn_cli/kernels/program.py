@@ -77,7 +77,7 @@ class Program:
 
     @property
     def has_tables(self) -> bool:
-        """Whether values are looked up in tables, which machine code does and bytecode does not."""
+        """Whether values are looked up in tables, whose numbers lanes share."""
         return any(i.op == "table" for i in self.instructions)
 
     @cached_property

@@ -93,7 +93,7 @@ class SampleKernel:
     @cached_property
     def _interpreted(self) -> InterpretedSamples | None:
         """The program as data; None for a program that is compiled at once."""
-        if self.program.operations <= LONG or self.program.has_tables:
+        if self.program.operations <= LONG:
             return None
         from robodyn_cli.kernels.bytecode.samples import InterpretedSamples
 

@@ -39,6 +39,20 @@ class Manifold:
         body = next(b for b in self.quasi if b.v <= velocity < b.v + b.joint.nv)
         return range(body.q, body.q + body.joint.nq)
 
+    def rates(self, q: Array, v: Array, a: Array) -> tuple[Array, Array]:
+        """Return q-dot and q-ddot (nq,) at position q (nq,), velocity v and acceleration a (nv,)."""
+        first, second = np.zeros(self.nq), np.zeros(self.nq)
+        first[self._to], second[self._to] = v[self._from], a[self._from]
+        for body in self.quasi:
+            here, there = self._slices(body)
+            at, w = _vector(q[here]), _vector(v[there])
+            rate = body.joint.velocity_map(at, w)
+            first[here] = _numbers(rate)
+            # q-dot = N(q) v, N of at most the second degree in q: differences over unit lengths are exact
+            bent = body.joint.velocity_map(at + rate, w) - body.joint.velocity_map(at - rate, w)
+            second[here] = _numbers(body.joint.velocity_map(at, _vector(a[there])) + 0.5 * bent)
+        return first, second
+
     def neutral(self) -> Array:
         """Return the position at which every joint's transform is the identity."""
         return self._neutral.copy()

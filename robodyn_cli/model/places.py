@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from robodyn_cli.expr.fixed import Fixed, free, literal
@@ -70,6 +70,19 @@ def _freed(value: Any, place: str, places: frozenset[str]) -> Any:
     return dataclasses.replace(value, **changed) if changed else value
 
 
+def with_own_places(scene: Scene, keys: Sequence[str], prefix: str) -> Scene:
+    """Return the scene with numbers at some keys as ``Fixed`` at places behind a prefix.
+
+    So a model with another mass has a number of its own there, even where both masses happen to be equal.
+    """
+
+    def own(value: float, place: str) -> float:
+        inside = any(place == name or place.startswith((f"{name}.", f"{name}#")) for name in keys)
+        return literal(value, f"{prefix}.{place}") if inside else value
+
+    return dataclasses.replace(scene, **{name: _placed(getattr(scene, name), name, own) for name in SECTIONS})
+
+
 def numbers_at_places(scene: Scene) -> dict[str, float]:
     """Return the numbers of a scene that enter the equations, by their places."""
     found: dict[str, float] = {}
@@ -102,23 +115,24 @@ def numbers_at_places(scene: Scene) -> dict[str, float]:
     return found
 
 
-def _placed(value: Any, place: str) -> Any:
+def _placed(value: Any, place: str, number: Callable[[float, str], float] = literal) -> Any:
+    """Return a value with its numbers as ``number`` gives them for their places."""
     if isinstance(value, float):
-        return value if isinstance(value, Fixed) else literal(value, place)
+        return value if isinstance(value, Fixed) else number(value, place)
     if isinstance(value, Formula):
-        return _formula(value, place)
+        return _formula(value, place, number)
     if isinstance(value, dict):
-        return {name: _placed(x, f"{place}.{name}") for name, x in value.items()}
+        return {name: _placed(x, f"{place}.{name}", number) for name, x in value.items()}
     if isinstance(value, tuple):
         if len(value) == 2 and isinstance(value[0], str) and dataclasses.is_dataclass(value[1]):
-            return value[0], _placed(value[1], f"{place.rpartition('.')[0]}.{value[0]}")
-        return tuple(_placed(x, f"{place}.{getattr(x, 'name', k)}") for k, x in enumerate(value))
+            return value[0], _placed(value[1], f"{place.rpartition('.')[0]}.{value[0]}", number)
+        return tuple(_placed(x, f"{place}.{getattr(x, 'name', k)}", number) for k, x in enumerate(value))
     if dataclasses.is_dataclass(value):
-        return _record(value, place)
+        return _record(value, place, number)
     return value
 
 
-def _record(value: Any, place: str) -> Any:
+def _record(value: Any, place: str, number: Callable[[float, str], float]) -> Any:
     changed = {}
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
@@ -131,7 +145,7 @@ def _record(value: Any, place: str) -> Any:
             or (isinstance(own, float) and own == field.default)
         ):
             continue
-        found = _placed(own, f"{place}.{key_name(field)}")
+        found = _placed(own, f"{place}.{key_name(field)}", number)
         if found is not own:
             changed[field.name] = found
     return dataclasses.replace(value, **changed) if changed else value
@@ -142,7 +156,7 @@ def _is_attitude(kind: Any) -> bool:
     return isinstance(kind, Direction) or (isinstance(kind, Vector) and kind.angle)
 
 
-def _formula(formula: Formula, place: str) -> Formula:
+def _formula(formula: Formula, place: str, number: Callable[[float, str], float]) -> Formula:
     count = 0
 
     def leaf(node: Node) -> Node:
@@ -150,6 +164,6 @@ def _formula(formula: Formula, place: str) -> Formula:
         if not isinstance(node, Num) or isinstance(node.number, Fixed):
             return node
         count += 1
-        return Num(literal(node.number, f"{place}#{count}"))
+        return Num(number(node.number, f"{place}#{count}"))
 
     return dataclasses.replace(formula, root=formula.root.rebuilt(leaf))

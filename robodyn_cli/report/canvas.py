@@ -9,15 +9,15 @@ from __future__ import annotations
 import math
 import textwrap
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
@@ -35,6 +35,8 @@ from robodyn_cli.results.moments import moments
 from robodyn_cli.results.output_dir import CREATOR, MARK
 from robodyn_cli.results.result import Result
 
+# labels of the texts above the panels: a page says titles itself, and sets notes as a caption
+TITLE, NOTE = "title", "note"
 WIDTH = 7.0
 LEFT, RIGHT = 0.8, 0.3
 DEGREES = 0.3
@@ -105,11 +107,12 @@ class Sheet:
                 self.bars.append(self.figure.add_axes(place))
         y = total - 0.12
         for line in title:
-            self._text(LEFT, y, total, line, fontsize=11, fontweight="bold")
+            self._text(LEFT, y, total, line, label=TITLE, fontsize=11, fontweight="bold")
             y -= TITLE_LINE
         for index, line in enumerate(notes):
             alarm = index >= len(notes) - len(alarms)
-            self._text(LEFT, y, total, line, color=style.ALARM if alarm else style.GREY)
+            looks = {"label": TITLE, "color": style.ALARM} if alarm else {"label": NOTE, "color": style.GREY}
+            self._text(LEFT, y, total, line, **looks)
             y -= SUBTITLE_LINE
         self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - below) / total)
 
@@ -192,35 +195,30 @@ def save(figure: Figure, target: Path) -> Path:
     return target
 
 
-def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str) -> None:
-    """Draw ``figure`` into a file or a stream, as the kind that a suffix names."""
-    with warnings.catch_warnings():
+def print_figure(figure: Figure, file: Path | BinaryIO, suffix: str, part: Bbox | None = None) -> None:
+    """Draw ``figure``, or the ``part`` of it between these corners [in], as the kind that a suffix names."""
+    kind = suffix.lower()
+    with warnings.catch_warnings(), rc_context({"svg.hashsalt": MARK}):
         # A title in a script that the font lacks shows boxes; that is no news for a user of the tool.
         warnings.filterwarnings("ignore", message="Glyph .* missing")
-        PRINTERS[suffix.lower()](figure, file)
+        figure.savefig(file, format=kind[1:], bbox_inches=part, **PRINTED[kind])
 
 
-def _print_png(figure: Figure, file: Path | BinaryIO) -> None:
-    # The strongest compression costs as much as the drawing and saves a tenth.
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.print_png(file, metadata={"Software": MARK}, pil_kwargs={"compress_level": 3})
+def below_heading(figure: Figure) -> Bbox | None:
+    """Hide the title of a sheet and the lines below it; return the part that is left [in], None without a heading."""
+    heading = [text for text in figure.texts if text.get_label() in (TITLE, NOTE)]
+    if not heading:
+        return None
+    for text in heading:
+        text.set_visible(False)
+    width, height = figure.get_size_inches()
+    last = min(text.get_position()[1] for text in heading)
+    return Bbox.from_bounds(0.0, 0.0, width, last * height - SUBTITLE_LINE)
 
 
-def _print_svg(figure: Figure, file: Path | BinaryIO) -> None:
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
-
-    canvas: Any = FigureCanvasSVG(figure)
-    with rc_context({"svg.hashsalt": MARK}):
-        canvas.print_svg(file, metadata={"Creator": CREATOR, "Date": None})
-
-
-def _print_pdf(figure: Figure, file: Path | BinaryIO) -> None:
-    from matplotlib.backends.backend_pdf import FigureCanvasPdf
-
-    canvas: Any = FigureCanvasPdf(figure)
-    canvas.print_pdf(file, metadata={"Creator": CREATOR, "CreationDate": None})
-
-
-PRINTERS: dict[str, Callable[[Figure, Path | BinaryIO], None]] = {
-    ".png": _print_png, ".svg": _print_svg, ".pdf": _print_pdf
-}  # fmt: skip
+# The strongest compression costs as much as the drawing and saves a tenth.
+PRINTED: dict[str, dict[str, Any]] = {
+    ".png": {"metadata": {"Software": MARK}, "pil_kwargs": {"compress_level": 3}},
+    ".svg": {"metadata": {"Creator": CREATOR, "Date": None}},
+    ".pdf": {"metadata": {"Creator": CREATOR, "CreationDate": None}},
+}

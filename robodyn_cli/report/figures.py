@@ -88,7 +88,7 @@ def _lock(summary: Summary) -> list[str]:
 
 def _inverse(result: Result, summary: Summary) -> list[Table]:
     rounding = _at(summary, "error_estimate", "torque_rounding")
-    quadrature = _at(summary, "error_estimate", "energy_quadrature")
+    quadrature, of_rms = (_at(summary, "error_estimate", f"{x}_quadrature") for x in ("energy", "rms"))
     rows = []
     for name, joint in summary.get("joints", {}).items():
         units = joint["units"]
@@ -96,7 +96,7 @@ def _inverse(result: Result, summary: Summary) -> list[Table]:
             [
                 name,
                 figure(joint["peak_torque"], rounding, units["torque"]),
-                figure(joint["rms_torque"], rounding, units["torque"]),
+                figure(joint["rms_torque"], _larger(rounding, of_rms), units["torque"]),
                 figure(joint["peak_speed"], None, units["speed"]),
                 figure(joint["peak_power"], None, units["power"]),
                 figure(joint["energy"], quadrature, units["energy"]),
@@ -104,6 +104,11 @@ def _inverse(result: Result, summary: Summary) -> list[Table]:
         )
     head = ("joint", "peak torque", "RMS torque", "peak speed", "peak power", "energy")
     return [Table(head, rows), *_drives(summary)]
+
+
+def _larger(*errors: Any) -> float | None:
+    """Return the largest error of those that are known."""
+    return max((x for x in errors if _is_number(x)), default=None)
 
 
 def _drives(summary: Summary) -> list[Table]:
@@ -117,14 +122,18 @@ def _drives(summary: Summary) -> list[Table]:
                 name,
                 parts if drive["count"] == 1 else f"{drive['count']} x {parts}",
                 figure(drive["shaft"]["rms_torque"], errors.get("rms_torque"), "N m"),
-                figure(_at(drive, "electrical", "rms_current"), None, "A"),
+                figure(_at(drive, "electrical", "rms_current"), errors.get("rms_current"), "A"),
                 figure(_at(drive, "winding", "peak"), errors.get("winding"), "degC"),
-                f"{100.0 * drive['margin']:.3g} % of {drive['decides'].replace('_', ' ')}",
+                f"{_percent(drive['margin'], errors.get('margin'))} of {drive['decides'].replace('_', ' ')}",
                 "bears it" if drive["passes"] else "too small",
             ]
         )
     head = ("joint", "drive", "RMS torque", "RMS current", "winding", "left", "verdict")
     return [Table(head, rows)]
+
+
+def _percent(part: float, error: float | None) -> str:
+    return figure(100.0 * part, None if error is None else 100.0 * error, "%")
 
 
 def _motion(result: Result, summary: Summary) -> list[Table]:

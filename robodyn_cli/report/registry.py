@@ -48,7 +48,7 @@ AT_REST = ("assemble", "reach", "statics")
 # drawings of commands whose result is no motion
 ANALYSES: dict[str, tuple[str, ...]] = {
     "info": ("state",),
-    "linearise": ("poles", "mode_shapes", "frequency_response"),
+    "linearise": ("poles", "poles_over_time", "mode_shapes", "frequency_response"),
     "size": ("size_front", "drives"),
     "stability": ("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
     "sensitivity": ("sensitivity_tornado",),

@@ -77,6 +77,9 @@ STATEMENTS = (
         ("error_estimate", "energy_quadrature"), "energies with every second sample", "J", ("energy",)
     ),
     Statement(
+        ("error_estimate", "rms_quadrature"), "RMS torques with every second sample", "N m or N", ("tau",)
+    ),
+    Statement(
         ("constraint_residual", "position"), "loops off by", "m or rad",
         (*POSES, "constraints"), "constraints/position_residual", True,
     ),

@@ -49,6 +49,8 @@ def joint_values(
     ------
     SceneError : the value does not fit the joint's coordinates.
     """
+    if kind.word and isinstance(node, Scalar) and node.text == kind.word:
+        return {name: kind.word}
     joint = joint_types.get(reader.names.types.get(name, ""))
     items = {} if joint is None else _items(kind, joint)
     if joint is None or not items:

@@ -76,6 +76,18 @@ def carrier(robot: Robot, reference: str) -> str:
     return robot.frames[reference].link if reference in robot.frames else point_link(robot, reference)
 
 
+def joints_between(robot: Robot, first: str, second: str) -> set[str]:
+    """Return the joints that move one point or frame against another (of a checked robot), fixed ones among them."""
+    below: list[set[str]] = []
+    for reference in (first, second):
+        link, found = carrier(robot, reference), set()
+        while link != BASE and (joint := joint_of(robot, link)) is not None:
+            found.add(joint.name)
+            link = joint.parent or BASE
+        below.append(found)
+    return below[0] ^ below[1]
+
+
 def _allowed(robot: Robot) -> str:
     return ", ".join([*robot.points, "LINK.origin", "LINK.end", "LINK.com", "base.origin"])
 

@@ -352,10 +352,11 @@ class Scene:
         doc="Controller whose torques `simulate` adds to `torques`.",
     )
     prescribed: dict[str, Any] = key(
-        Either((Choice(("trajectory",)), JointMap(Formula(("t",))))),
+        Either((Choice(("trajectory",)), JointMap(Formula(("t",)), word="trajectory"))),
         default=None,
         unit="rad or m",
-        doc="Joints whose motion is prescribed, or `trajectory`: those that it leads, as it leads them.",
+        doc="Joints whose motion is prescribed, by formulas or as the `trajectory` leads them; `trajectory` alone: "
+        "all that it leads.",
     )
     initial: Initial = key(Section(Initial), default=Initial(), doc="State at t = 0.")
     trajectory: Any = key(

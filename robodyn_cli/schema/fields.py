@@ -107,10 +107,12 @@ class JointMap(MapOf):
     """A map from joints to values: one ``item`` for a joint with one coordinate, a list or a map of them for others.
 
     coordinates : ``q`` or ``v``, whose columns the values are for. It is read as a flat map by column.
+    word : may stand in place of all values of a joint, under whose name it is kept.
     """
 
     of: str = "joint"
     coordinates: str = "q"
+    word: str = ""
 
 
 @record

@@ -19,10 +19,10 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.newton import SINGULAR, PointSolver, Solution
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion, PointMotion, PoseMotion
+from robodyn_cli.trajectories.motion import Asked, JointMotion, PointMotion, PoseMotion
 from robodyn_cli.trajectories.quintic_spline import hermite
 
-Target = Callable[[Array], "PointMotion | PoseMotion"]
+Target = Callable[[Array], "PointMotion | PoseMotion | Asked"]
 
 MISS = 0.1  # largest error of the extrapolation, rad or m: beyond it the branch could change unnoticed
 FIRST_MISS = 1e-5  # the same for the first step of a redundant chain, which has only one state to start from
@@ -33,7 +33,7 @@ LISTED = 200  # samples among which the worst target is sought
 
 @record
 class State:
-    """Joint positions, rates and accelerations (n,) at one time; U (m, r) and V^T (r, n) of the Jacobian."""
+    """Joint positions, their rates and accelerations (nq,) at one time; U (m, r) and V^T (r, nv) of the Jacobian."""
 
     t: float
     q: Array
@@ -56,6 +56,12 @@ class Follower:
 
     def __init__(self, solver: PointSolver, target: Target, times: Array) -> None:
         self.solver = solver
+        self.manifold = solver.manifold
+        # columns of q that are positions of moving joints
+        velocities = np.flatnonzero(solver.moving)
+        self.moving = np.isin(
+            np.arange(self.manifold.nq), [k for v in velocities for k in self.manifold.columns(int(v))]
+        )
         self.target = target
         self.times = times
         self.steps = 0
@@ -65,7 +71,7 @@ class Follower:
         self.at_samples = at_samples.values, at_samples.rates, at_samples.accelerations
 
     def run(self, start: Array) -> JointMotion:
-        """Return the joint motion (T, n) from the solution nearest to ``start`` (n,).
+        """Return the joint motion, at T times, from the solution nearest to ``start`` (nq,).
 
         Raises
         ------
@@ -74,8 +80,8 @@ class Follower:
         found = self.solver.solve(self.at_samples[0][0], start)
         if not self.reached(found.residual):
             # in a singular pose, such as a stretched arm, Newton's method may find no direction: leave it by one step
-            nudge = 0.05 * np.cos(np.arange(len(start))) * self.solver.moving
-            found = self.solver.solve(self.at_samples[0][0], start + nudge)
+            nudge = 0.05 * np.cos(np.arange(self.manifold.nv)) * self.solver.moving
+            found = self.solver.solve(self.at_samples[0][0], self.manifold.integrate(start, nudge))
         if not self.reached(found.residual):
             raise self.unreachable(0, found.q)
         q = np.empty((len(self.times), len(start)), order="F")
@@ -107,7 +113,8 @@ class Follower:
         rates = self.solver.rates(found.q[None], target[1][None], target[2][None], found.J[None])
         if not rates.measure[0] > SINGULAR:
             raise self.singular(t, found.q)
-        return State(t, found.q, rates.qd[0], rates.qdd[0], rates.U[0], rates.Vt[0])
+        qd, qdd = self.manifold.rates(found.q, rates.qd[0], rates.qdd[0])
+        return State(t, found.q, qd, qdd, rates.U[0], rates.Vt[0])
 
     def advance(self, before: State | None, now: State, k: int) -> tuple[State, State]:
         """Go on to sample k, in smaller steps where needed; return the last two states."""
@@ -138,7 +145,7 @@ class Follower:
         h = t - now.t
         guess, error = extrapolate(before, now, h)
         # a joint that does not move the point is never corrected, so extrapolating it would amplify rounding
-        guess = np.where(self.solver.moving, guess, now.q)
+        guess = self.manifold.normalise(np.where(self.moving, guess, now.q))
         found = self.solver.solve(target[0], guess)
         if not self.reached(found.residual):
             return None
@@ -154,9 +161,9 @@ class Follower:
             return None
         new = self.state(t, found, target)
         integrated = now.q + 0.5 * h * (now.qd + new.qd) + h * h / 12.0 * (now.qdd - new.qdd)
-        drift = integrated - new.q
+        drift = self.manifold.difference(new.q, self.manifold.normalise(integrated))
         drift -= new.Vt.T @ (new.Vt @ drift)  # the part that would move the point
-        return dataclasses.replace(new, q=new.q + drift)
+        return dataclasses.replace(new, q=self.manifold.integrate(new.q, drift))
 
     def failure(self, now: State, t: float, p: Array, k: int) -> Exception:
         """Return the error that says why the motion cannot go on from ``now`` to the target p (k,) at time t <= t_k."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.solve import planar_path
@@ -16,7 +18,9 @@ from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik
+from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import (
+    Asked,
     JointMotion,
     PointMotion,
     PoseMotion,
@@ -26,7 +30,7 @@ from robodyn_cli.trajectories.motion import (
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.newton import Drift
-    from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
+    from robodyn_cli.solve.point_kinematics import Led, PointFunction, PointKinematics
 
 Compile = Callable[["PointKinematics"], "PointFunction"]
 
@@ -39,6 +43,7 @@ class PointTask:
     start : joint positions by name near which the motion starts (``ik.guess``, or the scene's ``initial.q``).
     parameters : of the scene. where : prefix of messages about the scene. chosen : whether the start is on the branch
     that ``ik.branch`` names. drift : of a redundant chain (see ``PointSolver``), None for the least rates.
+    prescribed : formulas of joints whose motion is given beside the path, by column of q.
     """
 
     model: Model
@@ -49,15 +54,36 @@ class PointTask:
     where: str = ""
     chosen: bool = False
     drift: Drift | None = None
+    prescribed: Mapping[str, Any] = dataclasses.field(default_factory=dict)
 
     @property
     def ik(self) -> Ik:
         options: Ik = self.trajectory.ik
         return options
 
+    @property
+    def moving(self) -> FixedFrame | None:
+        """The frame on a moving link in whose coordinates the path is given, None for the world's."""
+        return moving_reference(self.model, self.trajectory)
+
     def target(self, times: Array) -> PointMotion | PoseMotion:
-        """Return the target of the point, or of the frame, at ``times`` (T,), world coordinates."""
+        """Return the target of the point, or of the frame, at ``times`` (T,); coordinates as of ``target_of``."""
         return target_of(self.model, self.trajectory, times, self.parameters)
+
+    def asked(self, times: Array) -> PointMotion | PoseMotion | Asked:
+        """Return the target at ``times`` (T,), and behind it the positions that are given beside the path."""
+        target = self.target(times)
+        if not self.prescribed:
+            return target
+        from robodyn_cli.trajectories.attitudes import evaluated, joint_expressions
+        from robodyn_cli.trajectories.formulas import time_symbol, with_rates
+
+        t, env = time_symbol(self.parameters)
+        columns = position_columns(self.prescribed)
+        q = joint_expressions(evaluated(self.prescribed, env), columns, t).q
+        given = with_rates(q, t, times, [f"prescribed.{name}" for name in columns])
+        own = target.values, target.rates, target.accelerations
+        return Asked(*(np.concatenate(pair, axis=1) for pair in zip(own, given)))
 
     def point_target(self, times: Array) -> PointMotion:
         """Return the target of a point that has no orientation."""
@@ -68,6 +94,8 @@ class PointTask:
     @cached_property
     def arm(self) -> Planar2R | None:
         """The planar arm whose angles follow from the path in closed form, None where there is none."""
+        if self.moving is not None or self.prescribed:
+            return None
         found, target = Planar2R.recognise(self.model, self.frame), self.target(np.zeros(1))
         if found is None or isinstance(target, PoseMotion) or found.in_plane(target) is None:
             return None
@@ -78,18 +106,27 @@ class PointTask:
         """``analytic`` or ``newton``."""
         return "analytic" if self.arm is not None and self.ik.method != "newton" else "newton"
 
+    @property
+    def led(self) -> Led:
+        """What the path leads."""
+        from robodyn_cli.solve.point_kinematics import Led
+
+        target = self.target(np.zeros(1))
+        oriented = isinstance(target, PoseMotion)
+        return Led(
+            self.frame, target.p.shape[1], oriented, self.moving, tuple(position_columns(self.prescribed))
+        )
+
     def kinematics(self) -> PointKinematics:
         """Return the expressions that Newton's method evaluates, over the symbols q and v."""
         from robodyn_cli.solve.point_kinematics import PointKinematics
 
         graph, names = self.model.graph, self.model.v_names
         q, v = graph.symbols(self.model.q_names, "q"), graph.symbols([f"{n}'" for n in names], "v")
-        target = self.target(np.zeros(1))
-        oriented = isinstance(target, PoseMotion)
-        return PointKinematics.of(self.model, q, v, self.frame, target.p.shape[1], oriented)
+        return PointKinematics.of(self.model, q, v, self.led)
 
     def start_positions(self) -> Array | None:
-        """Return the start as an array (n,), None where there is none."""
+        """Return the start as an array (nq,), None where there is none."""
         names = self.model.q_names
         if not self.start:
             return None
@@ -103,17 +140,29 @@ class PointTask:
         return np.array([self.start[name] for name in names])
 
 
+def moving_reference(model: Model, trajectory: TaskSpace) -> FixedFrame | None:
+    """Return the frame in whose coordinates a path is given where a moving link carries it, else None."""
+    place = None if trajectory.relative_to is None else model.place(trajectory.relative_to)
+    return None if place is None or place.body == BASE else place
+
+
 def target_of(
     model: Model, trajectory: TaskSpace, times: Array, parameters: Mapping[str, float]
 ) -> PointMotion | PoseMotion:
-    """Return what a trajectory asks at ``times`` (T,), in world coordinates."""
+    """Return what a trajectory asks at ``times`` (T,), in world coordinates, or in those of a ``moving_reference``."""
     motion = trajectory.target(times, parameters)
-    if trajectory.relative_to is None:
+    if trajectory.relative_to is None or moving_reference(model, trajectory) is not None:
         return motion
     place = model.place(trajectory.relative_to)
-    to_world = model.base.E.T
-    p, R = model.base.point(place.p), to_world @ place.R
-    return in_frame(motion, np.array(p, dtype=float), np.array(R, dtype=float))
+    p, R = model.base.point(place.p), np.array(model.base.E.T @ place.R, dtype=float)
+    if not any(isinstance(x, Expr) for x in p):
+        rest = np.zeros((1, 3))
+        return in_frame(motion, PointMotion(np.array([p], dtype=float), rest, rest), R)
+    from robodyn_cli.trajectories.formulas import with_rates
+
+    t = model.graph.symbol("t", "t")
+    moves = with_rates(list(p), t, times, [f"the motion of {trajectory.relative_to!r}"] * 3)
+    return in_frame(motion, PointMotion(*moves), R)
 
 
 @record
@@ -127,7 +176,7 @@ class Found:
 
 
 def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
-    """Return the joint motion (T, n) that keeps a point on its path.
+    """Return the joint motion, at T times, that keeps a point on its path.
 
     Joints are continuous along the path, rates and accelerations exact (``J qd = pd``, ``J qdd = pdd - J-dot
     qd``; for redundant chains see ``newton``). Joints that do not move the point stay where they start.
@@ -187,20 +236,26 @@ def _moves_most(model: Model, failure: Singular) -> str:
 
 def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) -> Found:
     """Follow the path by Newton's method from one time to the next."""
+    from robodyn_cli.model.manifold import Manifold
     from robodyn_cli.solve.continuation import Follower
     from robodyn_cli.solve.newton import PointSolver
 
     ik = task.ik
     function = compile(task.kinematics())
-    solver = PointSolver(function, task.model.nv, ik.tolerance, ik.max_iterations, task.drift)
-    if solver.rank == 0:
+    solver = PointSolver(
+        function, task.led, Manifold(task.model), ik.tolerance, ik.max_iterations, task.drift
+    )
+    if not solver.leads:
         point = task.trajectory.point
         raise SceneError(
             f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory",
             key="trajectory.point",
         )
-    follower = Follower(solver, task.target, times)
+    follower = Follower(solver, task.asked, times)
     motion = follower.run(start)
+    given = [task.model.q_names.index(name) for name in task.led.columns]
+    if given:
+        motion.q[:, given] = task.asked(times).values[:, -len(given) :]  # without the rounding of the steps
     return Found(motion, "newton", solver.iterations, follower.steps)
 
 

@@ -17,8 +17,9 @@ from typing import Protocol
 
 import numpy as np
 
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.point_kinematics import PointFunction, what_is_left
+from robodyn_cli.solve.point_kinematics import Led, PointFunction, what_is_left
 from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-9
@@ -27,14 +28,14 @@ MOST_STEP = 1.0  # rad or m
 
 
 class Drift(Protocol):
-    """The rates u (T, n) that a redundant chain should have, and u-dot, at q and v (T, n)."""
+    """The rates u (T, nv) that a redundant chain should have, and u-dot, at q (T, nq) and v (T, nv)."""
 
     def __call__(self, q: Array, v: Array) -> tuple[Array, Array]: ...
 
 
 @record
 class Solution:
-    """Joint positions (n,), what is left to the target [m, rad], and the Jacobian J (m, n) there."""
+    """Joint positions (nq,), what is left to the target [m, rad], and the Jacobian J (m, nv) there."""
 
     q: Array
     residual: float
@@ -43,7 +44,7 @@ class Solution:
 
 @record
 class Rates:
-    """Joint rates and accelerations (T, n), and J = U S V^T as far as its rank r: U (T, m, r), V^T (T, r, n).
+    """Joint rates and accelerations (T, nv), and J = U S V^T as far as its rank r: U (T, m, r), V^T (T, r, nv).
 
     measure : smallest over largest singular value (T,).
     """
@@ -60,28 +61,32 @@ class PointSolver:
 
     Parameters
     ----------
-    function : p, J and J-dot of the point (see ``PointFunction``); n : number of joints.
+    function : p, J and J-dot of what is led (see ``PointFunction``). manifold : of the chain's positions.
     tolerance : what may be left to the target [m, rad]; max_iterations : per sample. drift : of a redundant chain.
     """
 
     def __init__(
         self,
         function: PointFunction,
-        n: int,
+        led: Led,
+        manifold: Manifold,
         tolerance: float,
         max_iterations: int,
         drift: Drift | None = None,
     ) -> None:
-        self.function = function
+        self.function, self.led, self.manifold = function, led, manifold
         self.drift = drift
-        self.n = n
         self.tolerance = tolerance
         self.max_iterations = max_iterations
         self.iterations = 0
-        some = np.random.default_rng(1).uniform(-2.0, 2.0, size=(16, n))
-        p, J, _ = function(some, np.zeros_like(some))
+        some = np.random.default_rng(1).uniform(-2.0, 2.0, size=(16, manifold.nq))
+        some = np.array([manifold.normalise(q) for q in some])
+        p, J, _ = function(some, np.zeros((16, manifold.nv)))
+        self.leads = bool(np.abs(J[:, : led.rows]).max() > 0.0)  # whether any joint moves the point
         influence = np.abs(J).max(axis=(0, 1))
-        self.moving = influence > RANK * max(float(influence.max()), 1e-300)  # joints that move the point
+        self.moving = influence > RANK * max(
+            float(influence.max()), 1e-300
+        )  # velocities that move what is led
         values = np.linalg.svd(J * self.moving, compute_uv=False)
         self.rank = int((values > RANK * max(float(values.max()), 1e-300)).sum(axis=1).max())
         self.redundant = int(self.moving.sum()) > self.rank
@@ -89,19 +94,23 @@ class PointSolver:
         self.floor = 16.0 * float(np.finfo(float).eps) * float(np.abs(p).max())
 
     def kinematics(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return p, J and J-dot at q and v (T, n); columns of joints that do not move the point are exactly zero."""
+        """Return p, J and J-dot at q and v; columns of joints that do not move the point are exactly zero."""
         p, J, J_rate = self.function(q, v)
         return p, J * self.moving, J_rate * self.moving
 
     def position(self, q: Array) -> tuple[Array, Array]:
-        """Return the values p (k,) and J (m, n) at q (n,)."""
-        p, J, _ = self.kinematics(q[None, :], np.zeros((1, self.n)))
+        """Return the values p (k,) and J (m, nv) at q (nq,)."""
+        p, J, _ = self.kinematics(q[None, :], np.zeros((1, self.manifold.nv)))
         return p[0], J[0]
 
+    def left(self, target: Array, p: Array) -> Array:
+        """Return the rows (m,) that lead from values p to a target."""
+        return what_is_left(target, p, self.led.oriented)
+
     def solve(self, target: Array, q: Array) -> Solution:
-        """Return the solution near q (n,) for a target (k,), or the nearest point if it is not reached."""
+        """Return the solution near q (nq,) for a target (k,), or the nearest point if it is not reached."""
         p, J = self.position(q)
-        e = what_is_left(target, p)
+        e = self.left(target, p)
         r = _length(e)
         mu, count = 0.0, 0
         limit = max(self.tolerance, self.floor)
@@ -120,8 +129,9 @@ class PointSolver:
                 if largest > MOST_STEP:
                     step *= MOST_STEP / largest
                 step = np.where(self.moving, step, 0.0)
-                p, J_new = self.position(q + step)
-                e_new = what_is_left(target, p)
+                moved = self.manifold.integrate(q, step)
+                p, J_new = self.position(moved)
+                e_new = self.left(target, p)
                 r_new = _length(e_new)
                 if r_new < r:
                     break
@@ -129,15 +139,15 @@ class PointSolver:
                 if r <= limit or mu > 1e8 * s[0]:
                     self.iterations += count
                     return Solution(q, r, J)
-            q, e, r, J = q + step, e_new, r_new, J_new
+            q, e, r, J = moved, e_new, r_new, J_new
             mu = 0.1 * mu if mu > 1e-6 * s[0] else 0.0
         self.iterations += count
         return Solution(q, r, J)
 
     def rates(self, q: Array, pd: Array, pdd: Array, J: Array | None = None) -> Rates:
-        """Return rates and accelerations at q (T, n) for pd, pdd (T, m); J (T, m, n) where it is known."""
+        """Return rates and accelerations at q (T, nq) for pd, pdd (T, m); J (T, m, nv) where it is known."""
         if J is None:
-            _, J, _ = self.kinematics(q, np.zeros_like(q))
+            _, J, _ = self.kinematics(q, np.zeros((len(q), self.manifold.nv)))
         U, s, Vt = np.linalg.svd(J, full_matrices=False)
         U, s, Vt = U[:, :, : self.rank], s[:, : self.rank], Vt[:, : self.rank]
         with np.errstate(divide="ignore", invalid="ignore"):  # the caller checks the measure first

@@ -3,11 +3,16 @@
 Over each interval the polynomial of degree 5 through the six nearest samples is integrated exactly (error
 h^7 y^(6) an interval); where the samples change sign, the positive part is taken of that polynomial, cut at
 its root. With fewer than six samples the degree is that of all of them.
+
+Functions that jump are integrated in pieces: to the jump and from it the polynomials of both sides are continued.
+``breaks`` says where, in steps from the first sample; a sample at a break is that of before.
 """
 
 from __future__ import annotations
 
 import itertools
+import math
+from collections.abc import Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -15,27 +20,70 @@ import numpy as np
 from robodyn_cli.spatial.algebra import Array
 
 POINTS = 6
+Breaks = Sequence[float]
 
 
-def integrate(y: Array, h: float) -> Array:
+def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
     """Return the integrals (n,) of y (T, n), samples a time h apart."""
-    return np.asarray(_increments(y, h).sum(axis=0))
+    found = np.zeros(y.shape[1])
+    for piece, low, high in _pieces(len(y), breaks):
+        own = y[piece]
+        if len(own) > 1:
+            found += _increments(own, h).sum(axis=0)
+        for (first, last), near in _ends(len(own), low, high):
+            found += h * (_weights(len(own[near]), first, last) @ own[near])
+    return found
 
 
-def integrate_positive(y: Array, h: float) -> Array:
+def integrate_positive(y: Array, h: float, breaks: Breaks = ()) -> Array:
     """Return the integrals (n,) of max(y, 0) for y (T, n), samples a time h apart."""
+    found = np.zeros(y.shape[1])
+    for piece, low, high in _pieces(len(y), breaks):
+        own = y[piece]
+        if len(own) > 1:
+            found += _positive_part(own, h)
+        for (first, last), near in _ends(len(own), low, high):
+            found += [h * _positive_piece(column, first, last) for column in own[near].T]
+    return found
+
+
+def _positive_part(y: Array, h: float) -> Array:
+    """Return the integrals (n,) of max(y, 0) over all intervals between samples (T, n)."""
     pieces = np.where((y[:-1] > 0.0) & (y[1:] > 0.0), _increments(y, h), 0.0)
     mixed = (y[:-1] > 0.0) != (y[1:] > 0.0)
     for k, column in np.argwhere(mixed):
-        first, _ = _stencil(len(y), k)
+        first, place = _stencil(len(y), k)
         points = min(POINTS, len(y))
-        pieces[k, column] = h * _positive_piece(y[first : first + points, column], k - first)
+        pieces[k, column] = h * _positive_piece(y[first : first + points, column], place, place + 1)
     return np.asarray(pieces.sum(axis=0))
 
 
-def root_mean_square(y: Array, h: float) -> Array:
+def _pieces(samples: int, breaks: Breaks) -> Iterator[tuple[slice, float, float]]:
+    """Yield the samples between breaks, and how far their functions reach beyond the first and the last of them, in
+    steps. Of breaks between the same two samples the first counts."""
+    inside = sorted(
+        {math.floor(x): x for x in sorted(breaks, reverse=True) if 0.0 <= x < samples - 1}.values()
+    )
+    cuts = [0, *(math.floor(x) + 1 for x in inside), samples]
+    for k, (first, end) in enumerate(itertools.pairwise(cuts)):
+        low = first - inside[k - 1] if k else 0.0
+        high = inside[k] - (end - 1) if k < len(inside) else 0.0
+        yield slice(first, end), low, high
+
+
+def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:
+    """Yield the stretches before the first and behind the last of some samples, each from and to places that count
+    from the first of the samples that are nearest to it, and these samples."""
+    points = min(POINTS, samples)
+    if low > 0.0:
+        yield (-low, 0.0), slice(0, points)
+    if high > 0.0:
+        yield (points - 1.0, points - 1.0 + high), slice(samples - points, samples)
+
+
+def root_mean_square(y: Array, h: float, breaks: Breaks = ()) -> Array:
     """Return the roots (n,) of the time averages of y^2 for y (T, n), samples a time h apart."""
-    return np.sqrt(np.maximum(0.0, integrate(y * y, h) / (h * (len(y) - 1))))
+    return np.sqrt(np.maximum(0.0, integrate(y * y, h, breaks) / (h * (len(y) - 1))))
 
 
 def root_mean_square_over(times: Array, y: Array) -> Array:
@@ -65,11 +113,11 @@ def _stencil(samples: int, k: int) -> tuple[int, int]:
 
 
 @lru_cache(maxsize=64)
-def _weights(points: int, place: int) -> Array:
-    """Return the weights (points,) of the integral over [place, place + 1] of the interpolant at 0, 1, ..."""
+def _weights(points: int, first: float, last: float) -> Array:
+    """Return the weights (points,) of the integral from ``first`` to ``last`` of the interpolant at 0, 1, ..."""
     powers = np.arange(points)
-    nodes = np.arange(points, dtype=float)[None, :] - place
-    moments = 1.0 / (powers + 1.0)
+    nodes = np.arange(points, dtype=float)[None, :] - first
+    moments = (last - first) ** (powers + 1.0) / (powers + 1.0)
     return np.asarray(np.linalg.solve(nodes ** powers[:, None], moments))
 
 
@@ -80,22 +128,22 @@ def _increments(y: Array, h: float) -> Array:
     out = np.zeros((samples - 1, y.shape[1]))
     middle = points // 2 - 1
     inner = samples - points + 1  # intervals whose stencil is centred
-    w = _weights(points, middle)
+    w = _weights(points, middle, middle + 1)
     for j in range(points):
         out[middle : middle + inner] += w[j] * y[j : j + inner]
     for k in [*range(middle), *range(middle + inner, samples - 1)]:
         first, place = _stencil(samples, k)
-        out[k] = _weights(points, place) @ y[first : first + points]
+        out[k] = _weights(points, place, place + 1) @ y[first : first + points]
     return h * out
 
 
-def _positive_piece(y: Array, place: int) -> float:
-    """Return the integral over [place, place + 1] of the interpolant of y at 0, 1, ... where positive."""
-    x = np.arange(len(y), dtype=float) - place
+def _positive_piece(y: Array, first: float, last: float) -> float:
+    """Return the integral from ``first`` to ``last`` of the interpolant of y at 0, 1, ... where positive."""
+    x = np.arange(len(y), dtype=float) - first
     p = np.linalg.solve(np.vander(x), y)
     roots = np.roots(p).astype(complex)
-    inside = [float(r.real) for r in roots if abs(r.imag) < 1e-9 and 0.0 < r.real < 1.0]
-    cuts = [0.0, *sorted(inside), 1.0]
+    inside = [float(r.real) for r in roots if abs(r.imag) < 1e-9 and 0.0 < r.real < last - first]
+    cuts = [0.0, *sorted(inside), last - first]
     primitive = np.polyint(p)
     total = 0.0
     for a, b in itertools.pairwise(cuts):

@@ -64,8 +64,8 @@ class SceneNames(Protocol):
         """Tell why a point or a named frame does not exist, or return None."""
         ...
 
-    def fixed_problem(self, reference: str) -> str | None:
-        """Tell why a point or a named frame does not exist or may move, or return None."""
+    def moves(self, reference: str, against: str = "base.origin") -> bool:
+        """Tell whether joints, or a motion of its own, move a point or a named frame against another; both exist."""
         ...
 
 
@@ -184,7 +184,6 @@ def position_problems(
     yield from found
     if found:
         return
-    yield from loop_problems(names, scene, path)
     for name, x in q.items():
         limits = scene.limits(name)
         if limits is None:
@@ -200,17 +199,6 @@ def _range(limits: JointLimits) -> str:
     return f"{limits.lower:.6g} to {limits.upper:.6g}"
 
 
-def loop_problems(names: Sequence[str], scene: SceneNames, path: tuple[str | int, ...]) -> Problems:
-    """Report attitudes that a mechanism with loops cannot be led by."""
-    joints = dict.fromkeys(name.partition(".")[0] for name in names)
-    for joint in joints if scene.closed else ():
-        if joint in scene.quasi:
-            yield (
-                (*path, joint),
-                f"joint {joint!r} cannot be led in a mechanism with loops; lead joints of one axis",
-            )
-
-
 def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]) -> Problems:
     """Report times that do not start at 0 or do not increase."""
     if times and times[0] != 0.0:
@@ -220,9 +208,15 @@ def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]
             yield paths[k], f"times must increase (value {times[k]!r} after {times[k - 1]!r})"
 
 
-def place_problems(reference: str | None, scene: SceneNames) -> Problems:
-    """Report a frame of reference that does not exist or may move."""
-    problem = None if reference is None else scene.fixed_problem(reference)
+def place_problems(point: str, reference: str | None, scene: SceneNames) -> Problems:
+    """Report a frame of reference that does not exist, or against which no joint moves the point."""
+    if reference is None:
+        return
+    problem = scene.point_problem(reference)
+    if problem is None and scene.point_problem(point) is None and not scene.moves(point, reference):
+        problem = (
+            f"no joint moves {point!r} against {reference!r}; allowed: a place on the base or on another link"
+        )
     if problem is not None:
         yield ("relative_to",), problem
 
@@ -232,12 +226,6 @@ def point_problems(point: str, ik: Ik, scene: SceneNames) -> Problems:
     problem = scene.point_problem(point)
     if problem is not None:
         yield ("point",), problem
-    if scene.quasi and not scene.closed:
-        yield (
-            (),
-            f"a path of a point cannot lead joint {scene.quasi[0]!r}, whose velocities are no rates of positions; use "
-            "a trajectory in joint space",
-        )
     guessed = tuple(ik.guess)
     for path, message in joint_problems(guessed, scene.joints, ("ik", "guess"), led_joints(guessed, scene)):
         if ik.guess:

@@ -44,14 +44,15 @@ class CircleTrajectory:
     relative_to: str | None = key(
         Text(),
         default=None,
-        doc="The frame in which the path is given: a named frame or point fixed to the base; default: the world.",
+        doc="The frame in which the path is given: a named frame or point of the base or of a link, which may move; "
+        "default: the world.",
     )
     ik: Ik = key(Section(Ik), default=Ik(), doc="Options of the inverse kinematics.")
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
         yield from point_problems(self.point, self.ik, scene)
-        yield from place_problems(self.relative_to, scene)
+        yield from place_problems(self.point, self.relative_to, scene)
         if len(self.center) == 2 and any(self.normal[:2]):
             yield (
                 ("normal",),

@@ -116,8 +116,12 @@ class FastestTrajectory:
                     "is the position of the way point before it; leave one of them out",
                 )
         if self.path is not None:
-            for where, message in self.path.problems(scene):
+            found = list(self.path.problems(scene))
+            for where, message in found:
                 yield ("path", *where), message
+            place = getattr(self.path, "relative_to", None)
+            if not found and place is not None and scene.moves(place):
+                yield ("path", "relative_to"), f"{place!r} moves; allowed: places that stay where they are"
         yield from self._limit_problems(scene)
 
     def _limit_problems(self, scene: SceneNames) -> Problems:

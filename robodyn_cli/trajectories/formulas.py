@@ -34,11 +34,19 @@ def time_derivatives(
     NumericalError : a value or derivative that is not finite, with its time.
     """
     t, env = time_symbol(parameters)
-    x = [formula.evaluate(env) for formula in formulas]
-    xd = directional(x, [t], [1.0])
-    xdd = directional(xd, [t], [1.0])
     whose = [f"{name} = {formula.text!r}" for name, formula in zip(names, formulas)]
-    found = sampled([x, xd, xdd], times, [whose] * 3)
+    return with_rates([formula.evaluate(env) for formula in formulas], t, times, whose)
+
+
+def with_rates(x: Sequence[Any], t: Expr, times: Array, whose: Sequence[str]) -> tuple[Array, Array, Array]:
+    """Return values, rates and accelerations (T, n) of expressions in t; ``whose`` : what each is, for errors.
+
+    Raises
+    ------
+    NumericalError : see ``sampled``.
+    """
+    xd = directional(list(x), [t], [1.0])
+    found = sampled([x, xd, directional(xd, [t], [1.0])], times, [whose] * 3)
     return found[0], found[1], found[2]
 
 

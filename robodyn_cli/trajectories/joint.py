@@ -9,7 +9,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Formula, JointMap, Number, key
 from robodyn_cli.trajectories.attitudes import evaluated, texts
-from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints, loop_problems
+from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
 
 
@@ -37,7 +37,6 @@ class JointTrajectory(JointSpaceTrajectory):
         missing = [name for name in scene.quasi if name not in attitudes]
         if missing and not scene.some:
             yield ("q",), f"joint {missing[0]!r} is missing; needed here: {', '.join(scene.quasi)}"
-        yield from loop_problems(tuple(attitudes), scene, ("q",))
 
     @property
     def joints(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.attitudes import joint_expressions
+from robodyn_cli.trajectories.attitudes import evaluated, joint_expressions
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.formulas import sampled, time_symbol
 from robodyn_cli.trajectories.led import QUATERNION, with_attitudes
@@ -70,6 +70,21 @@ class CourseTrajectory(JointSpaceTrajectory):
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         return with_attitudes(dict(zip(self.joints, self.course.expressions(t))))
+
+
+class Together(JointSpaceTrajectory):
+    """The motion of prescribed joints, and of those that a trajectory in joint space leads, if there is one."""
+
+    def __init__(self, prescribed: Mapping[str, Any], trajectory: Any) -> None:
+        self.prescribed, self.trajectory = prescribed, trajectory
+        self.joints = (*prescribed, *(trajectory.joints if trajectory is not None else ()))
+
+    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
+        found = {} if self.trajectory is None else self.trajectory.expressions(t, env)
+        return {**found, **evaluated(self.prescribed, env)}
+
+    def described(self, column: str) -> str:
+        return column if self.trajectory is None else str(self.trajectory.described(column))
 
 
 def attitude_places(columns: Sequence[str]) -> dict[str, list[int]]:

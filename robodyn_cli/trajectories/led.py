@@ -120,7 +120,7 @@ def to_find(columns: Iterable[str]) -> dict[str, ToFind]:
 
 def is_to_find(prescribed: Mapping[str, Any]) -> bool:
     """Tell whether prescribed motions are still to be found along a path."""
-    return isinstance(next(iter(prescribed.values()), None), ToFind)
+    return any(isinstance(x, ToFind) for x in prescribed.values())
 
 
 def follow_trajectory(trajectory: Any, until: float) -> dict[str, Follows]:
@@ -131,5 +131,9 @@ def follow_trajectory(trajectory: Any, until: float) -> dict[str, Follows]:
 
 def followed_by(prescribed: Mapping[str, Any]) -> Followed | None:
     """Return the trajectory that prescribed motions follow, None where they are formulas."""
-    first = next(iter(prescribed.values()), None)
-    return first.followed if isinstance(first, Follows) else None
+    return next((x.followed for x in prescribed.values() if isinstance(x, Follows)), None)
+
+
+def given_by_formulas(prescribed: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the prescribed motions that do not follow a trajectory."""
+    return {name: x for name, x in prescribed.items() if not isinstance(x, (Follows, ToFind))}

@@ -85,12 +85,25 @@ class PoseMotion:
         return np.concatenate([self.pdd, self.wd], axis=1)
 
 
-def in_frame(motion: PointMotion | PoseMotion, p: Array, R: Array) -> PointMotion | PoseMotion:
-    """Return in the world's coordinates a motion that is given in those of a frame at rest with origin p and axes R."""
-    at, rate, acceleration = (np.asfortranarray(x @ R.T) for x in (motion.p, motion.pd, motion.pdd))
+def in_frame(motion: PointMotion | PoseMotion, origin: PointMotion, R: Array) -> PointMotion | PoseMotion:
+    """Return in the world's coordinates a motion that is given in those of a frame with fixed axes R (3, 3).
+
+    origin : the motion of the frame's origin, at the same T times or, at rest, at one.
+    """
+    place = (np.asfortranarray(x @ R.T) for x in (motion.p, motion.pd, motion.pdd))
+    moved = PointMotion(*(x + y for x, y in zip(place, (origin.p, origin.pd, origin.pdd))))
     if isinstance(motion, PointMotion):
-        return PointMotion(at + p, rate, acceleration)
-    return PoseMotion(at + p, rate, acceleration, R @ motion.R, motion.w @ R.T, motion.wd @ R.T)
+        return moved
+    return PoseMotion(moved.p, moved.pd, moved.pdd, R @ motion.R, motion.w @ R.T, motion.wd @ R.T)
+
+
+@record
+class Asked:
+    """What is asked at T times: values (T, k), rates and accelerations (T, m)."""
+
+    values: Array
+    rates: Array
+    accelerations: Array
 
 
 @runtime_checkable
@@ -127,7 +140,8 @@ class TaskSpace(Protocol):
     def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
         """Return what is asked of the point, or of the frame there, at ``times`` (T,).
 
-        In the coordinates of the place ``relative_to``, by default the world's. parameters : of the scene.
+        In the coordinates of the place ``relative_to``, which may move; by default the world's. parameters : of the
+        scene.
         """
         ...
 

@@ -82,7 +82,8 @@ class PathTrajectory:
     relative_to: str | None = key(
         Text(),
         default=None,
-        doc="The frame in which the path is given: a named frame or point fixed to the base; default: the world.",
+        doc="The frame in which the path is given: a named frame or point of the base or of a link, which may move; "
+        "default: the world.",
     )
     facing: PathFacing | None = key(
         Section(PathFacing), default=None, doc="Turns the frame along the path or towards a point."
@@ -114,7 +115,7 @@ class PathTrajectory:
 
     def _problems(self, scene: SceneNames) -> Problems:
         yield from point_problems(self.point, self.ik, scene)
-        yield from place_problems(self.relative_to, scene)
+        yield from place_problems(self.point, self.relative_to, scene)
         turned = self.start.orientation is not None
         if turned and self.facing is not None:
             yield ("facing",), "does not go with 'start.orientation'; allowed: one of them"

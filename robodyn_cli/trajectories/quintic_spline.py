@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.course import Course
 
 Ends = tuple[Array, Array, Array]
 
@@ -34,6 +35,16 @@ def hermite(h: Any, start: Ends, end: Ends) -> Array:
     (q0, v0, a0), (q1, v1, a1) = start, end
     ends = np.array([q0, h * v0, h * h * a0, q1, h * v1, h * h * a1])
     return np.concatenate([ends[:2], 0.5 * ends[2:3], np.tensordot(_COEFFICIENTS, ends, 1)])
+
+
+def course_through(t: Array, q: Array, v: Array, a: tuple[Array, Array]) -> Course:
+    """Return the quintics through positions and rates (N, n) at the times ``t`` (N,).
+
+    a : accelerations (N, n) behind and before each time, where they may jump.
+    """
+    h = np.diff(t)[:, None]
+    c = hermite(h, (q[:-1], v[:-1], a[0][:-1]), (q[1:], v[1:], a[1][1:]))
+    return Course(t, c / h ** np.arange(6.0)[:, None, None])
 
 
 class QuinticSpline:

@@ -13,7 +13,6 @@ from robodyn_cli.trajectories.base import (
     Problems,
     SceneNames,
     joint_problems,
-    loop_problems,
     time_problems,
 )
 from robodyn_cli.trajectories.course import Course, hermite_cubic
@@ -90,7 +89,6 @@ class TableTrajectory(CourseTrajectory):
             ]
             needed = whole if scene.some else scene.columns
             yield from joint_problems(self.joints, scene.columns, ("columns",), needed)
-            yield from loop_problems(self.joints, scene, ("columns",))
 
     def _attitude_problems(self) -> Problems:
         for joint, places in attitude_places(self.joints).items() if all(map(len, self.rows)) else ():

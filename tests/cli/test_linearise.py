@@ -29,6 +29,17 @@ def test_command_line(tmp_path: Path) -> None:
     assert data["linear"][0, 0]["A"][0, 0].shape == (4, 4)
 
 
+def test_along_a_motion(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    short = ("--set", "simulate.duration=0.5", "--set", "simulate.samples=51")
+    done = invoke("linearise", PENDULUM, "--along", "--instants", "0,0.25", *short, "--out", out)
+    assert done.code == 0, done.err
+    assert "modes at 0 s" in done.out and "modes at 0.25 s" in done.out
+    files = {path.name for path in out.iterdir()}
+    assert {"poles.png", "poles_over_time.png", "frequency_response.png"} <= files
+    assert "mode_shapes.png" not in files
+
+
 @pytest.mark.parametrize(
     ("options", "words"),
     [
@@ -37,6 +48,8 @@ def test_command_line(tmp_path: Path) -> None:
         (("--at", "balance", "--along"), "--at balance and --along exclude each other"),
         (("--at", "theta1=1", "--along"), "--at STATE and --along exclude each other"),
         (("--input", "elbow"), "--input elbow: unknown"),
+        (("--instants", "1"), "--instants are those of a motion; allowed: with --along"),
+        (("--along", "--instants", "0,soon"), "--instants 0,soon: allowed: numbers [s]"),
     ],
 )
 def test_mistakes(options: tuple[str, ...], words: str, tmp_path: Path) -> None:

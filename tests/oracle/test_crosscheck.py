@@ -18,6 +18,7 @@ from robodyn_cli.run.crosscheck.engine import Engine
 from robodyn_cli.run.crosscheck.in_mujoco import KINDS as MUJOCO
 from robodyn_cli.run.crosscheck.in_pinocchio import KINDS as PINOCCHIO
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from tests.unit.test_moving_references import PRESCRIBED, scene, start_at
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SOLID = "mass: %g, com: [0.11, -0.07, 0.13], inertia: {xx: 0.05, yy: 0.06, zz: 0.04, xy: 0.004, xz: -0.003, yz: 0.006}"
@@ -86,6 +87,17 @@ def test_torques_agree(engine: str) -> None:
         "damper of j0", "spring of j2", "damper of j3.d", "spring of j4.x",
     }  # fmt: skip
     assert found.given == ("force pull",)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("seventh", ["revolute", "spherical"])
+def test_torques_on_a_moving_table_agree(seventh: str, engine: str) -> None:
+    """A tool follows a path on a table that a belt carries, both led by formulas."""
+    position, attitude = start_at("work", PRESCRIBED, seventh)
+    found = crosscheck(scene(position + attitude, "work", PRESCRIBED, seventh), engine)
+    assert found.command == "inverse" and not found.own
+    (tau,) = found.compared
+    assert tau.agrees and tau.difference < 1e-11
 
 
 @pytest.mark.parametrize("engine", ENGINES)

@@ -379,6 +379,11 @@ def test_lqr_has_the_gains_of_scipy(period: float | None) -> None:
     state = np.concatenate([result["q"], result["qd"]], axis=1)
     at = slice(None) if period is None else slice(None, None, 1)
     assert_close(result["tau"][at, 0], -(state[at] @ gain[0]), 2e-6)
+    assert result.variables["control/error"].names == ("x", "th")
+    assert_close(result["control/error"], -result["q"], 1e-14)
+    tracking = result.summary["control"]["tracking"]
+    assert (tracking["x"]["unit"], tracking["th"]["unit"]) == ("m", "rad")
+    assert tracking["th"]["peak"] == np.abs(result["q"][:, 1]).max()
     assert np.abs(state[-1]).max() < 0.02
 
 

@@ -295,3 +295,42 @@ def test_results_without_poses_say_so() -> None:
 def test_mixed_colours() -> None:
     assert mixed("#000000", "#ffffff", 0.5) == "#808080"
     assert mixed("#102030", "#ffffff", 0.0) == "#102030"
+
+
+# -- payloads ---------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("grip", ["time: 0.21", 'when: "q.hinge - 0.6"'])
+@pytest.mark.parametrize("data", ["inertia: {xx: 0.02, yy: 0.03, zz: 0.04}", "inertia: {zz: 0.01}"])
+def test_a_payload_is_a_body_at_its_place_while_it_is_carried(grip: str, data: str) -> None:
+    """One body is carried from the start up to a time, the other from a time or an event on; both are heavy."""
+    result = simulate(
+        load_scene_text(
+            f"""
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{{name: hinge, type: revolute, axis: [0, 0, 1]}}]
+  links: [{{name: arm, mass: 2, com: [0.2, 0, 0], inertia: {{zz: 0.4}}}}]
+  points: {{tip: {{link: arm, at: [0.7, 0.1, 0]}}}}
+payloads:
+  - {{name: first, at: tip, mass: 300, {data}, until: {{time: 0.4}}}}
+  - {{name: second, at: tip, mass: 300, com: [0.1, 0, 0], {data}, from: {{{grip}}}}}
+initial: {{q: {{hinge: 0}}, qd: {{hinge: 3}}}}
+simulate: {{duration: 1, samples: 51}}
+"""
+        )
+    )
+    drawing = make_drawing(result)
+    assert drawing.flat == 2 and default_camera(drawing).distance == math.inf
+    q, t = result["q"][:, 0], drawing.times
+    grips = next(event["time"] for event in result.events if event["kind"] == "grip")
+    assert 0.15 < grips < 0.35
+    for name, x, shown in (("first", 0.7, t <= 0.4), ("second", 0.8, t > grips)):
+        (part,) = [part for part in drawing.parts if part.name == name]
+        corners = drawing.vertices[:, list(part.vertices)]
+        place = np.column_stack([x * np.cos(q) - 0.1 * np.sin(q), x * np.sin(q) + 0.1 * np.cos(q), 0.0 * q])
+        assert np.array_equal(np.isfinite(corners).all(axis=(1, 2)), shown)
+        np.testing.assert_allclose(corners[shown].mean(axis=1), place[shown], rtol=0, atol=1e-12)
+    view = View(drawing, default_camera(drawing))
+    bodies = [sum(s.layer == BODY and s.closed for s in strokes(view, k, grid=False)) for k in (1, 25)]
+    both = [int((t <= 0.4)[k]) + int((t > grips)[k]) for k in (1, 25)]
+    assert bodies == both == [1, 1]

@@ -154,6 +154,8 @@ def test_frequencies_of_a_double_pendulum() -> None:
     expected = np.sqrt(np.sort(np.linalg.eigvals(np.linalg.solve(M, K)).real))
     modes = result.summary["modes"]
     assert_close([mode["imaginary"] for mode in modes], expected, 1e-12)
+    for mode, exact in zip(modes, expected):
+        assert abs(mode["imaginary"] - exact) <= mode["error"] < 1e-10
     assert all(mode["real"] == 0.0 and mode["reached"] and mode["shown"] for mode in modes)
     assert result.summary["stability"] == "marginal" and "warnings" not in result.summary
 
@@ -193,6 +195,79 @@ def test_points_move_by_their_jacobians() -> None:
     m = Mechanism(load_scene(PENDULUM))
     J = m.jacobian("tip", result["q"][0])[3:]
     assert_close(result["linear/C"], np.concatenate([J, 0 * J], axis=1), 1e-14)
+
+
+SIGNALS = (
+    'outputs.signals={one: {value: "sin(q.a)*qd.b.wx + 0.3*tau.a*qd.a", unit: W}, two: "length(tip, base.origin)",'
+    ' three: "tau.a - 2*q.a"}'
+)
+
+
+@pytest.mark.parametrize("about", ["state", "motion"])
+def test_outputs_by_formulas(about: str) -> None:
+    """C and D of signals against their values at neighbouring states and torques; torques have formulas of their own."""
+    scene = load_scene_text(
+        BALL.replace("torques:", "  points: {tip: {link: two, at: [0.1, 0.2, 0.3]}}\ntorques:")
+        + "simulate: {duration: 0.1, samples: 3}\n",
+        overrides=[SIGNALS],
+    )
+    found = linearise(scene, about=about, outputs=["one", "a", "two", "three"])
+    model = Mechanism(scene)._problem
+    manifold, names = Manifold(model.model), model.model.v_names
+    step = 1e-6
+
+    def signals(q: np.ndarray, v: np.ndarray, t: float, u: np.ndarray) -> np.ndarray:
+        tau = dict(zip(names, u))
+        tau["a"] += 2 * np.sin(3 * t) - 4 * q[0] - 0.3 * v[0]
+        tip, _ = Mechanism(scene).forward_kinematics("tip", q)
+        power = np.sin(q[0]) * v[1] + 0.3 * tau["a"] * v[0]
+        return np.array([power, q[0], np.linalg.norm(tip), tau["a"] - 2 * q[0]])
+
+    for k, t in enumerate(found.time):
+        C, D = (found[f"linear/{name}"] for name in "CD")
+        C, D = (C[k], D[k]) if about == "motion" else (C, D)
+        q, v, zero = found["q"][k], found["qd"][k], np.zeros(4)
+        for column, unit in enumerate(np.eye(4) * step):
+            sides = [
+                [signals(manifold.integrate(q, s * unit), v, t, zero) for s in (1, -1)],
+                [signals(q, v + s * unit, t, zero) for s in (1, -1)],
+                [signals(q, v, t, s * unit) for s in (1, -1)],
+            ]
+            by_q, by_v, by_u = ((plus - minus) / (2 * step) for plus, minus in sides)
+            assert_close(C[:, column], by_q, 1e-8, 1.0)
+            assert_close(C[:, 4 + column], by_v, 1e-8, 1.0)
+            assert_close(D[:, column], by_u, 1e-8, 1.0)
+    assert [s["unit"] for s in found.summary["outputs"]] == ["W", "rad", "1", "1"]
+
+
+def test_signals_of_the_controller_are_no_outputs() -> None:
+    scene = load_scene(CONFIGS / "controlled_arm.yaml", ["outputs.signals.wanted=ref.theta1"])
+    assert [s["name"] for s in linearise(scene, outputs=["power"]).summary["outputs"]] == ["power"]
+    with pytest.raises(SceneError, match="--output wanted: its formula needs ref.theta1 of the controller"):
+        linearise(scene, outputs=["wanted"])
+
+
+def test_instants_of_a_motion() -> None:
+    """Each is the linear model of the state there; the nearest sample is taken."""
+    scene = load_scene(PENDULUM, ["simulate.duration=1", "simulate.samples=101"])
+    result = linearise(scene, about=[0.0, 0.501, 0.499, 1.0])
+    assert_close(result["linear/instant"], [0.0, 0.5, 1.0], 1e-12)
+    for k, instant in enumerate(result.summary["instants"]):
+        at = int(np.argmin(np.abs(result.time - instant["time"])))
+        q, v = ([float(x) for x in result[name][at]] for name in ("q", "qd"))
+        there = [
+            f"initial={{q: {{theta1: {q[0]!r}, theta2: {q[1]!r}}}, qd: {{theta1: {v[0]!r}, theta2: {v[1]!r}}}}}"
+        ]
+        one = linearise(load_scene(PENDULUM, there))
+        for mode, same in zip(instant["modes"], one.summary["modes"]):
+            assert_close([mode["real"], mode["imaginary"]], [same["real"], same["imaginary"]], 1e-9)
+        A, B, C, D = (result[f"linear/{name}"][at] for name in "ABCD")
+        w = float(result["linear/frequency"][77])
+        direct = C @ np.linalg.solve(1j * w * np.eye(4) - A, B) + D
+        assert_close(result["linear/response_real"][k, 77], direct.real, 1e-10)
+        assert_close(result["linear/response_imaginary"][k, 77], direct.imag, 1e-10)
+    with pytest.raises(SceneError, match="--instants: 1.1 s is outside the motion; allowed: 0 to 1 s"):
+        linearise(scene, about=[1.1])
 
 
 def test_what_inputs_do_not_reach_is_said() -> None:
@@ -255,13 +330,61 @@ def test_redundant_rows_change_nothing() -> None:
     assert result.summary["freedoms"] == 1 and np.isfinite(result["linear/A"]).all()
 
 
+@pytest.mark.parametrize("angle", [10, 30, 77, 131])
+@pytest.mark.parametrize("about", ["state", "balance"])
+def test_a_free_motion_is_one_mode_at_zero(angle: float, about: str) -> None:
+    """Nothing pulls the parallelogram anywhere: what rounding leaves of its double pole is no oscillation."""
+    start = f"initial={{q: {{theta1: {angle} deg, phi2: -{angle} deg, phi1: {angle} deg}}, hold: [theta1]}}"
+    result = linearise(load_scene(CONFIGS / "parallelogram.yaml", [start]), about=about)
+    (mode,) = result.summary["modes"]
+    assert (mode["real"], mode["imaginary"], mode["frequency"]) == (0.0, 0.0, 0.0)
+    assert mode["damping"] is None and 0.0 < mode["error"] < 1e-5
+    assert result.summary["stability"] == "marginal"
+    assert not result["linear/poles_real"].any() and not result["linear/poles_imaginary"].any()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_poles_do_not_depend_on_the_choice_of_coordinates(seed: int) -> None:
+    """A four-bar that hangs in a random direction of gravity: each joint as the independent one gives the same poles."""
+    rng = np.random.default_rng(seed)
+    gravity = [float(x) for x in rng.normal(size=2)]
+    changes = ["torques={}", f"gravity=[{gravity[0]}, {gravity[1]}, 0]", "initial.qd={}"]
+    scene = load_scene(CONFIGS / "parallelogram.yaml", [*changes, "robot.joints.1.a=1.7"])
+    found = []
+    for name in ("theta1", "phi2", "phi1"):
+        result = linearise(scene, about="balance", inputs=[name])
+        assert result.summary["states"][0]["name"] == name
+        found.append([result[f"linear/poles_{part}"] for part in ("real", "imaginary", "error")])
+    for (real, imaginary, error), (*other, further) in zip(found, found[1:]):
+        assert (np.abs(imaginary) > 0.1).all() and not real.any()
+        # the balance itself is found to some 1e-10
+        assert np.abs(np.hypot(real - other[0], imaginary - other[1])).max() <= max(error + further) + 1e-9
+
+
+def test_a_pole_is_as_uncertain_as_it_says() -> None:
+    """Disturbances of the entries within their rounding move no pole farther than its error: double ones, and others."""
+    from robodyn_cli.run.linear.modes import pole_errors
+
+    rng = np.random.default_rng(3)
+    for size in (2, 4, 8):
+        A = rng.normal(size=(size, size))
+        A[0], A[:, 0] = 0.0, 0.0
+        A[0, 1] = 1.0  # poles at 0: one of the block, one of its own
+        rounding = 1e-13 * rng.random((size, size))
+        poles = np.linalg.eigvals(A)
+        errors = pole_errors(A, rounding, poles)
+        for _ in range(200):
+            moved = np.linalg.eigvals(A + rounding * rng.uniform(-1, 1, (size, size)))
+            assert (np.abs(poles[:, None] - moved).min(axis=1) <= errors).all()
+
+
 @pytest.mark.parametrize(
     ("change", "options", "words"),
     [
         ([], {"inputs": ["theta3"]}, "--input theta3: unknown .did you mean 'theta"),
         ([], {"inputs": ["theta1", "theta1"]}, "a joint is given twice"),
         ([], {"outputs": ["top"]}, "--output top: unknown.*allowed: theta1, theta2, qd.theta1"),
-        ([], {"about": "there"}, "allowed: state, balance, hold, motion"),
+        ([], {"about": "there"}, "allowed: state, balance, hold, motion, times"),
         (
             ["command=statics"],
             {"about": "motion"},

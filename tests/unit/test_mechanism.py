@@ -22,6 +22,7 @@ from robodyn_cli.run.many.groups import Built, Structures
 from robodyn_cli.run.many.integrate import JUDGED, Batch
 from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.run.many.simulate import Simulate
+from robodyn_cli.run.many.start import _least_steps
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from tests.numeric import assert_close
@@ -153,6 +154,17 @@ def test_keys_are_numbers_starts_or_structure() -> None:
     assert understand(family, "simulate.samples").sort == STRUCTURE
     with pytest.raises(SceneError, match="mas"):
         understand(family, "robot.links.link1.mas")
+
+
+@pytest.mark.parametrize("shape", [(20, 2, 5), (20, 5, 2), (20, 3, 3), (20, 1, 1)])
+@pytest.mark.parametrize("singular", [False, True])
+def test_steps_of_many_newtons_are_the_least_ones(shape: tuple[int, int, int], singular: bool) -> None:
+    rng = np.random.default_rng(0)
+    J, F = rng.normal(size=shape), rng.normal(size=shape[:2])
+    if singular:
+        J[3] = 0.0
+    wanted = (np.linalg.pinv(J) @ F[..., None])[..., 0]
+    np.testing.assert_allclose(_least_steps(J, F), wanted, rtol=1e-7, atol=1e-9)
 
 
 # -- runs ---------------------------------------------------------------------------------------------------

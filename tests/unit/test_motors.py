@@ -18,9 +18,10 @@ from robodyn_cli.motors.electric import Supply
 from robodyn_cli.motors.envelope import Envelope
 from robodyn_cli.motors.thermal import Thermal
 from robodyn_cli.results.summary import dumps
+from robodyn_cli.run.batch.findings import findings
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.simulate import simulate
-from robodyn_cli.run.sizing.cycle import Asked, motor_cycle
+from robodyn_cli.run.sizing.cycle import Asked, Samples, motor_cycle
 from robodyn_cli.scene.load import load_scene_text
 
 THERMAL = Thermal(
@@ -303,6 +304,59 @@ catalogue:
     assert drive["limits"]["winding"]["use"] == pytest.approx((drive["winding"]["peak"] - 30) / 90, rel=1e-12)
 
 
+@pytest.mark.parametrize("seed", range(4))
+def test_figures_of_random_motions_are_within_their_errors(seed: int) -> None:
+    """Sums over 30 times as many samples, of the formulas of gear, motor and winding; the winding by its network."""
+    rng = np.random.default_rng(seed)
+
+    def waves(size: float) -> str:
+        parts = [f"{size * rng.normal() / k!r}*sin(2*pi*{k}*t/3 + {rng.uniform(0, 6)!r})" for k in (1, 2, 3)]
+        return " + ".join(parts)
+
+    text = arm("axes").replace('"0.8*sin(2*pi*t/3)"', f'"{waves(0.4)}"')
+    text = text.replace('"0.3 + 0.1*cos(2*pi*t/3)"', f'"{waves(0.05)}"')
+    text = text.replace('"0.5*sin(4*pi*t/3) + 0.2*cos(2*pi*t/3)"', f'"{waves(0.3)}"')
+    coarse = summary_of(text.replace("samples: 1801", "samples: 401"))["drives"]
+    fine = inverse(load_scene_text(text.replace("samples: 1801", "samples: 12001")))
+    t = fine["time"]
+    gears = {"a": (40.0, 0.8, 0.5), "s": (2.0 * np.pi / 0.02, 0.9, 0.9), "b": (40.0, 0.8, 0.5)}
+    shafts = {"a": 4e-4, "s": 5e-4, "b": 3e-4 + 1e-4 + 5e-5 + 7e-5}  # rotor, gear, brake, coupling
+    for k, (name, (n, forward, backward)) in enumerate(gears.items()):
+        drive, qd, qdd = coarse[name], fine["qd"][:, k], fine["qdd"][:, k]
+        count, errors = drive["count"], drive["errors"]
+        load = (fine["tau"][:, k] - count * n**2 * shafts[name] * qdd) / count
+        torque = load * np.where(load * qd >= 0.0, 1.0 / forward, backward) / n + shafts[name] * n * qdd
+        w = n * qd
+        current = (torque + 0.01 * np.sign(w) + 2e-5 * w) / 0.2
+        cold = 0.9 * current**2
+        mean = (25.0 + (np.trapezoid(cold, t) / 3.0) * (1.0 - 0.00393 * 25.0)) / (
+            1.0 - (np.trapezoid(cold, t) / 3.0) * 0.00393
+        )
+        copper = cold * (1.0 + 0.00393 * (min(mean, 150.0) - 25.0))
+        power = torque * w
+        electrical = power + 0.2 * current * w - power + copper
+        found = {
+            "rms_torque": (drive["shaft"]["rms_torque"], np.sqrt(np.trapezoid(torque**2, t) / 3.0)),
+            "mean_torque": (drive["shaft"]["mean_torque"], np.trapezoid(np.abs(torque), t) / 3.0),
+            "peak_torque": (drive["shaft"]["peak_torque"], np.abs(torque).max()),
+            "rms_current": (drive["electrical"]["rms_current"], np.sqrt(np.trapezoid(current**2, t) / 3.0)),
+        }
+        energies = {
+            "driving_energy": (drive["shaft"], power),
+            "braking_energy": (drive["shaft"], -power),
+            "energy": (drive["electrical"], electrical),
+            "regenerated": (drive["electrical"], -electrical),
+        }
+        for key, (own, true) in found.items():
+            assert own == pytest.approx(true, abs=10.0 * errors[key] + 1e-4 * true), (name, key)
+            # the largest torque may be at a jump of the gear's losses
+            assert errors[key] < (0.1 if key == "peak_torque" else 0.02) * true
+        for key, (side, flow) in energies.items():
+            true, whole = np.trapezoid(np.maximum(flow, 0.0), t), np.trapezoid(np.abs(flow), t)
+            assert side[key] == pytest.approx(true, abs=10.0 * errors["energy"] + 1e-4 * whole), (name, key)
+        assert errors["energy"] < 0.02 * whole
+
+
 def test_torques_of_inverse_move_the_driven_robot_along_its_motion() -> None:
     """`simulate` has the same rotors and masses: the figures of its drives are those of `inverse`."""
     text = arm("axes")
@@ -390,13 +444,13 @@ def test_many_gears_at_once_are_each_alone() -> None:
     """The arrays of many cycles, as sizing has them, hold the cycle of each."""
     rng = np.random.default_rng(2)
     asked = Asked(*rng.normal(size=(3, 4, 301)), rng.uniform(0, 1e-4, (4, 1)))
-    every = motor_cycle(DC, Supply(), asked, 0.01)
+    every = motor_cycle(DC, Supply(), asked, Samples(0.01))
     for k in range(4):
         alone = motor_cycle(
             DC,
             Supply(),
             Asked(asked.speed[k], asked.acceleration[k], asked.torque[k], asked.inertia[k, 0]),
-            0.01,
+            Samples(0.01),
         )
         assert every.temperature is not None and alone.temperature is not None
         assert np.allclose(every.temperature[k], alone.temperature, rtol=1e-13)
@@ -432,8 +486,27 @@ def test_wrong_drives(drives: str) -> None:
 @pytest.mark.parametrize("key", ["gear_ratio: 3", "rotor_inertia: 1e-4", "gear: {efficiency: 0.9}"])
 def test_a_joint_says_nothing_of_its_drive_twice(key: str) -> None:
     name = key.partition(":")[0]
-    with pytest.raises(SceneError, match=rf"robot.joints.0.{name}: joint 'a' has a drive, which says that"):
+    with pytest.raises(
+        SceneError, match=rf"robot.joints.0.{name}: joint 'a': '{name}' says what its drive says too"
+    ):
         load_scene_text(arm("axes", a=f", {key}"))
+
+
+def test_all_that_is_wrong_with_drives_is_told_at_once(tmp_path: Path) -> None:
+    own = ", gear_ratio: 3, rotor_inertia: 1e-4, friction: {viscous: 0.1, side: motor}"
+    drives = "drives: {a: {motor: x, gear: y, mass_on: z}, s: {motor: m, gear: g}, d: {motor: m}}"
+    path = tmp_path / "arm.yaml"
+    path.write_text(arm("axes", drives, a=own), encoding="utf-8")
+    told = "\n".join(finding.message for finding in findings(path))
+    for words in (
+        "robot.joints.0.gear_ratio: joint 'a': 'gear_ratio' and 'rotor_inertia' and 'friction.side' say what its drive",
+        "drives.a.motor: unknown motor 'x'",
+        "drives.a.gear: unknown gear 'y'",
+        "drives.a.mass_on: unknown link 'z'",
+        "drives.s.gear: joint 's' needs a gear that moves a slide",
+        "drives.d: unknown joint 'd'",
+    ):
+        assert words in told, words
 
 
 @pytest.mark.parametrize(

@@ -13,9 +13,11 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from robodyn_cli.cli.app import run
-from robodyn_cli.report.page.charts import chart_data
+from robodyn_cli.report.canvas import below_heading
+from robodyn_cli.report.page.charts import captions, chart_data
 from robodyn_cli.report.page.markup import Html, element, json_block
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
 from robodyn_cli.report.page.pack import Arrays, Store
@@ -142,6 +144,23 @@ def test_charts_show_what_the_figures_show() -> None:
     } <= drawn
     assert "tip_path" not in drawn and "mechanism" not in drawn
     assert chart_data(draw(chain_result(100), "joint_angles"), Arrays()) is None, "a map is a picture"
+
+
+def test_a_picture_leaves_its_heading_to_the_page() -> None:
+    """The rest of it is whole: no panel and no legend is cut off, and the title is printed no more."""
+    for result, name in ((inverse_result(), "tip_path"), (four_bar_result(), "mechanism")):
+        figure = draw(result, name)
+        said = captions(figure)
+        assert said and result.title not in said
+        part = below_heading(figure)
+        assert part is not None and part.height < figure.get_size_inches()[1] - 0.3
+        renderer = FigureCanvasAgg(figure).get_renderer()
+        for artist in (*figure.axes, *figure.legends):
+            inside = artist.get_tightbbox(renderer).transformed(figure.dpi_scale_trans.inverted())
+            assert inside.y1 <= part.y1 + 0.02 and inside.y0 >= part.y0 - 0.02, name
+        assert not any(
+            text.get_visible() for text in figure.texts if text.get_text() in (result.title, *said)
+        )
 
 
 def test_dashes_tell_lines_apart_as_in_the_figure() -> None:

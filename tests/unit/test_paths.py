@@ -249,7 +249,7 @@ def test_series_of_known_functions() -> None:
         ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], facing: {to: tangent}", "speed: 1", "cubic", "parallel to 'up'"),
         ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1], orientation: {rpy: [0, 0, 1]}}]", "speed: 1", "cubic", "with start.orientation"),
         ("start: {position: [0, 0, 0], orientation: {quaternion: [1, 1, 0, 0]}}, segments: [{type: line, to: [0, 0, 1]}]", "speed: 1", "cubic", "length 1"),
-        ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], relative_to: tip", "speed: 1", "cubic", "which moves"),
+        ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], relative_to: tip", "speed: 1", "cubic", "no joint moves"),
         ("start: {position: [0, 0, 0]}, segments: [{type: line, to: [0, 0, 1]}], relative_to: bnch", "speed: 1", "cubic", "unknown point"),
         ("start: {position: [0, 0, 0]}, segments: [{type: spline, through: [[1, 0, 0], [1, 0, 0]]}]", "speed: 1", "cubic", "point before it"),
         (SPLINE.replace("dwell: 0.2", "blend: 0"), "speed: 1", "cubic", "has to stop there"),

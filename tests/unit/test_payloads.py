@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.interpolate import CubicSpline
 
 from robodyn_cli import deploy, inverse, load_scene_text, simulate, statics
 from robodyn_cli.equations.problem import Problem
@@ -224,6 +225,62 @@ def test_an_event_begins_what_a_time_ends() -> None:
     assert late.summary["payloads"]["ball"] == {} and late["qd"][-1, 0] == pytest.approx(3.0, rel=1e-14)
 
 
+def random_chain(seed: int) -> dict[str, Any]:
+    """A chain of two to four turning and sliding joints about any axes, with full inertias, and its reference."""
+    rng = np.random.default_rng(seed)
+    joints: list[dict[str, Any]] = []
+    links: list[dict[str, Any]] = []
+    for k in range(int(rng.integers(2, 5))):
+        moments = rng.uniform(0.05, 0.1, 3)
+        off = rng.uniform(-0.01, 0.01, 3)
+        joints.append(
+            {
+                "name": f"q{k}", "type": rng.choice(["revolute", "prismatic"]).item(),
+                "axis": rng.normal(size=3).tolist(),
+                "origin": {"xyz": rng.normal(0, 0.3, 3).tolist(), "rpy": rng.normal(size=3).tolist()},
+            }
+        )  # fmt: skip
+        links.append(
+            {
+                "name": f"link{k}", "mass": float(rng.uniform(1, 3)), "com": rng.normal(0, 0.1, 3).tolist(),
+                "inertia": dict(zip(("xx", "yy", "zz", "xy", "xz", "yz"), [*moments.tolist(), *off.tolist()])),
+            }
+        )  # fmt: skip
+    start, end = (
+        {f"q{k}": float(x) for k, x in enumerate(rng.uniform(-0.5, 0.5, len(joints)))} for _ in "ab"
+    )
+    frames = {"tool": {"link": links[-1]["name"], "at": [0.1, 0.05, 0.2], "rpy": [0.4, -0.3, 0.8]}}
+    return {
+        "schema": 1,
+        "gravity": [0.3, -0.2, -9.81],
+        "robot": {"joints": joints, "links": links, "frames": frames},
+        "payloads": [
+            {"name": "box", "at": "tool", **BOX, **MOVING, "from": {"time": 0.2}, "until": {"time": 0.4}}
+        ],
+        "control": {
+            "type": "pid",
+            "reference": {"type": "quintic", "points": [{"t": 0, "q": start}, {"t": 0.6, "q": end}]},
+            "gains": {"kp": 300.0, "kd": 30.0, "ki": 200.0},
+        },
+        "initial": {"q": start},
+        "simulate": {"duration": 0.6, "samples": 601},
+    }
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_controller_keeps_its_states_when_a_mass_is_gripped(seed: int) -> None:
+    """Its integral is ki times that of the error, past grip and release, and the work done makes up the energy."""
+    result = simulate(scene_of(random_chain(seed)))
+    assert result.status == "ok" and events(result, "grip") and events(result, "let_go")
+    integral = np.zeros_like(result["control/error"])
+    for first, last in ((0, 200), (200, 400), (400, 600)):  # its slope bends where velocities jump
+        part = slice(first, last + 1)
+        error = CubicSpline(result.time[part], result["control/error"][part])
+        integral[part] = integral[first] + error.antiderivative()(result.time[part])
+    np.testing.assert_allclose(result["control/states"], 200.0 * integral, atol=1e-6)
+    assert result.summary["energy_drift"] < 1e-7
+
+
 def test_what_is_handed_over_is_released_first() -> None:
     """At one time one mass is let go and another gripped: the first has no part in the impact."""
     more = "  - {name: other, at: rim, mass: 1, inertia: {zz: 0}, from: {time: 2}}\ninitial:"
@@ -269,6 +326,48 @@ def test_torques_of_a_given_motion() -> None:
     assert errors["round_trip"] < 1e-12 and abs(errors["energy_balance"]) < 1e-7
     assert "in motion" in found.summary["warnings"][0]
     assert [event["kind"] for event in found.events] == ["grip", "let_go"]
+
+
+def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
+    """Energies and RMS torques of 201 samples are those of the motions with and without the box, each in its time."""
+    base = {k: x for k, x in ARM.items() if k not in ("torques", "initial")}
+    base["robot"] = {**base["robot"], "joints": [
+        {**j, "type": "revolute", "axis": [0, 1, 0.3]} if j["name"] == "b" else j for j in base["robot"]["joints"]
+    ]}  # fmt: skip
+    motion = {
+        "type": "joint",
+        "duration": 1,
+        "q": {"a": "0.5*sin(2*t)", "c": "0.1*t", "d": "cos(3*t)", "b": "t^2"},
+    }
+    fine = {"trajectory": motion, "inverse": {"samples": 20001}}
+    light, heavy = inverse(scene_of(base, **fine)), inverse(scene_of(with_box(base), **fine))
+    t, qd = light["time"], light["qd"]
+    # at samples, between them, soon after the start, and for a single sample
+    for times in [(0.3, 0.7), (0.3037, 0.6012), (0.0011, 0.4999), (0.62, 0.625)]:
+        payload = {
+            "name": "box",
+            "at": "tool",
+            **BOX,
+            "from": {"time": times[0]},
+            "until": {"time": times[1]},
+        }
+        few = {"trajectory": motion, "inverse": {"samples": 201}}
+        summary = inverse(scene_of(base, payloads=[payload], **few)).summary
+        carried = ((t > times[0]) & (t <= times[1]))[:, None]
+        tau = np.where(carried, heavy["tau"], light["tau"])
+        rms, energy, net = (
+            np.trapezoid(y, t, axis=0) for y in (tau**2, np.maximum(tau * qd, 0.0), tau * qd)
+        )  # off by the jumps times a step of 5e-5 s
+        errors = summary["error_estimate"]
+        off = [1e-4 * np.abs(x).max(axis=0) for x in (tau, tau * qd)]
+        for k, joint in enumerate(summary["joints"].values()):
+            near = [
+                x[k] + 3.0 * errors[name] for x, name in zip(off, ("rms_quadrature", "energy_quadrature"))
+            ]
+            assert joint["rms_torque"] == pytest.approx(np.sqrt(rms[k]), abs=near[0]), times
+            assert joint["energy_net"] == pytest.approx(net[k], abs=near[1]), times
+            assert joint["energy"] == pytest.approx(energy[k], abs=near[1]), times
+        assert errors["rms_quadrature"] < (1e-6 if times[1] - times[0] > 0.1 else 0.1)
 
 
 def test_a_run_goes_on_from_a_stored_one(tmp_path: Path) -> None:

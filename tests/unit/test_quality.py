@@ -35,7 +35,5 @@ def test_no_evaluation_of_text() -> None:
     """Nothing hands text to Python's own evaluation."""
     for path in PACKAGE.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        if path.name == "cluster.py":  # what Dask's workers get is pickled in any case
-            text = text.replace("pickle", "")
         for word in (" eval(", "=eval(", " exec(", "pickle", "yaml.load(", "os.system"):
             assert word not in text, f"{path}: {word}"

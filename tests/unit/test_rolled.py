@@ -16,16 +16,16 @@ from robodyn_cli.expr.graph import Graph
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.joints.helical import Helical
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.kernels import rolled
 from robodyn_cli.kernels.compiler import REPORT, compile_module, machine
 from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.kernels.ir import module
-from robodyn_cli.kernels.rolled import (
+from robodyn_cli.kernels.rolled import kernels as rolled
+from robodyn_cli.kernels.rolled.kernels import (
     RolledForwardDynamics,
     RolledInverseDynamics,
 )
-from robodyn_cli.kernels.rolled_loops import rolled_function, tree_function, write_sample_kernel
-from robodyn_cli.kernels.rolled_tables import RolledPlan
+from robodyn_cli.kernels.rolled.loops import rolled_function, tree_function, write_sample_kernel
+from robodyn_cli.kernels.rolled.tables import RolledPlan
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, FixedFrame, Loop, Model
 from robodyn_cli.spatial.algebra import (

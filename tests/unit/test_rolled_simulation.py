@@ -20,7 +20,7 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels import compiler, crossover
-from robodyn_cli.kernels.rolled_tables import RolledPlan
+from robodyn_cli.kernels.rolled.tables import RolledPlan
 from robodyn_cli.run.batch.findings import findings
 from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.run.plan.plan import plan as make_plan

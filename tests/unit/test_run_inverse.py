@@ -218,8 +218,10 @@ def test_what_cannot_be_done_says_so() -> None:
         inverse(load_scene(CONFIGS / "double_pendulum.yaml"))
     with pytest.raises(CapabilityError, match="lacks 'theta2'"):
         lecture("actuated=[theta1]")
-    with pytest.raises(CapabilityError, match="'prescribed'"):
+    with pytest.raises(SceneError, match="'theta1', which carries 'tip', is prescribed"):
         lecture("prescribed={theta1: t}")
+    with pytest.raises(CapabilityError, match="'prescribed'"):
+        InverseDynamics(load_scene(CONFIGS / "2r_circle.yaml", ["prescribed={theta1: t}"]))
 
 
 @pytest.mark.parametrize(
@@ -296,3 +298,36 @@ def test_quadrature_of_a_wave() -> None:
     assert root_mean_square_over(t, y)[0] == pytest.approx(root_mean_square(y, 0.01)[0], rel=1e-14)
     zero = np.zeros((9, 1))
     assert integrate_positive(zero, 0.1)[0] == integrate_positive(zero - 1.0, 0.1)[0] == 0.0
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_quadrature_of_functions_that_jump(seed: int) -> None:
+    """Waves with other coefficients between jumps, at random times and at samples: sums of the pieces' integrals."""
+    rng = np.random.default_rng(seed)
+    t = np.linspace(0.0, 3.0, 481)
+    h = t[1]
+    places = np.sort(
+        rng.choice(np.arange(8, 472, 8), size=3, replace=False) + rng.choice([0.0, rng.uniform(0, 0.99)], 3)
+    )
+    edges = [0.0, *(h * places), 3.0]
+    waves = [(rng.normal(), rng.uniform(1, 4), rng.uniform(0, 6), 0.4 * rng.normal()) for _ in range(4)]
+    y, exact, positive, square = np.empty(481), 0.0, 0.0, 0.0
+    for (A, w, phase, c), (a, b) in zip(waves, itertools.pairwise(edges)):
+        inside = (t > a) & (t <= b) if a > 0.0 else t <= b  # a sample at a jump is that of before
+        y[inside] = A * np.sin(w * t[inside] + phase) + c
+        x, weights = np.polynomial.legendre.leggauss(2000)
+        fine = A * np.sin(w * (a + (b - a) * (x + 1) / 2) + phase) + c
+        weights = weights * (b - a) / 2
+        exact += weights @ fine
+        positive += weights @ np.maximum(fine, 0.0)
+        square += weights @ fine**2
+    column = y[:, None] * [1.0, -1.0]
+    assert_close(integrate(column, h, places), [exact, -exact], 1e-8)
+    assert_close(
+        integrate_positive(column, h, places), [positive, positive - exact], 1e-6
+    )  # Gauss knows no kinks
+    assert_close(root_mean_square(column, h, places) ** 2 * 3.0, [square, square], 1e-8)
+    thin = integrate(column[::2], 2 * h, 0.5 * places)
+    assert_close(thin, [exact, -exact], 1e-5)
+    # without the jumps it is off by their size times a part of a step
+    assert abs(integrate(column, h)[0] - exact) > 1e-5

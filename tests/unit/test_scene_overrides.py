@@ -159,7 +159,8 @@ def test_missing_file_is_the_options_fault(tmp_path: Path) -> None:
     missing = tmp_path / "none.yaml"
     assert (
         caught.value.message
-        == f"--set robot=none.yaml: robot: cannot read '{missing}': there is no such file"
+        == f"--set robot=none.yaml: robot: cannot read '{missing}': there is no such file; a path in an option starts "
+        f"at the folder of the scene, '{tmp_path}'"
     )
 
 

@@ -15,6 +15,7 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.motors.drive import Drive
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.sizing.responses import Responses
+from robodyn_cli.run.sizing.search import Search
 from robodyn_cli.run.sizing.size import size
 from robodyn_cli.scene.load import load_scene, load_scene_text
 
@@ -130,6 +131,124 @@ def test_torques_are_linear_in_masses_and_inertias() -> None:
         tau = inverse(changed)["tau"]
         found = responses.tau.at(masses, inertias)
         assert np.abs(found - tau).max() < 1e-11 * np.abs(tau).max()
+
+
+def random_scene(rng: np.random.Generator, joints: int, motors: int, gears: int, samples: int) -> str:
+    """Return an arm with mixed axes, full inertias and centres of mass off the axes, in a random motion; its catalogue
+    has motors whose price, mass and torque go together loosely."""
+    names = [f"j{k}" for k in range(joints)]
+    lines = [
+        "schema: 1",
+        f"gravity: {[float(x) for x in rng.normal(0, 3, 3) - [0, 0, 9]]}",
+        "robot:",
+        "  joints:",
+    ]
+    for name in names:
+        axis, xyz, rpy = ([float(x) for x in rng.normal(0, s, 3)] for s in (1.0, 0.3, 0.8))
+        lines.append(
+            f"    - {{name: {name}, type: revolute, axis: {axis}, origin: {{xyz: {xyz}, rpy: {rpy}}}}}"
+        )
+    lines.append("  links:")
+    for name in names:
+        A = rng.normal(0, 0.1, (3, 3))
+        I = (A @ A.T + np.trace(A @ A.T) * np.eye(3) / 2).tolist()
+        com = [float(x) for x in rng.normal(0, 0.15, 3)]
+        inertia = ", ".join(
+            f"{k}: {I['xyz'.index(k[0])]['xyz'.index(k[1])]!r}" for k in ("xx", "yy", "zz", "xy", "xz", "yz")
+        )
+        lines.append(
+            f"    - {{name: l{name}, mass: {rng.uniform(1, 4)!r}, com: {com}, com_frame: joint, inertia: {{{inertia}}}}}"
+        )
+    q = ", ".join(
+        f'{n}: "{rng.normal()!r}*sin({rng.uniform(1, 3)!r}*t + {rng.uniform(0, 6)!r})"' for n in names
+    )
+    lines += [
+        f"trajectory: {{type: joint, duration: 2, q: {{{q}}}}}",
+        f"inverse: {{samples: {samples}}}",
+        "catalogue:",
+        "  motors:",
+    ]
+    for k in range(motors):
+        peak = 10 ** rng.uniform(-0.7, 1.2)
+        price, mass = peak**0.6 * rng.uniform(5, 15), peak**0.8 * rng.uniform(0.4, 2.5)
+        lines.append(f"    m{k}: {{type: envelope, cost: {price!r}, mass: {mass!r}, rotor_inertia: {1e-4 * peak!r}, "
+                     f"peak: [[0, {peak!r}], [300, {peak / 2!r}]], continuous: [[0, {peak / 2.5!r}], [300, {peak / 5!r}]]}}")  # fmt: skip
+    lines.append("  gears:")
+    for k in range(gears):
+        ratio = 3.0 * 3.0**k * rng.uniform(0.8, 1.2)
+        lines.append(
+            f"    g{k}: {{type: gear, ratio: {ratio!r}, efficiency: 0.85, mass: {rng.uniform(0.3, 2)!r}, cost: {rng.uniform(2, 12)!r}}}"
+        )
+    return "\n".join([*lines, ""])
+
+
+def least_of_all(search: Any, by: str) -> float:
+    """Return the smallest sum of prices of all combinations of all joints, in which every drive bears its motion with
+    the masses of the others; inf where there is none. Arms: no drive feels those further in."""
+    names = list(search.candidates)[::-1]
+    prices = {n: (one.costs if by == "cost" else one.masses).ravel() for n, one in search.candidates.items()}
+
+    def least(k: int, masses: dict[str, float]) -> float:
+        if k == len(names):
+            return 0.0
+        margins = search.margins_under(names[k], {**dict.fromkeys(names, 0.0), **masses}).ravel()
+        found, below = np.inf, {}
+        for place in np.flatnonzero(margins >= 0.0):
+            mass = float(search.candidates[names[k]].masses.flat[place])
+            if mass not in below:
+                below[mass] = least(k + 1, {**masses, names[k]: mass})
+            found = min(found, float(prices[names[k]][place]) + below[mass])
+        return found
+
+    return least(0, {})
+
+
+@pytest.mark.parametrize("by", ["cost", "mass"])
+def test_nothing_is_cheaper_or_lighter_than_what_is_proven(by: str) -> None:
+    """Random arms against all combinations; those in which the cheapest further out is not the cheapest of all too."""
+    better, none = 0, 0
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        joints = int(rng.integers(2, 4))
+        text = random_scene(rng, joints, int(rng.integers(4, 7)), 3, 101)
+        scene = load_scene_text(text)
+        drives = {f"j{k}": Drive(motor="") for k in range(joints)}
+        search = Search.of(Responses.of(scene, drives), drives, scene.catalogue, by)
+        search.run()
+        true = least_of_all(search, by)
+        alone = (
+            sum(float(search.prices(n)[0][search.chosen[n]]) for n in drives) if search.all_pass else np.inf
+        )
+        result = size(scene, by=by)
+        assert result.summary["size"]["proven"] == np.isfinite(true)
+        assert (result.status == "ok") == np.isfinite(true)
+        assert result.summary["size"]["margin_difference"] < 1e-9 * max(
+            1.0, *(abs(d["margin"]) for d in result.summary["drives"].values())
+        )
+        if np.isfinite(true):
+            assert result.summary["size"][by] == pytest.approx(true, rel=1e-12)
+            better += alone > true * (1.0 + 1e-9)
+        none += not np.isfinite(true)
+    # the lightest further out asks least of those further in
+    assert none <= 4 and (better >= 1 or by == "mass"), (better, none)
+
+
+def test_a_pair_is_the_cheapest_by_inverse_of_all_pairs() -> None:
+    """The margins are those of ``inverse`` with both drives in the scene."""
+    text = random_scene(np.random.default_rng(5), 2, 2, 2, 61)
+    scene = load_scene_text(text)
+    found = size(scene).summary
+    motors, gears = list(scene.catalogue.motors), [None, *scene.catalogue.gears]
+    parts = list(itertools.product(motors, gears))
+    costs = []
+    for pair in itertools.product(parts, parts):
+        drives = ", ".join(
+            f"j{k}: {{motor: {m}{'' if g is None else f', gear: {g}'}}}" for k, (m, g) in enumerate(pair)
+        )
+        figures = inverse(load_scene_text(f"{text}drives: {{{drives}}}\n")).summary["drives"]
+        if all(one["passes"] for one in figures.values()):
+            costs.append(sum(one["cost"] for one in figures.values()))
+    assert costs and found["size"]["cost"] == pytest.approx(min(costs), rel=1e-12) and found["size"]["proven"]
 
 
 def test_a_mechanism_with_loops() -> None:

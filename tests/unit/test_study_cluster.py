@@ -114,10 +114,25 @@ def test_two_workers_one_of_them_killed_give_the_bits_of_this_machine(
         same_rows(here, there)
         failures = json.loads((there / "summary.json").read_text())["failures"]
         assert ("2" in failures) == (name == "whole")
+
+
+def test_a_worker_compiles_a_study_once(scene: Path, tmp_path: Path, dask: Cluster) -> None:
+    def code() -> list[Any]:
+        return list(cluster._code.values())
+
+    def mark() -> int:
+        for compiled in code():
+            compiled.marked = True
+        return len(code())
+
+    dask.worker()
+    words = [*VARY, "-n", 300, "--of", "final.q.b", "--scheduler", dask.address]
     with distributed.Client(dask.address, set_as_default=False) as client:
-        (info,) = client.run(lambda: cluster._unpacked.cache_info()).values()
-        assert info.misses == 2  # of two studies, whatever number of chunks each had
-        assert info.hits > 3
+        assert sweep(scene, *words, "--out", tmp_path / "one").exit_code == 0
+        assert list(client.run(mark).values()) == [1]
+        assert sweep(scene, *words, "--out", tmp_path / "two").exit_code == 0
+        assert list(client.run(lambda: [hasattr(x, "marked") for x in code()]).values()) == [[True]]
+    same_rows(tmp_path / "one", tmp_path / "two")
 
 
 def wait_for_rows(directory: Path) -> None:

@@ -49,6 +49,7 @@ initial: {q: {z: 0}, qd: {z: 1.0}}
 simulate: {duration: 1.0, samples: 3, rtol: 1e-10, atol: 1e-12}
 expect: {final.q.z: -5 .. -3}
 """
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 PENDULUM = """
 schema: 1
 command: simulate
@@ -502,6 +503,18 @@ robot:
         ("energy_drift_relative", "1"),
         ("reactions.largest.hinge.peak_moment", "N m"),
         ("counters.steps", "1"),
+        ("drives.slide.joint.rms_torque", "N"),
+        ("drives.slide.joint.peak_speed", "m/s"),
+        ("drives.slide.shaft.rms_torque", "N m"),
+        ("drives.slide.shaft.peak_speed", "rad/s"),
+        ("drives.slide.ratio", "rad/m"),
+        ("drives.hinge.ratio", "1"),
+        ("drives.hinge.wind_up", "rad"),
+        ("control.tracking.slide.peak", "m"),
+        ("control.tracking.hinge.at", "s"),
+        ("control.limits.slide", "N"),
+        ("control.saturated.slide", "s"),
+        ("control.energy.braking", "J"),
         ("error_estimate.q_end", UNKNOWN),
         ("constraint_residual.position", UNKNOWN),
     ],
@@ -577,6 +590,40 @@ def test_a_wrong_study_is_refused_before_anything_runs(
     done = sweep(fall, *words, "--out", tmp_path / "out")
     assert done.exit_code == 2 and part in done.output, done.output
     assert not os.path.exists(tmp_path / "out")
+
+
+@pytest.mark.parametrize(
+    "command, key, possible",
+    [
+        ("deploy", "lock.time", True),
+        ("deploy", "lock.tim", False),
+        ("deploy", "lock.kind", False),
+        ("deploy", "lock.angles.theta1", True),
+        ("deploy", "lock.angles.theta9", False),
+        ("deploy", "lock.multiplier_growth.times.10", True),
+        ("simulate", "final.q.theta1", True),
+        ("simulate", "final.p.theta1", False),
+        ("simulate", "lock.time", False),
+        ("simulate", "error_estimate.q_end", True),
+        ("simulate", "error_estimate.end", False),
+        ("simulate", "energy_drift", True),
+        ("simulate", "energy_drif", False),
+    ],
+)
+def test_an_output_that_no_run_has_is_refused_where_the_nominal_run_has_nothing(
+    tmp_path: Path, command: str, key: str, possible: bool
+) -> None:
+    """The one does not lock, the other fails on the way."""
+    deploys = command == "deploy"
+    scene = CONFIGS / ("four_bar_deploy.yaml" if deploys else "double_pendulum.yaml")
+    short = "simulate.duration=0.02" if deploys else "simulate.max_steps=3"
+    mass = f"robot.links.{'crank' if deploys else 'link1'}.mass"
+    done = sweep(
+        scene, "--set", short, "--vary", f"{mass}=[20]", "--of", key, "--no-plots", "--out", tmp_path / "out"
+    )
+    assert (done.exit_code == 0) == possible, done.output
+    if not possible:
+        assert done.exit_code == 2 and f"--of {key}" in done.output and not (tmp_path / "out").exists()
 
 
 def test_drawings_fit_the_study(fall: Path, tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.cli.scene_command import scene_command
-from robodyn_cli.cli.words import drive_lines, multiplier_lines, number, table
+from robodyn_cli.cli.words import cost_line, drive_lines, multiplier_lines, number, table
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -53,9 +53,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines += drive_lines(summary)
     lines += _fastest(summary)
     lines += multiplier_lines(summary)
-    times = summary.get("wall_time_s", {})
-    parts = ", ".join(f"{k} {1e3 * v:.3g}" for k, v in times.items() if k != "total" and v >= 5e-5)
-    lines.append(f"  cost               ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}")
+    lines.append(cost_line(summary))
     return "\n".join(lines)
 
 

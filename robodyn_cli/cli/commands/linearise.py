@@ -62,7 +62,18 @@ def command(
     outputs: Annotated[
         list[str] | None,
         typer.Option(
-            "--output", metavar="NAME,...", parser=utf8, help="What is measured: joints, qd.JOINT, points."
+            "--output",
+            metavar="NAME,...",
+            parser=utf8,
+            help="What is measured: joints, qd.JOINT, points, outputs.signals.",
+        ),
+    ] = None,
+    instants: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--instants",
+            metavar="T,...",
+            help="With --along: times [s] at which modes and frequency response are wanted.",
         ),
     ] = None,
     out: OutDir = None,
@@ -78,11 +89,14 @@ def command(
     state = [text for text in at or () if text != BALANCE]
     about = _about(at or (), state, hold, along)
     changes, of = list(overrides or ()), {"inputs": _names(inputs), "outputs": _names(outputs)}
+    times = _times(_names(instants))
+    if times and about != "motion":
+        raise SceneError("--instants are those of a motion; allowed: with --along")
     if about != "motion":
         changes = _changes(scene, changes, state)
     job = SceneRun(
         "linearise", scene, out, changes, drawings(no_plots, plots, format_), strict,
-        options={"about": about, **of},
+        options={"about": times or about, **of},
     )  # fmt: skip
     try:
         return run_scene(job, Console(as_json, quiet), describe)
@@ -113,6 +127,19 @@ def _names(given: Sequence[str] | None) -> tuple[str, ...]:
     return tuple(name.strip() for text in given or () for name in text.split(",") if name.strip())
 
 
+def _times(given: Sequence[str]) -> tuple[float, ...]:
+    """Return times [s].
+
+    Raises
+    ------
+    SceneError : one is no number.
+    """
+    try:
+        return tuple(float(text) for text in given)
+    except ValueError:
+        raise SceneError(f"--instants {','.join(given)}: allowed: numbers [s], as 0,0.5,2") from None
+
+
 def _changes(path: Path, overrides: Sequence[str], state: Sequence[str]) -> list[str]:
     """Return all overrides of a scene that is to be in a state."""
     from robodyn_cli.run.mechanism.info import changes_at
@@ -141,12 +168,18 @@ def describe(summary: Mapping[str, Any]) -> str:
             f"  samples            {summary['samples']}; pole farthest to the right {number(growth['largest'])} 1/s "
             f"at t = {number(growth['time'])} s"
         )
+        for instant in summary.get("instants", ()):
+            lines += _modes(instant, f" at {number(instant['time'])} s")
         return "\n".join(lines)
-    lines.append(f"  {summary['stability']:<18} modes, slowest first:")
-    rows = [["pole 1/s", "frequency Hz", "damping", "decay s"], *map(_row, summary["modes"])]
-    moves = ["moves", *map(_moves, summary["modes"])]
-    lines += [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_modes(summary)])
+
+
+def _modes(of: Mapping[str, Any], when: str = "") -> list[str]:
+    """Return the lines of a system's modes."""
+    rows = [["pole 1/s", "error", "frequency Hz", "damping", "decay s"], *map(_row, of["modes"])]
+    moves = ["moves", *map(_moves, of["modes"])]
+    lines = [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
+    return [f"  {of['stability']:<18} modes{when}, slowest first:", *lines]
 
 
 def _row(mode: Mapping[str, Any]) -> list[str]:
@@ -155,7 +188,8 @@ def _row(mode: Mapping[str, Any]) -> list[str]:
         f"+- {number(imaginary)}i"
     )  # fmt: skip
     note = "" if mode["reached"] and mode["shown"] else " *"
-    return [pole + note, number(mode["frequency"], 5), number(mode["damping"], 4), number(mode["time"], 4)]
+    figures = (number(mode[key], digits) for key, digits in (("frequency", 5), ("damping", 4), ("time", 4)))
+    return [pole + note, f"{mode['error']:.1e}", *figures]
 
 
 def _moves(mode: Mapping[str, Any]) -> str:

@@ -23,7 +23,9 @@ from robodyn_cli.cli.options import (
 )
 from robodyn_cli.cli.runner import SceneRun, run_scene
 from robodyn_cli.cli.scene_command import settings
-from robodyn_cli.cli.words import cost_line, drive_lines, error_lines, number
+from robodyn_cli.cli.words import cost_line, drive_lines, error_lines, number, table
+
+MOST_ROWS = 12  # of the table of tracking errors
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -42,22 +44,30 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 
 def _control_lines(control: Mapping[str, Any]) -> list[str]:
-    """Return how a controller has followed: the coordinate with the largest error, and time at limits."""
+    """Return how a controller has followed: for each coordinate its largest error, and time at limits."""
     sampled = (
         f", {control['updates']} samples every {number(control['period'])} s" if "period" in control else ""
     )
     lines = [f"  controller         {control['type']}{sampled}"]
-    tracking = control.get("tracking", {})
-    if tracking:
-        name, worst = max(tracking.items(), key=lambda item: item[1]["peak"])
-        peak = f"{number(worst['peak'])} at {number(worst['at'])} s"
-        lines.append(f"  tracking error     {name} {peak}, RMS {number(worst['rms'])}")
-    limited = {name: time for name, time in control.get("saturated", {}).items() if time > 0.0}
-    if limited:
-        lines.append(
-            "  at its limit       " + ", ".join(f"{name} {number(t)} s" for name, t in limited.items())
-        )
+    if tracking := control.get("tracking"):
+        lines += ["", _tracking_table(tracking, control.get("saturated", {})), ""]
     return lines
+
+
+def _tracking_table(tracking: Mapping[str, Any], saturated: Mapping[str, float]) -> str:
+    """Return the errors of coordinates as a table, those with the largest ones where there are many."""
+    shown = list(tracking)
+    if len(shown) > MOST_ROWS:
+        shown = sorted(sorted(shown, key=lambda name: -tracking[name]["peak"])[:MOST_ROWS], key=shown.index)
+    limited = any(time > 0.0 for time in saturated.values())
+    rows = [["tracking", "largest error", "", "at [s]", "RMS", *(["at its limit [s]"] if limited else [])]]
+    for name in shown:
+        own = tracking[name]
+        row = [name, number(own["peak"], 4), own["unit"], number(own["at"], 5), number(own["rms"], 4)]
+        rows.append([*row, *([number(saturated.get(name), 4)] if limited else [])])
+    more = len(tracking) - len(shown)
+    rest = f"\n  ... and {more} with smaller errors in summary.json" if more else ""
+    return table(rows) + rest
 
 
 def command(

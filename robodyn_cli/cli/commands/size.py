@@ -21,7 +21,7 @@ from robodyn_cli.cli.options import (
     drawings,
 )
 from robodyn_cli.cli.runner import SceneRun, run_scene
-from robodyn_cli.cli.words import cost_line, drive_lines, number, table
+from robodyn_cli.cli.words import cost_line, drive_lines, margin_text, number, table
 from robodyn_cli.errors import SceneError
 from robodyn_cli.motors.registry import motor_types
 
@@ -31,14 +31,16 @@ BY = ("cost", "mass")
 def describe(summary: Mapping[str, Any]) -> str:
     """Return what was found: how much there was to choose from, the drives, and how to write them into the scene."""
     found = summary["size"]
-    rows = [["joint", "combinations", "bear it", "best margin"]]
+    rows = [["joint", "combinations", "bear it", "best margin", "of limit"]]
     for name, joint in found["joints"].items():
-        best = joint["front"][-1]["margin"] if joint["front"] else None
-        percent = "-" if best is None else f"{number(100.0 * best, 3)} %"
-        rows.append([name, str(joint["combinations"]), str(joint["passing"]), percent])
+        best = joint["best"]
+        limit = best["decides"].replace("_", " ")
+        counts = str(joint["combinations"]), str(joint["passing"])
+        rows.append([name, *counts, margin_text(best["margin"]), limit])
     drives = summary["drives"]
     written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
-    total = f"cost {number(found['cost'])}, mass {number(found['mass'])} kg, smallest by {found['by']}"
+    how = "of all combinations" if found["proven"] else "joint by joint"
+    total = f"cost {number(found['cost'])}, mass {number(found['mass'])} kg, smallest {found['by']} {how}"
     return "\n".join(
         [
             f"{summary['title']}",
@@ -81,6 +83,13 @@ def command(
             show_default=False,
         ),
     ] = None,
+    thorough: Annotated[
+        bool,
+        typer.Option(
+            "--thorough",
+            help="Try combinations of all joints together until none is better, for some minutes at most.",
+        ),
+    ] = False,
     out: OutDir = None,
     overrides: Overrides = None,
     no_plots: NoPlots = False,
@@ -104,6 +113,6 @@ def command(
         overrides or (),
         drawings(no_plots, plots, format_),
         strict,
-        options={"by": by, "margin": margin, "types": kinds},
+        options={"by": by, "margin": margin, "types": kinds, "thorough": thorough},
     )
     return run_scene(job, Console(as_json, quiet), describe)

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.equations.control.equations import Equations
-from robodyn_cli.equations.control.reference import Reference, reference_of
+from robodyn_cli.equations.control.reference import Reference, reference_of, tracked_joints
 from robodyn_cli.equations.control.situation import At, Measured
 from robodyn_cli.equations.discontinuities import switches
 from robodyn_cli.expr.functions import maximum, minimum, nearest
@@ -134,7 +134,8 @@ class Control:
 
     @cached_property
     def tracked(self) -> list[Tracked]:
-        """What follows the reference: the driven joints, or the point that it leads; nothing where it leads none."""
+        """What follows the reference: joints, the driven ones first, or the point that it leads; nothing where it leads
+        none."""
         at, model = self.exact, self.problem.model
         if self.controller.at_point:
             task = at.point()
@@ -142,15 +143,17 @@ class Control:
             return [Tracked(name, "m", *pair) for name, *pair in zip(names, task.wanted, task.p)]
         if not self.reference.known:
             return []
-        units = dict(zip(model.q_names, model.q_units))
-        return [Tracked(name, units[name], r, q) for name, r, q in zip(self.joints, at.reference[0], at.q)]
+        places = {name: k for k, name in enumerate(model.q_names)}
+        joints = tracked_joints(self.reference, getattr(self.controller, "pose", {}), model)
+        wanted = self.reference.positions(joints, self.problem.t, self.problem.environment)
+        return [
+            Tracked(name, model.q_units[places[name]], r, self.problem.q[places[name]])
+            for name, r in zip(joints, wanted)
+        ]
 
     def situation(self, seen: Measured) -> At:
         """Return what the law sees, with measured positions and rates."""
-        p = self.problem
-        env = p.environment
-        states = dict(zip(self.own, self.z))
-        return At(p, seen, self.reference.at(p.t, env), states, self._starting, env)
+        return At(self.problem, seen, self.reference, dict(zip(self.own, self.z)))
 
     @cached_property
     def exact(self) -> At:
@@ -261,15 +264,15 @@ class Control:
             found += new.get(name, self.group(name))
         return found
 
-    def start(self, q: Array, v: Array, noise: Array) -> Array:
+    def start(self, q: Array, v: Array, p: Array, noise: Array) -> Array:
         """Return the states (nc,) at t = 0, where the joints are at q (nq,) and v (nv,); sampled ones after an update.
 
-        noise : random numbers of the first sample.
+        p : parameters of the equations. noise : random numbers of the first sample.
         """
-        z = self.before_start(q, v, noise)
+        z = self.before_start(q, v, p, noise)
         if self.period is None:
             return z
-        inputs = self._inputs(q, v, z, noise)
+        inputs = self._inputs(q, v, z, p, noise)
         if self.function is not None:
             if hasattr(self.controller.function, "reset"):
                 self.controller.function.reset()
@@ -277,11 +280,11 @@ class Control:
             inputs[ASKED] = self.function(0.0, *seen)
         return np.array([float(x) for x in evaluate(self.phases[0], inputs)])
 
-    def before_start(self, q: Array, v: Array, noise: Array) -> Array:
+    def before_start(self, q: Array, v: Array, p: Array, noise: Array) -> Array:
         """Return the states (nc,) before the first update at t = 0: what was measured last is what is there."""
         z = np.array([*self._starts, *([0.0] * (len(self.names) - len(self.own)))])
         if self.last:
-            z[self.last] = [float(x) for x in evaluate(self.measured.q, self._inputs(q, v, z, noise))]
+            z[self.last] = [float(x) for x in evaluate(self.measured.q, self._inputs(q, v, z, p, noise))]
         return z
 
     @property
@@ -289,8 +292,8 @@ class Control:
         """Numbers of the states that hold the last measurement of all positions, where the law keeps it."""
         return [k for k, name in enumerate(self.names) if name.startswith("last.") and k >= len(self.own)]
 
-    def _inputs(self, q: Array, v: Array, z: Array, noise: Array) -> dict[str, Any]:
-        p = np.zeros(4 * len(v) + len(self.problem.model.parameters))
+    def _inputs(self, q: Array, v: Array, z: Array, p: Array, noise: Array) -> dict[str, Any]:
+        p = np.pad(p, (0, 4 * len(v) + len(self.problem.model.parameters)))
         return {"t": [0.0], "q": q, "v": v, STATES: z, NOISE: noise, "p": p}
 
     # -- where steps have to end ----------------------------------------------------------------------

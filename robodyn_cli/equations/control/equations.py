@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from robodyn_cli.algorithms.kinematics import Pose
+from robodyn_cli.equations.constraints import Constraints
+from robodyn_cli.equations.dependence import Combination, Dependence
 from robodyn_cli.equations.linear.protocol import Equations as Linearised
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array, Transform, Values, Vector
+from robodyn_cli.spatial.algebra import Transform, Values, Vector
 
 
 class Equations(Linearised, Protocol):
@@ -17,6 +19,9 @@ class Equations(Linearised, Protocol):
 
     scene: Scene
     t: Expr
+    keep_rows: Sequence[int] | None
+    dependent: tuple[Dependence, ...]
+    braces: Mapping[int, float]
 
     @property
     def environment(self) -> dict[str, Any]: ...
@@ -30,9 +35,15 @@ class Equations(Linearised, Protocol):
     def inverse_dynamics(self) -> Vector: ...
     def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector: ...
     def passive_forces(self, smooth: bool) -> dict[str, Vector]: ...
-    def numbers(self, entries: Any, q: Array) -> Array: ...
 
     @property
-    def of(self) -> Callable[[Scene], Equations]:
+    def elimination_order(self) -> list[int]: ...
+    @property
+    def combinations(self) -> list[Combination]: ...
+    @property
+    def independent_rows(self) -> Constraints: ...
+
+    @property
+    def of(self) -> Callable[..., Equations]:
         """What gives the equations of another scene."""
         ...

@@ -9,29 +9,34 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.driven import DrivenJoints
 from robodyn_cli.algorithms.external import PathKinematics, path_torques
-from robodyn_cli.control.base import Linear, PointTask
+from robodyn_cli.algorithms.linear import LdlFactor
+from robodyn_cli.control.base import PointTask
 from robodyn_cli.equations.control.equations import Equations
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.model import BASE
+from robodyn_cli.model.places import with_own_places
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array, Vector, Wrench, vector, zeros
+from robodyn_cli.spatial.algebra import Values, Vector, Wrench, vector, zeros
 
-LEFT = 1e-9  # of the largest torque: a joint that nobody drives may need so much to be held in a pose
+SET = "control.model.set"
 
 
 def model_scene(scene: Scene) -> Scene:
     """Return the scene of the controller's model: without drives, with the values of ``control.model.set``.
+
+    A mechanism with loops keeps its prescribed joints: they move whatever the controller does.
 
     Raises
     ------
     SceneError : a key or a value is not allowed.
     """
     given = scene.control.model.set
+    prescribed = scene.prescribed if scene.loops or scene.couplers else {}
     if given:
         from robodyn_cli.scene.load import load_scene_text
 
@@ -43,14 +48,23 @@ def model_scene(scene: Scene) -> Scene:
         try:
             scene = load_scene_text(scene.text, scene.path, settings)
         except SceneError as error:
-            raise SceneError(
-                f"{scene.path}: control.model.set: {error.message}", file=scene.path, key="control.model.set"
-            ) from error
-    return dataclasses.replace(scene, control=None, torques={}, prescribed={}, trajectory=None)
+            raise SceneError(f"{scene.path}: {SET}: {error.message}", file=scene.path, key=SET) from error
+        scene = with_own_places(scene, tuple(given), SET)
+    return dataclasses.replace(scene, control=None, torques={}, prescribed=prescribed, trajectory=None)
+
+
+def passive_forces(problem: Equations, friction: bool) -> Vector:
+    """Return the torques (nv,) of springs, dampers and friction that a controller's model has.
+
+    Losses of gears, which depend on the torque, are left out.
+    """
+    terms = problem.passive_forces(smooth=True) if friction else {}
+    found = (x for name, x in terms.items() if name in ("passive", "friction"))
+    return sum(found, zeros(problem.model.nv))
 
 
 class ControllerModel:
-    """Inverse dynamics, gravity and a point of the controller's model, at any state.
+    """Inverse dynamics, gravity and a point of the controller's model, at any state; torques of the driven joints.
 
     Parameters
     ----------
@@ -63,46 +77,85 @@ class ControllerModel:
         lead = getattr(getattr(self.controller, "reference", None), "point", None)
         if lead is not None:
             scene = with_points(scene, [lead])
-        self.problem, self.t = make(scene), problem.t
+        self.problem, self.t = make(scene, **_same_rows(problem)), problem.t
         if self.problem.model.v_names != problem.model.v_names:
             raise SceneError(
-                f"{scene.path}: control.model.set: the model has other joints than the mechanism; allowed: "
-                "other numbers",
-                file=scene.path, key="control.model.set",
+                f"{scene.path}: {SET}: the model has other joints than the mechanism; allowed: other numbers",
+                file=scene.path, key=SET,
             )  # fmt: skip
         self.driven = [problem.model.v_names.index(name) for name in self.controller.joints]
+        # of rows that depend on each other those combinations that the mechanism's own equations use
+        self._combined = {
+            own.place + k: theirs_k
+            for own, theirs in zip(self.problem.combinations, problem.combinations)
+            for k, theirs_k in enumerate(theirs.W.ravel())
+        }
 
     def at(
         self, entries: Sequence[Scalar], q: Sequence[Any], v: Sequence[Any], a: Sequence[Any] = ()
     ) -> list[Any]:
-        """Return expressions of the model at other positions, rates and accelerations; its parameters p are zero."""
-        p = dict.fromkeys(range(4 * len(self.problem.model.v_names)), 0.0)
+        """Return expressions of the model at other positions, rates and accelerations.
+
+        Of its parameters p those of contacts and payloads are zero.
+        """
+        p = dict.fromkeys(range(4 * len(self.problem.model.v_names)), 0.0) | self._combined
         groups: dict[str, Mapping[int, Any]] = {
             name: dict(enumerate(x)) for name, x in (("q", q), ("v", v), ("a", a))
         }
         return renamed(entries, {**groups, "p": p, "t": {0: self.t}})
 
-    @cached_property
-    def _friction(self) -> Vector:
-        """Torques of springs, dampers and friction; losses of gears, which depend on the torque, are left out."""
-        if not self.controller.model.friction:
-            return zeros(self.problem.model.nv)
-        terms = self.problem.passive_forces(smooth=True)
-        return sum(
-            (x for name, x in terms.items() if name in ("passive", "friction")), zeros(self.problem.model.nv)
-        )
-
+    # -- torques of the driven joints -----------------------------------------------------------------
     def inverse_dynamics(self, q: Sequence[Any], v: Sequence[Any], a: Sequence[Any]) -> list[Any]:
-        """Return M a + C v + G - tau_f (nv,)."""
-        return self.at(list(self.problem.inverse_dynamics - self._friction), q, v, a)
+        """Return the torques (n,) that give the driven joints accelerations a (n,).
+
+        In an open chain those of M a + C v + G - tau_f, where joints that are not driven have none.
+        """
+        return self.at(self._inverse_dynamics, q, v, self._of_all(a))
+
+    @cached_property
+    def _inverse_dynamics(self) -> list[Any]:
+        own = self.problem
+        passive = passive_forces(own, self.controller.model.friction)
+        if self._loops is None:
+            return self._of_driven(own.inverse_dynamics - passive)
+        gamma = own.independent_rows.gamma
+        wanted = vector([own.a[k] for k in self.driven])
+        return list(self._loops.torques(wanted - self._loops.free(passive - own.bias, gamma)))
 
     def gravity(self, q: Sequence[Any]) -> list[Any]:
-        """Return G (nv,)."""
-        rest = zeros(self.problem.model.nv)
-        return self.at(
-            list(self.problem.newton_euler(rest, rest, self.problem.gravity)), q, [0.0] * len(rest)
-        )
+        """Return the torques (n,) against gravity: G of the driven joints, or their share of it."""
+        own, rest = self.problem, zeros(self.problem.model.nv)
+        return self.at(self._share(own.newton_euler(rest, rest, own.gravity)), q, [0.0] * len(rest))
 
+    def _share(self, load: Vector) -> list[Any]:
+        """Return what the driven joints bear of a load (nv,) at rest: its entries, or the share that loops leave."""
+        if self._loops is None:
+            return self._of_driven(load)
+        still = zeros(len(self.problem.independent_rows.rows))
+        return list(self._loops.torques(-self._loops.free(-load, still)))
+
+    @cached_property
+    def _loops(self) -> DrivenJoints | None:
+        """The driven joints of a mechanism with loops."""
+        own = self.problem
+        if not own.model.closures:
+            return None
+        factor = LdlFactor.of(own.mass_matrix, own.elimination_order)
+        given = self.controller.directions
+        directions = None if given is None else np.array(given, dtype=object)
+        return DrivenJoints(factor, own.independent_rows.psi(own.model.nv), self.driven, directions)
+
+    def _of_driven(self, entries: Values) -> list[Any]:
+        return [entries[k] for k in self.driven]
+
+    def _of_all(self, entries: Sequence[Any]) -> list[Any]:
+        """Return entries (nv,) of all joints, zero where they are not driven."""
+        found = [0.0] * self.problem.model.nv
+        for k, x in zip(self.driven, entries):
+            found[k] = x
+        return found
+
+    # -- a point --------------------------------------------------------------------------------------
     def point(
         self, q: Sequence[Any], v: Sequence[Any], wanted: Sequence[Any], rate: Sequence[Any]
     ) -> PointTask:
@@ -118,58 +171,21 @@ class ControllerModel:
             world = vector([*symbols, *([0.0] * (3 - m))])
             local = own.pose[frame.body].R.T @ (own.model.base.E @ world)
             wrench = Wrench(zeros(3), local).shifted(frame.p)
-            tau = path_torques(own.model, own.q, own.X, {frame.body: wrench})
+            tau = self._share(path_torques(own.model, own.q, own.X, {frame.body: wrench}))
             known = {"q": dict(enumerate(q)), "force": dict(enumerate(force)), "t": {0: self.t}}
-            found = renamed(list(tau), known)
-            return [found[k] for k in self.driven]
+            return renamed(tau, {**known, "p": self._combined})
 
         at, moving = self.at(list(p[:m]), q, v), self.at(list(pd[:m]), q, v)
         return PointTask(at, moving, list(wanted), list(rate), torques)
 
-    def linear(self, pose: Array, q: Sequence[Any], v: Sequence[Any]) -> Linear:
-        """Return the model about a pose q (nq,) at rest, for measured q and v.
-
-        Raises
-        ------
-        SceneError : the driven joints cannot hold it there.
-        """
-        from robodyn_cli.equations.linear.reduce import linearise_states
-        from robodyn_cli.equations.linear.residuals import Residuals, States
-
-        own, nv, driven = self.problem, self.problem.model.nv, self.driven
-        if any(body.joint.quasi for body in own.model.bodies):
-            self.refuse("a joint has an attitude, which 'lqr' does not linearise; allowed: joints of axes")
-        equations = Residuals(own, self._friction + self._others, own.model.switched)
-        still = np.zeros((1, nv))
-        holding = equations.values(States(np.zeros(1), pose[None], still, None, still))["load"][0]
-        left = [k for k in range(nv) if k not in driven]
-        if left and np.abs(holding[left]).max() > LEFT * max(1.0, float(np.abs(holding).max())):
-            worst = left[int(np.argmax(np.abs(holding[left])))]
-            self.refuse(
-                f"the pose is no equilibrium: joint {own.model.v_names[worst]!r}, which the controller does not drive, "
-                f"would need {holding[worst]:.4g} N m (or N) there; allowed: a pose that the driven joints can hold"
-            )
-        tau = np.where(np.isin(np.arange(nv), driven), holding, 0.0)
-        at_rest = States(np.zeros(1), pose[None], still, None, tau[None])
-        found = linearise_states(equations, at_rest, driven, tuple(range(nv)))
-        held = [literal(float(x), f"control.pose.{name}") for name, x in zip(own.model.q_names, pose)]
-        x = [*(a - b for a, b in zip(q, held)), *v]
-        return Linear(
-            found.A[0], found.B[0], x, holding[driven], own.model.v_names, self._period, self.refuse
-        )
-
-    @property
-    def _period(self) -> float | None:
-        return None if self.controller.period is None else float(self.controller.period)
-
-    @cached_property
-    def _others(self) -> Vector:
-        """Torques of forces between bodies and from outside that are no springs of joints, and of soft stops."""
-        terms = self.problem.passive_forces(smooth=True)
-        left = [x for name, x in terms.items() if name not in ("passive", "friction", "gear")]
-        return sum(left, zeros(self.problem.model.nv))
-
     def refuse(self, why: str) -> None:
-        """Raise the error of a controller for which there is no gain."""
+        """Raise the error of a controller that cannot be built."""
         path = self.problem.scene.path
         raise SceneError(f"{path}: control: {why}", file=path, key="control")
+
+
+def _same_rows(problem: Equations) -> dict[str, Any]:
+    """Return how the equations of the mechanism treat the rows of its loops, as arguments of its model."""
+    if not problem.model.closures:
+        return {}
+    return {"keep_rows": problem.keep_rows, "dependent": problem.dependent, "braces": problem.braces}

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from typing import Any
-
-import numpy as np
 
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.time_structure import beside, structure
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Expr
+from robodyn_cli.model.model import Model
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.led import Followed, position_columns, with_attitudes
-from robodyn_cli.trajectories.quintic_spline import hermite
+from robodyn_cli.trajectories.attitudes import joint_expressions
+from robodyn_cli.trajectories.led import Followed
 
 Columns = tuple[list[Any], list[Any], list[Any]]
-INTERVALS = 512  # of a path that is sampled, at first, and at most
-MOST_INTERVALS = 65536
-MET = 1e-12  # of the size of the path: the error of the interpolation that is aimed at
 
 
 class Reference:
@@ -43,14 +36,29 @@ class Reference:
 
     def at(self, t: Expr, env: Mapping[str, Any]) -> Columns:
         """Return (q, qd, qdd) of the joints, each (n,), as expressions of t; env : values for formulas."""
-        n = len(self.joints)
+        n, q = len(self.joints), self.positions(self.joints, t, env)
         if self.motion is None:
-            held = [literal(float(self.start.get(name, 0.0)), f"initial.q.{name}") for name in self.joints]
-            return held, [0.0] * n, [0.0] * n
-        given = Followed(self.motion, self.until).expressions({**env, "t": t})
-        q = [given[name] for name in self.joints]
+            return q, [0.0] * n, [0.0] * n
         qd = directional(q, [t], [1.0])
         return q, qd, directional(qd, [t], [1.0])
+
+    def positions(self, names: Sequence[str], t: Expr, env: Mapping[str, Any]) -> list[Any]:
+        """Return the positions of some joints of one coordinate, as expressions of t."""
+        if self.motion is None:
+            return self._held(names)
+        given = Followed(self.motion, self.until).expressions({**env, "t": t})
+        return [given[name] for name in names]
+
+    def of_all(self, model: Model, t: Expr, env: Mapping[str, Any]) -> tuple[list[Any], list[Any]]:
+        """Return positions (nq,) and rates (nv,) of all joints, as expressions of t; the motion must give all."""
+        if self.motion is None:
+            return self._held(model.q_names), [0.0] * model.nv
+        given = Followed(self.motion, self.until).expressions({**env, "t": t})
+        found = joint_expressions(given, model.q_names, t)
+        return found.q, found.v
+
+    def _held(self, names: Sequence[str]) -> list[Any]:
+        return [literal(float(self.start.get(name, 0.0)), f"initial.q.{name}") for name in names]
 
     def breakpoints(self, t: Expr, env: Mapping[str, Any]) -> list[float]:
         """Return the times at which the motion is not smooth, where steps have to end."""
@@ -77,37 +85,9 @@ def reference_of(scene: Scene, start: Mapping[str, float]) -> Reference:
     return Reference(motion, controller.joints, start, scene.simulate.duration)
 
 
-def leads(motion: Any) -> tuple[str, ...]:
-    """Return the columns of q that a trajectory in joint space gives."""
-    return position_columns(with_attitudes(dict.fromkeys(motion.joints)))
-
-
-class Sampled:
-    """A motion known at samples, as piecewise polynomials of degree 5 with its rates and accelerations at the knots.
-
-    motion : times (T,) to values, rates and accelerations (T, n).
-    """
-
-    def __init__(self, motion: Any, duration: float) -> None:
-        self.motion, self.duration = motion, duration
-
-    @cached_property
-    def course(self) -> Course:
-        """Intervals are halved until the polynomials meet the motion half-way between the knots."""
-        count = INTERVALS
-        while True:
-            times = np.linspace(0.0, self.duration, count + 1)
-            x, xd, xdd = (np.asarray(a) for a in self.motion(times))
-            course = _through(times, x, xd, xdd)
-            middle = 0.5 * (times[1:] + times[:-1])
-            off = np.abs(course(middle) - np.asarray(self.motion(middle)[0])).max(initial=0.0)
-            if off <= MET * max(1.0, float(np.abs(x).max(initial=0.0))) or count >= MOST_INTERVALS:
-                return course.at_rest_outside()
-            count *= 2
-
-
-def _through(t: Array, x: Array, xd: Array, xdd: Array) -> Course:
-    h = np.diff(t)[:, None]
-    c = hermite(h, (x[:-1], xd[:-1], xdd[:-1]), (x[1:], xd[1:], xdd[1:]))
-    powers = h[None] ** -np.arange(6.0)[:, None, None]
-    return Course(t, c * powers)
+def tracked_joints(reference: Reference, pose: Mapping[str, float], model: Model) -> tuple[str, ...]:
+    """Return the joints of one coordinate that have a position to be at: the driven ones, and others that the motion
+    leads, or that are held in a ``pose`` of all joints."""
+    single = [name for name in model.v_names if name in model.q_names]
+    given = pose if reference.motion is None else dict.fromkeys(reference.motion.joints)
+    return (*reference.joints, *(name for name in single if name in given and name not in reference.joints))

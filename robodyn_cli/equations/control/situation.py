@@ -6,15 +6,14 @@ from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-
-from robodyn_cli.control.base import Linear, PointTask
+from robodyn_cli.control.base import PointTask
 from robodyn_cli.equations.control.equations import Equations
 from robodyn_cli.equations.control.model import ControllerModel
-from robodyn_cli.equations.control.reference import Columns, Sampled
+from robodyn_cli.equations.control.reference import Reference
 from robodyn_cli.record import record
-from robodyn_cli.solve.inverse_kinematics import target_of
+from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.interpolation import interpolated
 
 
 @record
@@ -30,15 +29,16 @@ class At:
 
     Parameters
     ----------
-    problem : the mechanism. seen : its measured state. reference : of the driven joints. states : of the law, by name.
-    start : positions at t = 0, by column. env : values for formulas that are no state: t, parameters, distances.
+    problem : the mechanism. seen : its measured state. followed : what the driven joints follow. states : of the law,
+    by name.
     """
 
     def __init__(
-        self, problem: Equations, seen: Measured, reference: Columns, states: Mapping[str, Any],
-        start: Mapping[str, float], env: Mapping[str, Any],
-    ) -> None:  # fmt: skip
-        self.problem, self.seen, self.reference, self.start, self.env = problem, seen, reference, start, env
+        self, problem: Equations, seen: Measured, followed: Reference, states: Mapping[str, Any]
+    ) -> None:
+        self.problem, self.seen, self.followed = problem, seen, followed
+        self.env = problem.environment
+        self.reference = followed.at(problem.t, self.env)
         model = problem.model
         self.controller = problem.scene.control
         self.joints: tuple[str, ...] = self.controller.joints
@@ -65,43 +65,38 @@ class At:
     def model(self) -> ControllerModel:
         return ControllerModel(self.problem, self.problem.of)
 
-    def _of_all(self, driven: Sequence[Any], others: Sequence[Any]) -> list[Any]:
-        """Return entries for all joints, of which the driven ones are given."""
-        found = list(others)
-        for name, x in zip(self.joints, driven):
-            found[self.problem.model.v_names.index(name)] = x
-        return found
+    def seen_of(self, name: str) -> tuple[Any, Any]:
+        """Return measured position and rate of a joint."""
+        model = self.problem.model
+        return self.seen.q[model.q_names.index(name)], self.seen.v[model.v_names.index(name)]
 
-    def _driven(self, entries: Sequence[Any]) -> list[Any]:
-        return [entries[self.problem.model.v_names.index(name)] for name in self.joints]
+    def inverse_dynamics(self, accelerations: Sequence[Any]) -> list[Any]:
+        return self.model.inverse_dynamics(self.seen.q, self.seen.v, accelerations)
 
-    def inverse_dynamics(self, q: Sequence[Any], qd: Sequence[Any], qdd: Sequence[Any]) -> list[Any]:
-        nothing = [0.0] * self.problem.model.nv
-        q, qd, qdd = self._of_all(q, self.seen.q), self._of_all(qd, self.seen.v), self._of_all(qdd, nothing)
-        return self._driven(self.model.inverse_dynamics(q, qd, qdd))
+    def feed_forward(self) -> list[Any]:
+        q, v = self.followed.of_all(self.problem.model, self.t, self.env)
+        return self.model.inverse_dynamics(q, v, self.reference[2])
 
     def gravity(self) -> list[Any]:
-        return self._driven(self.model.gravity(self.seen.q))
+        return self.model.gravity(self.seen.q)
 
     def point(self) -> PointTask:
         trajectory, scene = self.controller.reference, self.problem.scene
         if not hasattr(trajectory, "target"):
             self.model.refuse("'task_pd' follows a path of a point: key 'reference' or 'trajectory'")
 
+        if moving_reference(self.model.problem.model, trajectory) is not None:
+            self.model.refuse(
+                f"'task_pd' follows a path in the world, and {trajectory.relative_to!r} is on a link that moves; "
+                "allowed: a place on the base"
+            )
+
         def motion(times: Array) -> tuple[Array, Array, Array]:
             found = target_of(self.model.problem.model, trajectory, times, scene.parameters)
             return found.p, found.pd, found.pdd
 
-        course = Sampled(motion, trajectory.duration).course
+        knots = getattr(trajectory, "knots", None)
+        course = interpolated(motion, trajectory.duration, knots, "the path that 'task_pd' follows")
+        course = course.at_rest_outside()
         wanted, rate = course.expressions(self.t), course.derivative().expressions(self.t)
         return self.model.point(self.seen.q, self.seen.v, wanted, rate)
-
-    def linear(self, pose: dict[str, float]) -> Linear:
-        names = self.problem.model.q_names
-        given = {**self.start, **pose}
-        lacking = [name for name in names if name not in given]
-        if lacking:
-            self.model.refuse(
-                f"the pose of 'lqr' lacks joint {lacking[0]!r}, which 'initial.q' does not give either"
-            )
-        return self.model.linear(np.array([float(given[name]) for name in names]), self.seen.q, self.seen.v)

@@ -18,6 +18,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-9  # a singular value this small beside the largest counts as zero
+ROUNDING = 32.0 * np.finfo(float).eps  # of the terms of a sum: what the sum may be off by
 PREFERRED = 1e-2  # so much worse may a choice of independent coordinates be that keeps those wished for
 
 
@@ -25,12 +26,14 @@ PREFERRED = 1e-2  # so much worse may a choice of independent coordinates be tha
 class Linear:
     """x-dot = A x + B u, x = (p, p-dot) of n freedoms, along T states.
 
-    A (T, 2n, 2n), B (T, 2n, inputs). places : the velocity coordinates that are p. dq (T, nv, n) : T of each state;
-    dv (T, nv, 2n) : rates of all coordinates by x. a (T, nv), lam (T, m) : accelerations and multipliers there.
+    A (T, 2n, 2n), B (T, 2n, inputs). rounding (T, 2n, 2n) : how far off A's entries may be. places : the velocity
+    coordinates that are p. dq (T, nv, n) : T of each state; dv (T, nv, 2n) : rates of all coordinates by x.
+    a (T, nv), lam (T, m) : accelerations and multipliers there.
     """
 
     A: Array
     B: Array
+    rounding: Array
     places: tuple[int, ...]
     dq: Array
     dv: Array
@@ -82,6 +85,21 @@ def tangent(psi: Array, places: Sequence[int], time: float) -> tuple[Array, Arra
     return T, inverse
 
 
+def held_by(
+    equations: Residuals, states: States, inputs: Sequence[int], places: tuple[int, ...]
+) -> tuple[States, Array]:
+    """Return a state at rest with the torques of the inputs that hold it best, and the load (f,) that is left along
+    the independent coordinates at ``places``."""
+    values = equations.values(states)
+    T, _ = tangent(values["Psi"][0], places, 0.0)
+    load = T.T @ values["load"][0]
+    torques = np.linalg.lstsq(T.T[:, list(inputs)], load, rcond=None)[0]
+    tau = states.tau.copy()
+    tau[0, list(inputs)] = torques
+    left = load - T.T[:, list(inputs)] @ torques
+    return States(states.times, states.q, states.v, None, tau), left
+
+
 def multipliers(values: Mapping[str, Array], states: States, k: int) -> tuple[Array, Array]:
     """Return accelerations (nv,) and multipliers (m,) of a state, by least norm where rows depend on each other."""
     M, psi, load = values["M"][k], values["Psi"][k], values["load"][k] - states.tau[k]
@@ -107,17 +125,30 @@ def linearise_states(
     a, lam = (np.array([pair[i] for pair in pairs]) for i in range(2))
     found = equations.derivatives(states, a, lam)
     A, B = np.zeros((len(states), 2 * n, 2 * n)), np.zeros((len(states), 2 * n, len(inputs)))
+    rounding = np.zeros_like(A)
     dq, dv = np.zeros((len(states), nv, n)), np.zeros((len(states), nv, 2 * n))
     for k, time in enumerate(states.times):
         T, inverse = tangent(values["Psi"][k], places, float(time))
-        here = {name: x[k] for name, x in found.items()}
-        dq[k] = T
-        dv[k] = np.concatenate([-inverse @ here["w_q"] @ T, T], axis=1)
-        step = np.concatenate([T, np.zeros((nv, n))], axis=1)
-        second = -inverse @ (here["g_q"] @ step + here["g_v"] @ dv[k])
-        forces = here["r_q"] @ step + here["r_v"] @ dv[k] + values["M"][k] @ second
-        reduced = T.T @ values["M"][k] @ T
-        A[k, :n] = (dv[k] + drift(found, k, nv) @ step)[list(places)]
+        here = {name: x[k] for name, x in found.items()} | {"M": values["M"][k], "K": drift(found, k, nv)}
+        dq[k], dv[k] = T, np.concatenate([-inverse @ here["w_q"] @ T, T], axis=1)
+        reduced = T.T @ here["M"] @ T
+        rates, forces = _parts(here, T, dv[k], inverse)
+        A[k, :n] = rates[list(places)]
         A[k, n:] = -np.linalg.solve(reduced, T.T @ forces)
         B[k, n:] = np.linalg.solve(reduced, T.T[:, list(inputs)])
-    return Linear(A, B, places, dq, dv, a, lam)
+        sizes = {name: np.abs(x) for name, x in here.items()}
+        rates, forces = _parts(sizes, abs(T), abs(dv[k]), -abs(inverse))
+        rounding[k, :n, :n] = ROUNDING * rates[list(places), :n]
+        terms = abs(T.T) @ forces + abs(reduced) @ abs(A[k, n:])
+        rounding[k, n:] = ROUNDING * abs(np.linalg.inv(reduced)) @ terms
+    return Linear(A, B, rounding, places, dq, dv, a, lam)
+
+
+def _parts(here: Mapping[str, Array], T: Array, dv: Array, inverse: Array) -> tuple[Array, Array]:
+    """Return the rates of steps, dv + K dq, and the forces r_q dq + r_v dv + M c, both (nv, 2n) by x.
+
+    Of magnitudes, with -|D| for D, these are the sums of the magnitudes of all terms, which rounding is a part of.
+    """
+    step = np.concatenate([T, np.zeros_like(T)], axis=1)
+    second = -inverse @ (here["g_q"] @ step + here["g_v"] @ dv)
+    return dv + here["K"] @ step, here["r_q"] @ step + here["r_v"] @ dv + here["M"] @ second

@@ -33,6 +33,11 @@ class States:
     a: Array | None
     tau: Array
 
+    @staticmethod
+    def one(q: Array, v: Array) -> States:
+        """Return one state q (nq,), v (nv,) without further torques."""
+        return States(np.zeros(1), q[None], v[None], None, np.zeros((1, len(v))))
+
     def __len__(self) -> int:
         return len(self.times)
 

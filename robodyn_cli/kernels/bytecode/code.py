@@ -16,6 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.kernels.mathematics import halvings
 from robodyn_cli.kernels.program import LEAVES, Instruction, Program
 from robodyn_cli.record import record
 
@@ -23,8 +24,10 @@ from robodyn_cli.record import record
 KINDS = {
     "mul": 2, "add": 2, "sub": 2, "neg": 1, "div": 2, "sqrt": 1, "sin": 1, "cos": 1, "abs": 1, "sign": 1,
     "min": 2, "max": 2, "where": 3, "pow": 2, "atan2": 2, "exp": 1, "log": 1, "tan": 1, "asin": 1, "acos": 1,
-    "atan": 1, "sinh": 1, "cosh": 1, "tanh": 1, "round": 1,
+    "atan": 1, "sinh": 1, "cosh": 1, "tanh": 1, "round": 1, "table": 1,
 }  # fmt: skip
+# behind its registers a look-up has: the first of its numbers, knots, degree, whether it is held, halvings to find
+SHAPE = {"table": 5}
 
 
 @record
@@ -33,10 +36,10 @@ class Bytecode:
 
     kinds : the kinds of operation that a round takes, in order.
     code : int32; the number of rounds, then for each round and kind how many operations there are and, for each of
-    them, the registers of its result and of its arguments.
+    them, the registers of its result and of its arguments, and the ``SHAPE`` of a look-up.
     inputs : how many registers each input group has, in order from the first register on.
-    constants : values in the registers from ``first_constant`` on. numbers : how many entries of the program's table
-    there are, in the registers after those.
+    constants : values in the registers from ``first_constant`` on. numbers : places in the program's table of what is
+    in the registers after those; knots and coefficients of look-ups stay in the table.
     outputs : per output array, the register of each entry, or a float where it is constant.
     registers : how many there are.
     """
@@ -46,7 +49,7 @@ class Bytecode:
     inputs: dict[str, int]
     first_constant: int
     constants: NDArray[np.float64]
-    numbers: int
+    numbers: NDArray[np.int32]
     outputs: dict[str, tuple[int | float, ...]]
     registers: int
 
@@ -81,7 +84,7 @@ def encode(program: Program, order: tuple[str, ...]) -> Bytecode:
         inputs=program.inputs,
         first_constant=sum(program.inputs.values()),
         constants=np.array(registers.constants),
-        numbers=len(program.numbers),
+        numbers=np.array(registers.numbers, dtype=np.int32),
         outputs={
             name: tuple(e if isinstance(e, float) else registers.of[e] for e in entries)
             for name, entries in program.outputs.items()
@@ -133,7 +136,8 @@ class _Registers:
         for group, count in program.inputs.items():
             first[group] = self.count
             self.count += count
-        first_number = self.count + len(self.constants)
+        self.numbers = [i.value for i in code if i.op == "number"]
+        at_number = {place: self.count + len(self.constants) + k for k, place in enumerate(self.numbers)}
         self._uses = [0] * len(code)
         for k, i in enumerate(code):
             for a in i.args:
@@ -145,15 +149,15 @@ class _Registers:
                 self.of[k] = self.count
                 self.count += 1
             elif i.op == "number":
-                self.of[k] = first_number + i.value
-        self.count = first_number + len(program.numbers)
+                self.of[k] = at_number[i.value]
+        self.count += len(self.numbers)
         kept = {e for entries in program.outputs.values() for e in entries if not isinstance(e, float)}
         for k in (*self.of, *kept):
             self._uses[k] = len(code) * len(KINDS)  # never free
         self._free: list[int] = []
 
     def entry(self, k: int, instruction: Instruction) -> list[int]:
-        """Return the registers of an operation: of its result, then of its arguments."""
+        """Return the registers of an operation, of its result, then of its arguments, and the shape of a look-up."""
         arguments = [self.of[a] for a in instruction.args]
         for a in instruction.args:
             self._uses[a] -= 1
@@ -165,4 +169,11 @@ class _Registers:
             place = self.count
             self.count += 1
         self.of[k] = place
-        return [place, *arguments]
+        return [place, *arguments, *(shape(instruction) if instruction.op in SHAPE else ())]
+
+
+def shape(look_up: Instruction) -> list[int]:
+    """Return the first of its numbers, how many knots, degree, whether it is held, and how many halvings find a
+    segment."""
+    first, n, degree, held = look_up.value
+    return [first, n, degree, int(held), halvings(n)]

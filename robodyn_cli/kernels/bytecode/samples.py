@@ -17,12 +17,13 @@ from robodyn_cli.spatial.algebra import Array
 
 
 def write_sample_interpreter(kinds: Sequence[str], lanes: int, fused: bool) -> str:
-    """Return the IR of ``kernel(code, registers, sources, n, results, places, m, T)`` for bytecode of these kinds.
+    """Return the IR of ``kernel(code, registers, numbers, sources, n, results, places, m, T)`` for bytecode of these
+    kinds.
 
     sources : addresses of the n columns of input. results, places : addresses of the m columns of output, and the
     registers that they come from. T : samples, not fewer than lanes. Constants are in their registers already.
     """
-    arguments = ["ptr noalias %code", "ptr %registers", "ptr %sources", "i64 %n"]
+    arguments = ["ptr noalias %code", "ptr %registers", "ptr %numbers", "ptr %sources", "i64 %n"]
     arguments += ["ptr %results", "ptr %places", "i64 %m", "i64 %T"]
     f = Function("kernel", arguments, flags=RELAXED)
     samples = f.int_argument("T")
@@ -30,7 +31,7 @@ def write_sample_interpreter(kinds: Sequence[str], lanes: int, fused: bool) -> s
         with f.count(f.int_argument("n")) as k:
             column = f.load_address(f.offset("%sources", k))
             f.store(f.load(f.offset(column, t), lanes), f.offset("%registers", k * lanes), 8 * lanes)
-        f.call("interpret", ["ptr %code", "ptr %registers"])
+        f.call("interpret", ["ptr %code", "ptr %registers", "ptr %numbers"])
         with f.count(f.int_argument("m")) as k:
             place: Int = f.load_int(f.offset("%places", k))
             value = f.load(f.offset("%registers", place * lanes), lanes, 8 * lanes)
@@ -62,7 +63,7 @@ class InterpretedSamples:
             lambda: write_sample_interpreter(kinds, host.lanes, host.fused),
         )
         pointer, number = ctypes.c_void_p, ctypes.c_int64
-        self._call = compiled.function("kernel", *[pointer] * 3, number, *[pointer] * 2, number, number)
+        self._call = compiled.function("kernel", *[pointer] * 4, number, *[pointer] * 2, number, number)
 
     def __call__(
         self, inputs: Mapping[str, Array], results: Mapping[str, Array], samples: int, table: Array
@@ -73,7 +74,7 @@ class InterpretedSamples:
         memory = aligned_zeros(code.registers * self.lanes)
         registers = memory.reshape(code.registers, self.lanes)
         registers[code.first_constant :][: len(code.constants)] = code.constants[:, None]
-        registers[code.first_number :][: code.numbers] = table[: code.numbers, None]
+        registers[code.first_number :][: len(code.numbers)] = table[code.numbers, None]
         read, written = [], []
         for group, count in code.inputs.items():
             columns = inputs[group]
@@ -84,8 +85,8 @@ class InterpretedSamples:
             results[name][:] = self._rows[name]
             written.append((results[name], varying))
         sources, targets = _addresses(read), _addresses(written)
-        at = [a.ctypes.data for a in (code.code, memory, sources, targets, self._places)]
-        self._call(*at[:3], len(sources), *at[3:], len(targets), samples)
+        at = [a.ctypes.data for a in (code.code, memory, table, sources, targets, self._places)]
+        self._call(*at[:4], len(sources), *at[4:], len(targets), samples)
 
 
 def _addresses(columns: Sequence[tuple[Array, Array]]) -> Array:

@@ -1,25 +1,30 @@
-"""Links as bodies: which places each takes in, boxes of their inertia, centres of mass."""
+"""Links as bodies: which places each takes in, boxes of their inertia, centres of mass; payloads likewise."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
 from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
+from robodyn_cli.model.payloads import Payload
 from robodyn_cli.model.placement import orientation
 from robodyn_cli.report.drawing.expressions import Expressions
 from robodyn_cli.report.drawing.record import Part
 from robodyn_cli.report.style import COLOURS
+from robodyn_cli.results.result import Result
 from robodyn_cli.scene.mesh.surfaces import CORNERS, surface_of
 from robodyn_cli.scene.points import carrier, point_link
 from robodyn_cli.scene.types import Robot, Scene
-from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.spatial.algebra import Array, vector, zeros
 
 GROUND = "base"
 FREE = 6  # velocities of a body that nothing holds
 GREY = "#9a9a9a"
+OF_PAYLOADS = "#4d4d4d"
+DENSITY = 2700.0  # of a cube for a payload whose inertia is not known [kg/m^3]
 # black and grey are those of outlines and of the ground
 LINK_COLOURS = tuple(colour for colour in COLOURS if colour not in ("#000000", "#7F7F7F"))
 
@@ -169,3 +174,54 @@ def _turns_freely(body: Body) -> bool:
 def numbers(entries: Iterable[object]) -> bool:
     """Tell whether entries are numbers, not expressions."""
     return all(isinstance(x, float) for x in entries)
+
+
+# -- payloads ----------------------------------------------------------------------------------------------
+def payload_parts(model: Model, expressions: Expressions) -> list[Part]:
+    """Return a box for each payload whose mass is known, where it is carried."""
+    found = []
+    for payload in model.payloads:
+        corners = _corners(payload)
+        if corners is None or payload.part is None or payload.body == BASE:
+            continue
+        part = payload.part
+        centre = part.c if numbers(part.c) else zeros(3)
+        at = [
+            expressions.own_vertex(payload.body, part.frame.point(centre + vector(corner)))
+            for corner in corners.tolist()
+        ]
+        known = tuple(number for number in at if number is not None)
+        if len(known) == len(CORNERS):
+            found.append(Part("payload", payload.name, known, OF_PAYLOADS))
+    return found
+
+
+def _corners(payload: Payload) -> Array | None:
+    """Return the corners (8, 3) of the cuboid with a payload's mass and inertia about its centre, of a cube where the
+    inertia is not given or that of a point; None for nothing."""
+    part = payload.part
+    if part is None or not numbers([part.m]) or not part.m > 0.0:
+        return None
+    own = cuboid(float(part.m), np.array(part.I_com, dtype=float)) if numbers(part.I_com.flat) else None
+    side = (float(part.m) / DENSITY) ** (1.0 / 3.0)
+    return side * np.array(CORNERS) if own is None else own
+
+
+def carried(payload: Any, events: Mapping[str, float], times: Array) -> Array:
+    """Return at which times (T,) a payload is carried, by its events: ``grip`` and ``let_go`` [s].
+
+    payload : its keys in the scene. At the time of an event itself it is as before.
+    """
+    grip = -np.inf if payload.start is None else events.get("grip", np.inf)
+    found: Array = (times > grip) & (times <= events.get("let_go", np.inf))
+    return found
+
+
+def hide(result: Result, model: Model, parts: list[Part], times: Array, vertices: Array) -> None:
+    """Put the vertices (T, N, 3) of payloads nowhere at times at which they are not carried."""
+    places = {part.name: np.array(part.vertices) for part in parts}
+    for payload in model.payloads:
+        events = {e["kind"]: float(e["time"]) for e in result.events if e.get("name") == payload.name}
+        if payload.name in places:
+            absent = np.flatnonzero(~carried(payload.spec, events, times))
+            vertices[np.ix_(absent, places[payload.name])] = np.nan

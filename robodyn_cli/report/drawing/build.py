@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.drawing.bodies import Links, colour_of
+from robodyn_cli.report.drawing.bodies import Links, colour_of, hide, payload_parts
 from robodyn_cli.report.drawing.expressions import Expressions
 from robodyn_cli.report.drawing.instants import evenly
 from robodyn_cli.report.drawing.joints import Connections
@@ -110,12 +109,18 @@ def drawing_of(
     acting = loads(result, expressions, samples)
     locked = lock_time(result)
     latch = connections.latch(NEVER if locked is None else locked)
+    of_mechanism = expressions.count("vertices")
+    payloads = payload_parts(model, expressions) if model.payloads else []
     vertices, axes, forces = expressions.evaluate(t, q, np.zeros((len(t), model.nv)) if v is None else v)
-    drawing = Drawing(
+    vertices = finite(vertices)
+    flat = flat_axis(vertices[:, :of_mechanism])
+    if payloads:
+        hide(result, model, payloads, t, vertices)
+    return Drawing(
         times=t,
-        vertices=finite(vertices),
+        vertices=vertices,
         axes=finite(axes),
-        parts=(*parts, *connections.parts),
+        parts=(*parts, *connections.parts, *payloads),
         pins=tuple(connections.pins),
         masses=tuple(masses),
         bobs=tuple(bobs),
@@ -123,8 +128,8 @@ def drawing_of(
         trails=_trails(result) if samples is not None else (),
         latch=latch,
         gravity=np.array(scene.gravity, dtype=float),
+        flat=flat,
     )
-    return dataclasses.replace(drawing, flat=flat_axis(drawing))
 
 
 def _trails(result: Result) -> tuple[Trail, ...]:
@@ -136,13 +141,13 @@ def _trails(result: Result) -> tuple[Trail, ...]:
     return tuple(found)
 
 
-def flat_axis(drawing: Drawing) -> int | None:
-    """Return the world's axis across the plane of a planar mechanism: nothing moves along it and little extends.
+def flat_axis(points: Array) -> int | None:
+    """Return the world's axis across the plane of a planar mechanism, by its places (T, N, 3): nothing moves along it
+    and little extends.
 
     A mechanism that turns about other axes only by chance (a pendulum of a ball joint swinging in a plane) counts as
     planar: that is how it is seen best. z comes first, then y.
     """
-    points = drawing.vertices
     if not np.isfinite(points).all(axis=(1, 2)).any():
         return None
     points = points[np.isfinite(points).all(axis=(1, 2))]

@@ -30,6 +30,10 @@ class Expressions:
         """Return the number of a place on a body, p (3,) in its coordinates; None if data for it are unknown."""
         return self._number("vertices", self._vertices, body, p)
 
+    def own_vertex(self, body: int, p: Vector) -> int | None:
+        """Return the number of a place on a body that it shares with no other, None likewise."""
+        return self._store("vertices", self.problem.world_point(FixedFrame(body, p, identity())))
+
     def axis(self, body: int, direction: Vector) -> int | None:
         """Return the number of a direction (3,) in a body's coordinates, None likewise."""
         return self._number("axes", self._axes, body, direction)
@@ -59,6 +63,10 @@ class Expressions:
             return None
         self._entries[kind].append(entry)
         return len(self._entries[kind]) - 1
+
+    def count(self, kind: str) -> int:
+        """Return how many ``vertices``, ``axes`` or ``forces`` there are."""
+        return len(self._entries[kind])
 
     def evaluate(self, t: Array, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return vertices (T, N, 3), axes (T, M, 3) and forces (T, F, 3) at times t (T,), q (T, nq), v (T, nv)."""

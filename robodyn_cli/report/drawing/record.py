@@ -18,8 +18,9 @@ class Part:
     """Something with an outline: vertices by their numbers.
 
     kind : ``link`` (filled between all its vertices), ``ground`` (the link that stands still), ``solid`` (a box of the
-    body's inertia), ``shape`` (a link as the scene says that it looks: ``surface`` in the box of its vertices),
-    ``bar``, ``rope``, ``rail`` (what a slider slides on), ``spring``, ``damper``, ``coil``, ``bushing``.
+    body's inertia), ``payload`` (a box that is carried, whose places are not finite while it is not), ``shape`` (a link
+    as the scene says that it looks: ``surface`` in the box of its vertices), ``bar``, ``rope``, ``rail`` (what a slider
+    slides on), ``spring``, ``damper``, ``coil``, ``bushing``.
     aside : 1 or -1 for two that lie side by side between the same places.
     """
 

@@ -22,6 +22,11 @@ FULL = 4.0  # width of links [pt] below which springs and dampers are smaller to
 LAMP = np.array([-0.36, 0.64, 0.68])  # where light comes from: right, up, towards the eye
 EDGEWISE = 1e-3  # area of an outline over the square of its extent, below which a plate is seen from its side
 SHADES = 24
+PALER = {
+    "solid": 0.75,
+    "shape": 0.62,
+    "payload": 0.45,
+}  # than the part's colour, bodies with a surface in flat views
 PUSH, REACTION = ALARM, "#CC79A7"
 
 
@@ -44,10 +49,10 @@ def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
 
 
 def silhouette(view: View, k: int) -> list[Array]:
-    """Return the outline (n, 2) of each link and bar at an instant: what a faint pose consists of."""
+    """Return the outline (n, 2) of each link, bar and payload at an instant: what a faint pose consists of."""
     found = []
     for part in view.drawing.parts:
-        if part.kind in ("link", "bar"):
+        if part.kind in ("link", "bar", "payload"):
             points = view.corners[k, list(part.vertices), :2]
             if np.isfinite(points).all():
                 corners = _outline(points, view.pt)
@@ -81,7 +86,7 @@ def _part(view: View, k: int, part: Part, width: float, place: int) -> list[Stro
         if len(points) == 1:
             return []
         return body(_outline(points, view.pt), part.colour, width, BODY, depth)
-    if part.kind in ("solid", "shape"):
+    if part.kind in PALER:
         return _solid(view, k, part, depth)
     if part.kind == "ground":
         return _ground(points, view) if len(points) > 1 else []
@@ -117,7 +122,7 @@ def _solid(view: View, k: int, part: Part, depth: float) -> list[Stroke]:
     if not np.isfinite(seen).all():
         return []
     if view.flat:
-        fill = mixed(part.colour, PAPER, 0.75 if part.kind == "solid" else 0.62)
+        fill = mixed(part.colour, PAPER, PALER[part.kind])
         return [Stroke(_flat_outline(part, seen[:, :2]), edge, 0.8, fill, True, BODY, depth - 1e-4)]
     surface = part.surface or CUBE
     a, b, c = (seen[surface.first[:, n]] for n in range(3))
@@ -166,7 +171,7 @@ def _shadows(view: View, k: int) -> list[Stroke]:
     """Return the shadows of links on the ground, straight below them."""
     found = []
     for part in view.drawing.parts:
-        if part.kind in ("link", "solid", "shape", "bar"):
+        if part.kind in ("link", "bar", *PALER):
             below = view.on_ground(_places(view, k, part))
             points = view.project(below, k)[:, :2]
             if len(points) > 1 and np.isfinite(points).all():

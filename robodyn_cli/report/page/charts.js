@@ -1,6 +1,7 @@
 /* Plots over time: panels as report/page/charts.py read them off the figures, with a cursor at the time that is shown. */
 
 const LEFT = 58, RIGHT = 12, TOP = 32, BOTTOM = 22, LAST = 40; // rooms around a panel [pixels]
+const READ = 6; // digits at the cursor; arrays have seven
 /* Corners of marks, over their size; other marks are circles. */
 const MARKERS = {
   s: [[-1, -1], [1, -1], [1, 1], [-1, 1]], D: [[0, -1.3], [1.3, 0], [0, 1.3], [-1.3, 0]],
@@ -175,12 +176,12 @@ class Chart {
     const order = this.hovered === null ? this.panels : [this.panels[this.hovered], ...this.panels];
     for (const { panel } of order) {
       for (const line of this.curves(panel)) {
-        if (line.entry !== null && line.entry !== undefined && told[line.entry] === "") told[line.entry] = text(this.value(line), 4);
+        if (line.entry !== null && line.entry !== undefined && told[line.entry] === "") told[line.entry] = text(this.value(line), READ);
       }
     }
     this.values.forEach((output, k) => { output.textContent = told[k]; });
     if (this.values.length) return;
-    for (const { panel, readout } of this.panels) readout.textContent = this.curves(panel).slice(-1).map((line) => text(this.value(line), 4)).join("");
+    for (const { panel, readout } of this.panels) readout.textContent = this.curves(panel).slice(-1).map((line) => text(this.value(line), READ)).join("");
   }
   curves(panel) { return panel.lines.filter((line) => line.width && !line.spans[0] && !line.spans[1] && line.x.length > 1); }
   /* Value of a line at the cursor, between its points in proportion. */

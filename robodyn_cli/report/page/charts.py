@@ -18,9 +18,9 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 
+from robodyn_cli.report.canvas import NOTE
 from robodyn_cli.report.decimate import envelope
 from robodyn_cli.report.page.pack import Arrays
-from robodyn_cli.report.style import GREY
 from robodyn_cli.spatial.algebra import Array
 
 TIME = "time [s]"
@@ -47,7 +47,7 @@ def is_thinned(chart: dict[str, Any]) -> bool:
 
 def captions(figure: Figure) -> list[str]:
     """Return the lines above the panels that say what is shown, with its figures."""
-    return [text.get_text() for text in figure.texts if text.get_color() == GREY]
+    return [text.get_text() for text in figure.texts if text.get_label() == NOTE]
 
 
 def _texts(box: Any) -> list[str]:

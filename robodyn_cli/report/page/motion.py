@@ -94,7 +94,7 @@ def _centre(drawing: Drawing) -> list[float]:
 
 
 def _part(part: Part, arrays: Arrays) -> dict[str, Any]:
-    surface = part.surface or (CUBE if part.kind == "solid" else None)
+    surface = part.surface or (CUBE if part.kind in ("solid", "payload") else None)
     return {**_fields(part), "surface": None if surface is None else _surface(surface, arrays)}
 
 

@@ -7,8 +7,11 @@ from collections.abc import Mapping
 from io import BytesIO
 from typing import Any
 
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
 from robodyn_cli.record import record
-from robodyn_cli.report.canvas import print_figure
+from robodyn_cli.report.canvas import below_heading, print_figure
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes
 from robodyn_cli.report.marks import decisive_text
@@ -178,7 +181,7 @@ def _plot(result: Result, name: str, store: Store) -> Html:
     title = name.replace("_", " ").capitalize()
     content = [
         element("h3", title),
-        _caption(captions(figure), title) if data is not None else None,
+        _caption(captions(figure), title),
         _picture(figure, title) if data is None else element("div", class_="chart"),
         tables.errors_of(result.summary, name),
     ]
@@ -192,16 +195,17 @@ def _caption(lines: list[str], title: str) -> Html | None:
     return element("p", text, class_="caption") if text and text != title else None
 
 
-def _picture(figure: Any, title: str) -> Html:
-    """Return a figure as a picture inside the page."""
-    kind, data = "svg+xml", _printed(figure, ".svg")
+def _picture(figure: Figure, title: str) -> Html:
+    """Return a figure as a picture inside the page, which says itself what stands above the panels."""
+    part = below_heading(figure)
+    kind, data = "svg+xml", _printed(figure, ".svg", part)
     if len(data) > LARGEST_SVG:
-        kind, data = "png", _printed(figure, ".png")
+        kind, data = "png", _printed(figure, ".png", part)
     source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
     return element("img", src=source, alt=title)
 
 
-def _printed(figure: Any, suffix: str) -> bytes:
+def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
     buffer = BytesIO()
-    print_figure(figure, buffer, suffix)
+    print_figure(figure, buffer, suffix, part)
     return buffer.getvalue()

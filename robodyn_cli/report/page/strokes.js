@@ -190,7 +190,7 @@ class Strokes {
 
   shadows() {
     for (const part of this.drawing.parts) {
-      if (!["link", "solid", "shape", "bar"].includes(part.kind) || part.vertices.length < 2) continue;
+      if (!["link", "solid", "payload", "shape", "bar"].includes(part.kind) || part.vertices.length < 2) continue;
       const places = part.surface ? placesOf(part, this.view) : part.vertices.map((v) => this.view.place(v));
       const points = places.map((p) => this.view.seen(this.view.onGround(p)));
       if (!points.every(isPlace)) continue;

@@ -2,6 +2,7 @@
 
 const LAMP = [-0.36, 0.64, 0.68]; // where light comes from: right, up, towards the eye
 const EDGEWISE = 1e-3; // area of an outline over the square of its extent, below which a plate is seen from its side
+const PALER = { solid: 0.75, shape: 0.62, payload: 0.45 }; // than the part's colour, in flat views
 const SHADES = 20; // that are told apart, so that few attributes change from pose to pose
 
 /* The places in space of the points of a surface. */
@@ -17,7 +18,7 @@ function solid(part, view, colour, depth) {
   const seen = placesOf(part, view).map((p) => view.seen(p)), edge = mixed(colour, INK, 0.35);
   if (!seen.every(isPlace)) return [];
   if (view.flat) {
-    const fill = mixed(colour, PAPER, part.kind === "solid" ? 0.75 : 0.62);
+    const fill = mixed(colour, PAPER, PALER[part.kind]);
     return [[path(flatOutline(part, seen), true), depth - 1e-4, { colour: edge, fill }]];
   }
   const found = [];
@@ -27,7 +28,7 @@ function solid(part, view, colour, depth) {
     if (!(size > 0) || (part.surface.closed && normal[2] <= 0)) continue;
     const light = Math.max(0, dot(normal, LAMP) / (normal[2] < 0 ? -size : size));
     const fill = mixed(colour, PAPER, Math.round(SHADES * (0.2 + 0.6 * light)) / SHADES);
-    const look = part.kind === "solid" ? { colour: edge, fill } : { colour: fill, fill, width: 0.7 };
+    const look = part.kind !== "shape" ? { colour: edge, fill } : { colour: fill, fill, width: 0.7 };
     found.push([path(rows, true), rows.reduce((sum, p) => sum + p[2], 0) / rows.length, look]);
   }
   return found;

@@ -7,14 +7,43 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.columns import column_names
 from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
 MOST = 8  # motors that are drawn: those that use most of their envelope
-LABELS = ("peak, driving", "peak, braking", "continuous", "inside", "outside", "decides")
+FAR = 3.0  # times an envelope: points further out are drawn at the edge, or the envelope could not be seen
+EDGE = 1.4  # times the envelope, where that is
+INSIDE = 0.965  # of the axis, where they are drawn
+NONE = np.empty(0)
+DOTS = {"linestyle": "none"}
+RING = {**DOTS, "marker": "o", "markerfacecolor": "none", "clip_on": False}
+# what there is to draw, in the order of the legend; told apart by dashes and outlines, in grey too
+LOOKS: dict[str, Mapping[str, Any]] = {
+    "peak, driving": {"color": "#000000", "linestyle": "-", "linewidth": 1.6},
+    "peak, braking": {"color": "#000000", "linestyle": (0, (1.2, 1.2)), "linewidth": 1.2},
+    "continuous": {"color": style.COLOURS[0], "linestyle": (0, (5, 1.5)), "linewidth": 1.4},
+    "inside": {**DOTS, "marker": ".", "color": "#8f8f8f", "markersize": 2.5},
+    "outside": {**DOTS, "marker": "x", "color": style.ALARM, "markersize": 4},
+    "beyond the drawing": {**DOTS, "marker": "^", "color": style.ALARM, "markersize": 5},
+    "RMS": {**DOTS, "marker": "s", "color": style.COLOURS[0], "markersize": 5, "clip_on": False},
+    "decides": {**RING, "color": style.ALARM, "markersize": 9},
+}
+
+
+@record
+class Motor:
+    """What is drawn of one motor: points (n,) of speed [rad/s] and torque [N m] by their look, and the ends of the
+    axes."""
+
+    name: str
+    facts: Mapping[str, Any]
+    points: Mapping[str, tuple[Array, Array]]
+    ends: tuple[float, float]
 
 
 def applies(result: Result) -> bool:
@@ -25,23 +54,23 @@ def applies(result: Result) -> bool:
 def draw(result: Result) -> Any:
     """Return the figure."""
     names = column_names(result.variables["drives/torque"])
-    shown = _shown(result, names)
-    left = len(names) - len(shown)
+    motors = [_motor(result, names[k], k) for k in _shown(result, names)]
+    left = len(names) - len(motors)
     note = f"; the {MOST} of {len(names)} that use most of it" if left else ""
+    labels = [label for label in LOOKS if any(len(motor.points[label][0]) for motor in motors)]
     sheet = Sheet(
         result,
         f"Torque over speed of each motor in its envelope{note}; both as magnitudes",
-        panels=len(shown),
-        across=1 if len(shown) == 1 else 2,
-        height=2.6 if len(shown) < 3 else 2.0,
+        panels=len(motors),
+        across=1 if len(motors) == 1 else 2,
+        height=2.6 if len(motors) < 3 else 2.0,
         gap=0.8,
         titled=True,
-        labels=LABELS,
+        labels=labels,
     )
-    handles: list[Any] = []
-    for ax, k in zip(sheet.axes, shown):
-        handles = _panel(ax, result, names[k], k)
-    sheet.legend(handles, LABELS)
+    for ax, motor in zip(sheet.axes, motors):
+        handles = _panel(ax, motor, labels)
+    sheet.legend(handles, labels)
     return sheet.figure
 
 
@@ -53,49 +82,97 @@ def _shown(result: Result, names: Any) -> list[int]:
     )
 
 
-def _panel(ax: Any, result: Result, name: str, k: int) -> list[Any]:
-    """Draw one motor; return what the legend shows."""
+def _motor(result: Result, name: str, k: int) -> Motor:
+    """Return what is drawn of one motor, whose number is k."""
     speed, torque = (np.abs(result[f"drives/{x}"][:, k]) for x in ("speed", "torque"))
-    inside = result["drives/use"][:, k] <= 1.0
-    looks: tuple[Mapping[str, Any], ...] = (
-        {"color": "#000000", "linestyle": "-", "linewidth": 1.6},
-        {"color": "#000000", "linestyle": (0, (1.2, 1.2)), "linewidth": 1.2},
-        {"color": style.COLOURS[0], "linestyle": (0, (5, 1.5)), "linewidth": 1.4},
-    )
-    handles = [
-        ax.plot(*_curve(result, kind, name), **look)[0]
-        for kind, look in zip(("driving", "braking", "continuous"), looks)
-    ]
-    dots = {"linestyle": "none", "marker": "."}
-    handles += ax.plot(speed[inside], torque[inside], **dots, color="#8f8f8f", markersize=2.5)
-    handles += ax.plot(
-        speed[~inside], torque[~inside], linestyle="none", marker="x", color=style.ALARM, markersize=4
-    )
     facts = result.summary.get("drives", {}).get(name, {})
-    at = int(np.argmin(np.abs(result.time - facts["time"]))) if facts.get("time") is not None else None
-    places = ([], []) if at is None else ([speed[at]], [torque[at]])
-    handles += ax.plot(
-        *places, linestyle="none", marker="o", markerfacecolor="none", color=style.ALARM, markersize=8
+    curves = {kind: _curve(result, kind, name) for kind in ("driving", "braking", "continuous")}
+    ends = tuple(
+        _end(own, np.concatenate([curve[axis] for curve in curves.values()]))
+        for axis, own in enumerate((speed, torque))
     )
-    ends = [line.get_xdata() for line in handles], [line.get_ydata() for line in handles]
-    right, top = (max(float(np.max(x)) for x in axis if len(x)) for axis in ends)
-    ax.set_xlim(0.0, 1.06 * right)
-    ax.set_ylim(0.0, 1.1 * top)
+    inside = result["drives/use"][:, k] <= 1.0
+    beyond = (speed > ends[0]) | (torque > ends[1])
+    at = _decisive(result, facts)
+    rms = _rms(speed, torque) if len(curves["continuous"][0]) else (NONE, NONE)
+    if np.any(np.greater(rms, np.reshape(ends, (2, 1)))):
+        rms = NONE, NONE
+    points = {
+        **dict(zip(LOOKS, curves.values())),
+        "inside": (speed[inside], torque[inside]),
+        "outside": (speed[~inside & ~beyond], torque[~inside & ~beyond]),
+        "beyond the drawing": (speed[beyond], torque[beyond]),
+        "RMS": rms,
+        "decides": (speed[at], torque[at]),
+    }
+    return Motor(name, facts, points, (ends[0], ends[1]))
+
+
+def _curve(result: Result, kind: str, name: str) -> tuple[Array, Array]:
+    path = f"envelopes/{kind}/{name}"
+    return (result[path][:, 0], result[path][:, 1]) if path in result else (NONE, NONE)
+
+
+def _end(points: Array, envelope: Array) -> float:
+    """Return where an axis ends: with the points, or not far from the envelope where these are far outside."""
+    most, own = float(points.max(initial=0.0)), float(envelope.max(initial=0.0))
+    return EDGE * own if own > 0.0 and most > FAR * own else 1.1 * max(most, own)
+
+
+def _decisive(result: Result, facts: Mapping[str, Any]) -> list[int]:
+    """Return the sample that decides, none where that is no instant."""
+    time = facts.get("time")
+    return [] if time is None else [int(np.argmin(np.abs(result.time - time)))]
+
+
+def _rms(speed: Array, torque: Array) -> tuple[Array, Array]:
+    """Return the point of a cycle that is compared with the continuous envelope."""
+    speed, torque = (np.sqrt(np.mean(np.square(x), keepdims=True)) for x in (speed, torque))
+    return speed, torque
+
+
+def _panel(ax: Any, motor: Motor, labels: list[str]) -> list[Any]:
+    """Draw one motor; return what the legend shows."""
+    right, top = motor.ends
+    handles = []
+    for label in labels:
+        speed, torque = motor.points[label]
+        places = (np.where(x > end, INSIDE * end, x) for x, end in ((speed, right), (torque, top)))
+        handles += ax.plot(*places, **LOOKS[label])
+    ax.set_xlim(0.0, right or 1.0)
+    ax.set_ylim(0.0, top or 1.0)
     ax.set_xlabel("speed of the motor [rad/s]")
     ax.set_ylabel("torque [N·m]")
-    ax.set_title(_title(name, facts), fontsize=style.FONT_SIZE, loc="left", pad=4)
+    ax.set_title(_title(motor.name, motor.facts), fontsize=style.FONT_SIZE, loc="left", pad=4)
+    told = _told(motor)
+    if told:
+        box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+        ax.text(0.97, 0.9, told, transform=ax.transAxes, ha="right", va="top", color=style.ALARM, bbox=box)
     return handles
 
 
-def _curve(result: Result, kind: str, name: str) -> tuple[Any, Any]:
-    path = f"envelopes/{kind}/{name}"
-    return tuple(result[path].T) if path in result else ([], [])
+def _told(motor: Motor) -> str:
+    """Return how far points are out that the drawing does not reach."""
+    speed, torque = motor.points["beyond the drawing"]
+    curves = [motor.points[label] for label in ("peak, driving", "peak, braking", "continuous")]
+    found = []
+    for axis, (name, unit, points) in enumerate((("speed", "rad/s", speed), ("torque", "N·m", torque))):
+        most = float(points.max(initial=0.0))
+        own = max(float(curve[axis].max(initial=0.0)) for curve in curves)
+        if most > motor.ends[axis]:
+            found.append(f"{name} up to {number(most)} {unit},\n{number(most / own)} times the envelope")
+    return "\n".join(found)
 
 
 def _title(name: str, facts: Mapping[str, Any]) -> str:
     """Return a joint with its motor, the verdict and what decides it."""
     if not facts:
         return name
-    limit, percent = facts["decides"].replace("_", " "), number(100.0 * abs(facts["margin"]), 3)
-    margin = f"limit '{limit}': {percent} % {'left' if facts['margin'] >= 0.0 else 'beyond'}"
-    return f"{name}: {facts['motor']}, {'bears it' if facts['passes'] else 'too small'}\n{margin}"
+    limit, margin = facts["decides"].replace("_", " "), facts["margin"]
+    verdict = "bears it" if facts["passes"] else "too small"
+    left = (
+        f"needs {number(1.0 - margin)} times limit '{limit}'"
+        if margin < 0.0
+        else f"{number(100.0 * margin)} % left of limit '{limit}'"
+    )
+    return f"{name}: {facts['motor']}, {verdict}\n{left}"

@@ -6,16 +6,29 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robodyn_cli.report.analysis import legend_below, powers, titled
+from robodyn_cli.record import record
+from robodyn_cli.report.analysis import powers
+from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.style import GREY, dashed_style
+from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-FEW = 6  # pairs that are drawn
+FEW = 6  # curves that are drawn
 ROUNDING = 1e-13  # of the largest gain, below which a response counts as none
+RIGHT_ANGLE, TURN = 90.0, 180.0  # deg: ticks of a phase that goes so far
+
+
+@record
+class Curve:
+    """A response that is drawn: at which instant, of which output, over which input."""
+
+    instant: int
+    output: int
+    input: int
 
 
 def applies(result: Result) -> bool:
@@ -23,55 +36,72 @@ def applies(result: Result) -> bool:
     return "linear/response_real" in result and bool(shown(result))
 
 
-def shown(result: Result) -> list[tuple[int, int]]:
-    """Return the pairs of output and input that are drawn, the strongest first."""
-    gain = np.abs(_response(result)).max(axis=0)
+def shown(result: Result) -> list[Curve]:
+    """Return what is drawn: of the pairs of output and input the strongest, each at all instants."""
+    found = np.abs(_responses(result))
+    gain = found.max(axis=(0, 1))
     pairs = [place for place in np.ndindex(*gain.shape) if gain[place] > ROUNDING * gain.max()]
-    strongest: list[tuple[int, int]] = sorted(pairs, key=lambda place: -gain[place])[:FEW]
-    return sorted(strongest)
+    instants = min(len(found), FEW)
+    strongest = sorted(pairs, key=lambda place: -gain[place])[: FEW // instants]
+    return [Curve(k, *place) for place in sorted(strongest) for k in range(instants)]
 
 
 def draw(result: Result) -> Any:
     """Return the figure."""
-    pairs, found = shown(result), _response(result)
-    outputs, inputs = result.summary["outputs"], result.summary["inputs"]
-    more = "" if len(pairs) == found[0].size else f"; {len(pairs)} of {found[0].size} pairs drawn"
-    figure = titled(7.2, 6.6, result, f"Frequency response of the linear model{more}")
-    gain, phase = figure.add_axes((0.12, 0.56, 0.84, 0.32)), figure.add_axes((0.12, 0.29, 0.84, 0.24))
+    curves, found = shown(result), _responses(result)
+    every = found[:, 0].size
+    more = "" if len(curves) == every else f"; {len(curves)} of {every} drawn"
+    labels = [_label(result, curve) for curve in curves]
+    text = f"Frequency response of the linear model{more}"
+    sheet = Sheet(result, text, panels=2, height=2.3, labels=labels)
+    gain, phase = sheet.axes
     hertz = result["linear/frequency"] / (2.0 * np.pi)
-    for k, (i, j) in enumerate(pairs):
-        y, u = outputs[i], inputs[j]
-        below = f"({u['unit']})" if " " in u["unit"] else u["unit"]
-        label = f"{y['name']} over {u['name']} [{y['unit']}/{below}]"
-        gain.plot(hertz, np.abs(found[:, i, j]), label=label, **dashed_style(k))
-        phase.plot(hertz, _degrees(found[:, i, j]), **dashed_style(k))
+    handles = []
+    for k, curve in enumerate(curves):
+        values = found[curve.instant, :, curve.output, curve.input]
+        handles += gain.plot(hertz, np.abs(values), **dashed_style(k))
+        phase.plot(hertz, np.degrees(np.unwrap(np.angle(values))), **dashed_style(k))
     gain.set_yscale("log")
     powers(gain, "y")
     gain.set_ylabel("gain")
+    _right_angles(phase)
     phase.set_ylabel("phase [deg]")
     phase.set_xlabel("frequency [Hz]")
     for ax in (gain, phase):
         _modes(ax, result)
     gain.tick_params(labelbottom=False)
-    legend_below(figure, gain, (0.1, 0.02))
-    return figure
+    sheet.legend(handles, labels)
+    return sheet.figure
+
+
+def _label(result: Result, curve: Curve) -> str:
+    """Return the name of a response with its unit, and its instant along a motion."""
+    y, u = result.summary["outputs"][curve.output], result.summary["inputs"][curve.input]
+    below = f"({u['unit']})" if " " in u["unit"] else u["unit"]
+    when = f" at {number(result['linear/instant'][curve.instant])} s" if "linear/instant" in result else ""
+    return f"{y['name']} over {u['name']} [{y['unit']}/{below}]{when}"
 
 
 def _modes(ax: Axes, result: Result) -> None:
-    """Set the logarithmic axis of frequencies, with a line at each mode."""
+    """Set the logarithmic axis of frequencies, with a line at each mode of a state."""
     ax.set_xscale("log")
     powers(ax, "x")
-    for mode in result.summary["modes"]:
+    for mode in result.summary.get("modes", ()):
         if mode["imaginary"]:
             ax.axvline(mode["frequency"], color=GREY, linewidth=0.7, linestyle=":")
 
 
-def _response(result: Result) -> Array:
+def _right_angles(ax: Axes) -> None:
+    """Number a phase that goes far with multiples of a right angle, or of half a turn."""
+    from matplotlib.ticker import MultipleLocator
+
+    low, high = ax.get_ylim()
+    if high - low > RIGHT_ANGLE:
+        step = RIGHT_ANGLE if high - low < 6.0 * RIGHT_ANGLE else TURN
+        ax.yaxis.set_major_locator(MultipleLocator(step))
+
+
+def _responses(result: Result) -> Array:
+    """Return the responses (instant, frequency, output, input); those of a state as of one instant."""
     found: Array = result["linear/response_real"] + 1j * result["linear/response_imaginary"]
-    return found
-
-
-def _degrees(response: Array) -> Array:
-    """Return the phase without jumps, from -180 to 180 degrees at the lowest frequency."""
-    found: Array = np.degrees(np.unwrap(np.angle(response)))
-    return found
+    return found if found.ndim == 4 else found[None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,8 @@ from robodyn_cli.results.columns import by_unit, column_names
 from robodyn_cli.results.result import Result, Variable
 
 MOST = 6  # coordinates that are drawn: those with the largest error
+BAND = {"linewidth": 4.5, "alpha": 0.3, "solid_capstyle": "butt"}  # the reference, which motion lies on
+Looks = Mapping[str, Mapping[str, Any]]
 
 
 def applies(result: Result) -> bool:
@@ -32,24 +35,22 @@ def draw(result: Result) -> Any:
     note = "; those with the largest errors" if len(labels) < len(names) else ""
     sheet = TimeSheet(
         result,
-        f"Motion (lines) and reference (dashed), error, torque of the controller and its limits{note}",
+        f"Motion and reference (broad, pale), error, torque and its limits (thin){note}",
         panels=panels,
         height=panel_height(panels),
         labels=labels,
     )
-    colours = {name: style.COLOURS[i % len(style.COLOURS)] for i, name in enumerate(_order(names, groups))}
+    looks = {name: style.dashed_style(i) for i, name in enumerate(_order(names, groups))}
     axes, handles = list(sheet.axes), []
     for units, columns in groups:
-        shown = [names[k] for k in columns]
-        handles += _motion(axes.pop(0), result, columns, [colours[name] for name in shown], units)
+        shown = [{**looks[names[k]], "linewidth": 1.5} for k in columns]
+        handles += _motion(axes.pop(0), result, columns, shown, units)
         ax = axes.pop(0)
-        draw_columns(
-            ax, result.time, finite(error.data[:, columns]), _looks([colours[name] for name in shown])
-        )
+        draw_columns(ax, result.time, finite(error.data[:, columns]), shown)
         ax.axhline(0.0, color=style.GREY, linewidth=0.6)
         ax.set_ylabel(f"error [{units}]")
     for units, columns in loads:
-        _torques(axes.pop(0), result, columns, colours, units)
+        _torques(axes.pop(0), result, columns, looks, units)
     sheet.label_time()
     sheet.legend(handles, labels)
     return sheet.figure
@@ -73,36 +74,29 @@ def _size(result: Result, name: str, units: str) -> str:
     return f"{number(float(np.nanmax(np.abs(data))), 3)} {units}"
 
 
-def _looks(colours: list[str]) -> list[dict[str, Any]]:
-    return [{"color": colour, "linewidth": 1.3, "linestyle": "-"} for colour in colours]
-
-
-def _motion(ax: Any, result: Result, columns: list[int], colours: list[str], units: str) -> list[Any]:
+def _motion(
+    ax: Any, result: Result, columns: list[int], looks: list[dict[str, Any]], units: str
+) -> list[Any]:
     """Draw motion and reference; return the handles of the motion."""
     wanted = finite(result["control/reference"][:, columns])
     actual = wanted - finite(result["control/error"][:, columns])
-    handles = draw_columns(ax, result.time, actual, _looks(colours))
-    for k, colour in enumerate(colours):
-        ax.plot(
-            *envelope(result.time, wanted[:, k]),
-            color=colour,
-            linewidth=1.0,
-            linestyle=(0, (4, 3)),
-            alpha=0.75,
-        )
+    for k, look in enumerate(looks):
+        ax.plot(*envelope(result.time, wanted[:, k]), color=look["color"], **BAND)
     ax.set_ylabel(f"position [{units}]")
-    return handles
+    return draw_columns(ax, result.time, actual, looks)
 
 
-def _torques(ax: Any, result: Result, columns: list[int], colours: dict[str, str], units: str) -> None:
-    """Draw torques with the limits of joints that reach a good part of theirs."""
+def _torques(ax: Any, result: Result, columns: list[int], looks: Looks, units: str) -> None:
+    """Draw torques with the limits of joints that have some."""
     variable = result.variables["control/torque"]
     names, data = column_names(variable), finite(variable.data)
-    limits = (result.summary.get("control") or {}).get("limits", {})
+    control = result.summary.get("control") or {}
+    limits = control.get("limits", {})
+    drawn = "steps-post" if "period" in control else "default"  # held between samples
     for k in columns:
-        colour = colours.get(names[k], style.COLOURS[k % len(style.COLOURS)])
-        ax.plot(*envelope(result.time, data[:, k]), color=colour, linewidth=1.1)
+        look = looks.get(names[k]) or style.dashed_style(k)
+        ax.plot(*envelope(result.time, data[:, k]), **look, linewidth=1.2, drawstyle=drawn)
         if names[k] in limits:
             for side in (-1.0, 1.0):
-                ax.axhline(side * limits[names[k]], color=colour, linewidth=0.8, linestyle=style.DASHES[1])
-    ax.set_ylabel(load_label("torque", units) if units == "N m" else f"force [{units}]")
+                ax.axhline(side * limits[names[k]], **look, linewidth=0.7)
+    ax.set_ylabel(load_label("torque", units))

@@ -161,8 +161,8 @@ class Payloads(Watcher):
         step = self._step(t, x, phase)
         x = x.copy()
         x[list(s.v_places)] = step.after
-        if s.further:
-            x[s.size - s.further] += step.gained
+        if s.work_place is not None:
+            x[s.work_place] += step.gained
         for k in changed:
             if CARRIED in (phase[k], self.phase[k]):
                 self._note(t, k, phase[k], step)

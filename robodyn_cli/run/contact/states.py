@@ -331,8 +331,8 @@ class ContactStates(Watcher):
             new = impact(M, psi, v, Hit(joint.v, e), resting, kept)
             y = x.copy()
             y[places] = new
-            if s.work_done_by:
-                y[s.size - 1] += 0.5 * float(new @ M @ new - v @ M @ v)
+            if s.work_place is not None:
+                y[s.work_place] += 0.5 * float(new @ M @ new - v @ M @ v)
             return y
 
         leaves = push * v[joint.v] > 0.0

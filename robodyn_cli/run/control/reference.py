@@ -1,71 +1,81 @@
-"""From a path of a point, or one in the least time, to the motion of the joints that a controller follows."""
+"""From what a controller is asked to follow to the motion of the joints that it follows."""
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
-from functools import cached_property
 from typing import Any
 
-from robodyn_cli.equations.control.reference import Sampled
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.graph import Expr
-from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
+from robodyn_cli.run.driver.prepare import plant_of, prepare
+from robodyn_cli.run.mechanism.along_path import Interpolated
+from robodyn_cli.run.mechanism.motion import by_columns, plan_motion, with_led_point, without_following
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.course import Course
-
-
-class JointPath:
-    """The motion of the joints along a path of a point, as a trajectory in joint space."""
-
-    knots: tuple[float, ...] | None = ()
-
-    def __init__(self, scene: Scene) -> None:
-        self.duration = float(scene.trajectory.duration)
-        self._problem = Problem(scene)
-        self.joints = self._problem.model.q_names
-        self.type = scene.trajectory.type
-
-    @cached_property
-    def course(self) -> Course:
-        """The joints over time, by inverse kinematics at so many instants that the rest can be interpolated."""
-
-        def motion(times: Array) -> tuple[Array, Array, Array]:
-            found = plan_motion(self._problem, times).motion
-            return found.q, found.qd, found.qdd
-
-        return Sampled(motion, self.duration).course
-
-    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return the columns of q by name, as expressions of t."""
-        return dict(zip(self.joints, self.course.expressions(t)))
+from robodyn_cli.trajectories.course import held
+from robodyn_cli.trajectories.interpolation import interpolated
+from robodyn_cli.trajectories.motion import JointMotion
 
 
 def with_joint_reference(scene: Scene) -> Scene:
     """Return the scene whose controller follows a motion in joint space, where it follows any.
 
+    That is a motion of all joints where the law needs one in a mechanism with loops: these give the other joints.
+
     Raises
     ------
-    SceneError : the path leads a mechanism with loops. GeometryError, SingularConfigurationError : from the inverse
-    kinematics of the path.
+    GeometryError, SingularConfigurationError : from the inverse kinematics of the path, or from the loops.
+    CapabilityError : the motion is not smooth.
     """
     controller = scene.control
+    loops = bool(scene.loops or scene.couplers)
+    ahead = loops and controller.type == "feed_forward"
     if getattr(controller, "reference", None) is None:
-        return scene
-    followed = dataclasses.replace(scene, control=None, trajectory=controller.reference, prescribed={})
+        return _with_reference(scene, _start_held(scene)) if ahead else scene
+    followed = dataclasses.replace(without_following(scene), control=None, trajectory=controller.reference)
     if controller.reference.type == "fastest":
         from robodyn_cli.run.fastest.resolve import with_time_law
 
         followed = with_time_law(followed)
     reference = followed.trajectory
-    if hasattr(reference, "target") and not controller.at_point:
-        if scene.loops or scene.couplers:
-            raise SceneError(
-                f"{scene.path}: control.reference: a path of a point does not lead the joints of a mechanism "
-                "with loops here; allowed: a motion of its driven joints",
-                file=scene.path, key="control.reference",
-            )  # fmt: skip
-        reference = JointPath(with_led_point(followed))
-    return dataclasses.replace(scene, control=dataclasses.replace(controller, reference=reference))
+    if ahead or (hasattr(reference, "target") and not controller.at_point):
+        reference = joint_motion(followed)
+    return _with_reference(scene, reference)
+
+
+def _with_reference(scene: Scene, reference: Any) -> Scene:
+    return dataclasses.replace(scene, control=dataclasses.replace(scene.control, reference=reference))
+
+
+def joint_motion(scene: Scene) -> Interpolated:
+    """Return the motion of all joints that the scene's trajectory, and its loops, lead to."""
+    problem = Problem(with_led_point(scene))
+    trajectory: Any = scene.trajectory
+    columns = problem.model.q_names
+
+    def motion(times: Array) -> tuple[Array, Array, Array]:
+        return by_columns(problem.model, _motion_of(problem, times))
+
+    knots = getattr(trajectory, "knots", None)
+    duration = float(trajectory.duration)
+    course = interpolated(motion, duration, knots, "the motion that the controller follows")
+    return Interpolated(columns, duration, course, tuple(knots or ()))
+
+
+def _motion_of(problem: Problem, times: Array) -> JointMotion:
+    if not problem.model.closures:
+        return plan_motion(problem, times).motion
+    from robodyn_cli.run.mechanism.guided_motion import guided_motion
+    from robodyn_cli.run.mechanism.loop_conditions import lead_of
+
+    found = guided_motion(problem, lead_of(problem), times)
+    if found.stopped is not None:
+        raise found.stopped
+    return found.motion
+
+
+def _start_held(scene: Scene) -> Interpolated:
+    """Return the pose at the start, in which all joints stay."""
+    setup = prepare(plant_of(scene))
+    duration = scene.simulate.duration
+    course = held(setup.assembled.q, duration)
+    return Interpolated(setup.problem.model.q_names, duration, course, ())

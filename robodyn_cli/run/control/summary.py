@@ -20,11 +20,12 @@ AT_LIMIT = 1e-12  # of a limit: torques so near to it are on it
 
 @record
 class Tracking:
-    """Error of one coordinate over the samples: the largest, when [s], and the root mean square [rad or m]."""
+    """Error of one coordinate over the samples: the largest, when [s], and the root mean square, in ``unit``."""
 
     peak: float
     at: float
     rms: float
+    unit: str
 
 
 @record
@@ -94,7 +95,7 @@ def _tracking(control: Control, recorder: Recorder, t: Array) -> dict[str, Any]:
     error = recorder.array("control/error")
     rms, peak = root_mean_square_over(t, error), np.abs(error).argmax(axis=0)
     return {
-        x.name: Tracking(float(abs(error[at, k])), float(t[at]), float(rms[k]))
+        x.name: Tracking(float(abs(error[at, k])), float(t[at]), float(rms[k]), x.unit)
         for k, (x, at) in enumerate(zip(control.tracked, peak))
     }
 

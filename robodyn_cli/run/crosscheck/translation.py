@@ -91,7 +91,7 @@ def _refused(problem: Problem, simulated: bool) -> Iterator[str]:
     scene, model = problem.scene, problem.model
     if scene.couplers:
         yield f"couplers ({', '.join(coupler.name for coupler in scene.couplers)})"
-    if scene.prescribed:
+    if scene.prescribed and simulated:
         yield "prescribed motion"
     if scene.control is not None and simulated:
         yield "a controller"

@@ -100,9 +100,10 @@ def build_motion(
         with watch.stage("solve"):
             scene = with_motion_found(scene)
     if scene.control is not None:
-        from robodyn_cli.run.control.reference import with_joint_reference
+        from robodyn_cli.run.control.ready import with_controller_ready
 
-        scene = with_joint_reference(scene)
+        with watch.stage("solve"):
+            scene = with_controller_ready(scene)
     scene, gains = with_gains(scene, watch)
     setup = prepare(scene, watch, neutral=plan)
     problem = setup.problem

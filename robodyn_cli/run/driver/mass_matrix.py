@@ -90,7 +90,11 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
     found: dict[int, float] = {}
     simple = {b.joint_name: k for k, b in enumerate(model.bodies) if b.joint.nv == 1}
     typical = _typical(model, q) if prescribed else 0.0
-    while felt := _felt_at_start(model, q):
+    while True:
+        with witnessed():  # apart: what cancels in this pose is no structure
+            felt = inertias_felt(model, q)
+        if not felt:
+            break
         able = [x for x in felt if x.joint in prescribed and x.joint in simple]
         light = [x for x in able if x.share < SINGULAR or x.free < LIGHT * typical]
         if not light:
@@ -151,11 +155,6 @@ def _negative_motion(M: Array, psi: Array) -> Array | None:
     values, vectors = np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)
     found: Array = N @ vectors[:, 0] / size
     return found if values[0] < -INDEFINITE else None
-
-
-def _felt_at_start(model: Model, q: Array) -> list[Felt] | None:
-    with witnessed():  # apart: what cancels in this pose is no structure
-        return inertias_felt(model, q)
 
 
 def _typical(model: Model, q: Array) -> float:

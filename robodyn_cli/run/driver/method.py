@@ -48,9 +48,9 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     usual = "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
     if system.dynamics.any_size or not can_be_stiff(problem):
         return Choice(DEFAULT, usual)
-    from robodyn_cli.run.driver.stiffness import cost_of, fastest_decay, parameters_at
+    from robodyn_cli.run.driver.stiffness import cost_of, fastest_decay
 
-    decay = fastest_decay(system, 0.0, start, parameters_at(system, 0.0, start))
+    decay = fastest_decay(system, 0.0, start, system.parameters_at(0.0, system.split(start)[0]))
     duration = scene.simulate.duration
     if decay * duration < FAST_DECAYS:
         return Choice(DEFAULT, usual, may_change=True)

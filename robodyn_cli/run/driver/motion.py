@@ -166,7 +166,8 @@ class Motion:
         updates = self.system.updates
         noise = np.zeros(0) if updates is None else updates.noise[0]
         work = np.zeros(1 if self.system.work_done_by else 0)
-        return self.system.join(q, v, np.concatenate([control.start(q, v, noise), work]))
+        own = control.start(q, v, self.system.parameters_at(0.0, q), noise)
+        return self.system.join(q, v, np.concatenate([own, work]))
 
     @property
     def beginning(self) -> Beginning:

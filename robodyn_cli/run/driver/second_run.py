@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.formulations.events import EventFunction, Owner
@@ -74,21 +74,16 @@ def shorter_step(options: Options, mean_step: Any) -> Any:
     return np.minimum(options.max_step, SHORTER * mean_step)
 
 
-def most_steps(options: Options, steps: Any) -> Any:
-    """Return how many steps second runs may take (numbers or arrays): not many times as many as the first."""
-    return np.minimum(4 * options.max_steps, MOST_STEPS * steps + 1000)
+def steps_between(options: Options, tight: Options, method: str, steps: Any) -> tuple[Any, Any]:
+    """Return how many steps second runs must and may take (numbers or arrays), from those of the first.
 
-
-def least_growth(options: Options, tight: Options, method: str) -> float:
-    """Return how many times the steps of the first run the second must take.
-
-    Below it the tolerance does not decide about the steps, so that many of the same ones were taken once more. The
+    With fewer the tolerance does not decide about the steps, so that many of the same ones were taken once more. The
     tolerance alone would make them (rtol_1 / rtol_2)^(1/p) times as many.
     """
-    if options.step is not None:
-        return 0.0
     kind = registry[method]
-    return float((options.rtol / tight.rtol) ** (DECIDES * kind.proportion / kind.order))
+    growth = (options.rtol / tight.rtol) ** (DECIDES * kind.proportion / kind.order)
+    fewest = growth * steps if options.step is None else 0
+    return fewest, np.minimum(4 * options.max_steps, MOST_STEPS * steps + 1000)
 
 
 def other_steps(options: Options, mean_step: float) -> tuple[Options, str]:
@@ -200,7 +195,7 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     went = first.end - first.beginning.time
     options, mean_step = motion.options, went / max(first.steps, 1)
     tight, how = tighter(options, mean_step, first.method)
-    most = int(most_steps(options, first.steps))
+    fewest, most = (math.ceil(n) for n in steps_between(options, tight, first.method, first.steps))
     tight = dataclasses.replace(tight, max_steps=most)
     try:
         try:
@@ -209,10 +204,10 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
             if error.details.get("status") != "max_steps" or options.step is not None:
                 raise
             # a tolerance that the method cannot keep
-            other, how = other_steps(dataclasses.replace(options, max_steps=most), mean_step)
-            states, steps = integrate_again(motion, first, other, tick)
-            tight = other
-        if steps < least_growth(options, tight, first.method) * first.steps:
+            tight, how = other_steps(dataclasses.replace(options, max_steps=most), mean_step)
+            states, steps = integrate_again(motion, first, tight, tick)
+            fewest = first.steps
+        if steps < fewest:
             tight, how = other_steps(tight, mean_step)
             states, steps = integrate_again(motion, first, tight, tick)
     except (NumericalError, SingularConfigurationError) as error:
@@ -225,7 +220,7 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all samples
-    and those at the end (``end_error``), for q and qd apart, and no less than what rounding is expected to leave.
+    and those at the end (``end_errors``), for q and qd apart, and no less than what rounding is expected to leave.
     Nothing else about the two runs is shared but the method.
     """
     grid = first.grid.every(recorder.every)
@@ -243,27 +238,25 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
     floor = rounding_floor(motion, recorder, len(q), first.steps, max(found_q, found_v))
     q_max, qd_max = max(found_q, floor.q), max(found_v, floor.qd)
     at_rounding = bool(max(found_q, found_v) < AT_ROUNDING * max(floor.q, floor.qd))
-    lost = _lost(dq, q) | _lost(dv, qd)
+    lost = np.zeros(
+        len(q), dtype=bool
+    )  # where an estimate says no more than that the digits of a motion are lost
+    for error, x in ((dq, q), (dv, qd)):
+        spread = max(float(np.ptp(x, axis=0).max(initial=0.0)), 1e-300)
+        lost |= error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
     time = float(recorder.array("time")[int(np.argmax(lost))])
     return ErrorEstimate(
         method=f"difference from a second integration with {second.how}",
         q_max=q_max,
         qd_max=qd_max,
         state_max=max(q_max, qd_max),
-        q_end=float(max(end_error(dq, scale), floor.q)),
-        qd_end=float(max(end_error(dv, scale), floor.qd)),
+        q_end=float(end_errors(dq, scale).max(initial=floor.q)),
+        qd_end=float(end_errors(dv, scale).max(initial=floor.qd)),
         rounding_floor=max(floor.q, floor.qd),
         steps=second.steps,
         at_rounding=at_rounding,
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
-
-
-def _lost(error: Array, motion: Array) -> NDArray[np.bool_]:
-    """Return at which samples (T,) an estimate (T, n) says no more than that the digits of a motion (T, n) are lost."""
-    spread = max(float(np.ptp(motion, axis=0).max(initial=0.0)), 1e-300)
-    found: NDArray[np.bool_] = error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
-    return found
 
 
 def remainder(method: str, steps: Any, more: Any) -> Any:
@@ -278,21 +271,16 @@ def remainder(method: str, steps: Any, more: Any) -> Any:
     return 1.0 / (1.0 - np.minimum(left, 0.5))
 
 
-def end_error(errors: Array, scale: Any) -> Any:
-    """Return the error at the last sample from estimates (..., T, n), differences of two runs times ``scale``.
+def end_errors(errors: Array, scale: Any) -> Array:
+    """Return errors at the last sample (..., n) from estimates (..., T, n), differences of two runs times ``scale``.
 
-    At a single sample the errors of both may agree by chance, so it is no less than what the second run's own typically
-    is.
-    """
-    return np.maximum(errors[..., -1, :].max(axis=-1, initial=0.0), own_error(errors, scale))
-
-
-def own_error(errors: Array, scale: Any) -> Any:
-    """Return what the second run's own error, a part 1 - 1/scale of the first one's (see ``remainder``), typically is
-    over the second half of the samples, from estimates (..., T, n).
+    At a single sample the errors of both may agree by chance. So they are no less than what the second run's own error,
+    a part 1 - 1/scale of the first one's (see ``remainder``), typically is over the second half of the samples.
     """
     largest = errors.max(axis=-1, initial=0.0)
-    return (1.0 - 1.0 / scale) * np.median(largest[..., largest.shape[-1] // 2 :], axis=-1)
+    typical = np.median(largest[..., largest.shape[-1] // 2 :], axis=-1)
+    found: Array = np.maximum(errors[..., -1, :], ((1.0 - 1.0 / scale) * typical)[..., None])
+    return found
 
 
 def rounding_walk(steps: Any) -> Any:

@@ -154,11 +154,3 @@ def largest_decays(J: Array) -> Any:
     """Return the largest -Re of the eigenvalues of Jacobians (..., n, n) [1/s], 0 where one is not finite."""
     finite = np.isfinite(J).all(axis=(-2, -1), keepdims=True)
     return np.maximum(0.0, -np.linalg.eigvals(np.where(finite, J, 0.0)).real.min(axis=-1, initial=np.inf))
-
-
-def parameters_at(system: System, t: float, x: Array) -> Array:
-    """Return the parameters p that a run starts with at a state: the system's, or what its partition chooses."""
-    if system.partition is None:
-        return np.array(system.parameters or [0.0])
-    chosen = system.partition.choose(t, system.split(x)[0], None)
-    return np.concatenate([np.zeros(system.partition.first), chosen])

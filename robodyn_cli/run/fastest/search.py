@@ -13,6 +13,7 @@ from robodyn_cli.run.fastest.profile import Passes, Profile
 from robodyn_cli.run.fastest.rows import FINE, PLACES, Rows
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
+from robodyn_cli.trajectories.interpolation import divided
 
 # of the grid's intervals: in the first look, on the grid that is even in time, and after each refinement
 FIRST, EVEN, REFINED = 0.25, 0.35, (0.7, 1.0)
@@ -157,14 +158,6 @@ def _refined(found: _Found, intervals: int) -> Array:
         else:
             high, parts = middle, more
     return divided(s, parts)
-
-
-def divided(s: Array, parts: Array) -> Array:
-    """Return a grid (K + 1,) with each interval divided into so many equal ``parts`` (K,)."""
-    count = parts.astype(int)
-    place = np.repeat(np.arange(len(count)), count)
-    share = (np.arange(len(place)) - np.repeat(np.cumsum(count) - count, count)) / count[place]
-    return np.append(s[place] + np.diff(s)[place] * share, s[-1])
 
 
 def _within(found: _Found, limits: Limits) -> _Found:

@@ -15,6 +15,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled, expressions_of
 from robodyn_cli.run.mechanism.motion import (
     Planned,
+    motion_duration,
     plan_motion,
     with_led_point,
     without_following,
@@ -38,10 +39,8 @@ def build_inverse(scene: sc.Scene) -> InverseProgram:
         from robodyn_cli.run.inverse.closed import build_closed
 
         return build_closed(problem)
-    problem = open_problem(problem, "inverse dynamics")
     _refuse_passive_joints(problem)
-    duration = scene.trajectory.duration if scene.trajectory is not None else 0.0
-    return OpenChain(problem, duration, **expressions_of(problem))
+    return OpenChain(problem, motion_duration(scene), **expressions_of(problem))
 
 
 def _problem_along(scene: sc.Scene) -> Problem:

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.model.model import TORQUE, Model
+from robodyn_cli.model.model import TORQUE
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
@@ -19,14 +19,23 @@ from robodyn_cli.run.observation.rounding import largest_difference
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.spatial.algebra import Array
 
+Figure = Callable[[Array, float, Sequence[float]], Array]
+
 
 @record
 class Loaded:
-    """Columns of joints at uniform times (T,), of one run or of many: torques and rates (T, n)."""
+    """Columns of joints at uniform times (T,), of one run or of many: torques and rates (T, n). breaks : where torques
+    jump, in steps from the first sample."""
 
     times: Array
     tau: Array
     qd: Array
+    breaks: Sequence[float] = ()
+
+    @staticmethod
+    def of(problem: Problem, sampled: Sampled) -> Loaded:
+        """Return the columns of a run."""
+        return Loaded(sampled.times, sampled.tau, sampled.motion.qd, jumps(problem, sampled.times))
 
     @property
     def step(self) -> float:
@@ -43,25 +52,35 @@ class Loaded:
 FIGURES: dict[str, Callable[[Loaded], Array]] = {
     "peak_torque": lambda x: np.abs(x.tau).max(axis=0),
     "peak_torque_time": lambda x: x.times[np.argmax(np.abs(x.tau), axis=0)],
-    "rms_torque": lambda x: root_mean_square(x.tau, x.step),
+    "rms_torque": lambda x: root_mean_square(x.tau, x.step, x.breaks),
     "torque_range.0": lambda x: x.tau.min(axis=0),
     "torque_range.1": lambda x: x.tau.max(axis=0),
     "peak_speed": lambda x: np.abs(x.qd).max(axis=0),
     "peak_power": lambda x: np.abs(x.power).max(axis=0),
-    "energy": lambda x: integrate_positive(x.power, x.step),
-    "energy_net": lambda x: integrate(x.power, x.step),
+    "energy": lambda x: integrate_positive(x.power, x.step, x.breaks),
+    "energy_net": lambda x: integrate(x.power, x.step, x.breaks),
 }
 
 
-def joint_figures(model: Model, sampled: Sampled) -> dict[str, JointFigures]:
+def jumps(problem: Problem, times: Array) -> list[float]:
+    """Return where the torques of a motion jump, in steps from the first sample: where payloads come and go."""
+    if not problem.model.payloads:
+        return []
+    from robodyn_cli.run.inverse.payloads import breaks, events_of
+
+    return breaks(events_of(problem.scene, times), times)
+
+
+def joint_figures(problem: Problem, sampled: Sampled) -> dict[str, JointFigures]:
     """Return the figures that size the actuators, by velocity coordinate; in mechanisms with loops, of actuated joints
     only.
 
     peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of tau^2.
     energy : integral of the positive mechanical power, which the actuator delivers if it cannot take back any;
-    energy_net : integral of the power. Integrals are of degree 5 between samples (see ``quadrature``).
+    energy_net : integral of the power. Integrals are of degree 5 between samples, and in pieces where payloads come and
+    go (see ``quadrature``).
     """
-    loaded = Loaded(sampled.times, sampled.tau, sampled.motion.qd)
+    loaded, model = Loaded.of(problem, sampled), problem.model
     columns = {name: figure(loaded).tolist() for name, figure in FIGURES.items()}
     figures: dict[str, JointFigures] = {}
     for k in range(model.nv) if sampled.loops is None else sampled.loops.driven:
@@ -119,11 +138,12 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         large as the errors of rates, torques and quadrature together. Between samples from one to the other of which
         a payload is gripped or released it is not taken. energy_balance_relative : over the largest
         energy turned over.
-    energy_quadrature : difference of the energies (net) to those from every second sample [J].
+    energy_quadrature, rms_quadrature : largest difference of energies (net) [J] and of RMS torques [N m or N] to those
+        from every second sample.
     closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
-    work = integrate(power, sampled.step)
+    breaks = jumps(program.problem, sampled.times)
     total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
     balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
@@ -135,7 +155,8 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         round_trip=round_trip(program, sampled),
         energy_balance=balance,
         energy_balance_relative=balance / turned if balance else 0.0,
-        energy_quadrature=_halved(power, work, sampled.step),
+        energy_quadrature=_halved(integrate, power, sampled.step, breaks),
+        rms_quadrature=_halved(root_mean_square, sampled.tau, sampled.step, breaks),
         closure=ABSENT if loops is None else planned.residuals,
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
     )
@@ -162,11 +183,12 @@ def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:
     return None if found is None else largest_difference(found)
 
 
-def _halved(power: Array, work: Array, h: float) -> float | Absent:
-    """Return the largest change of an integral (T, n) when every second sample is left out."""
-    if len(power) % 2 == 0 or len(power) < 3:
+def _halved(figure: Figure, y: Array, h: float, breaks: Sequence[float]) -> float | Absent:
+    """Return the largest change of a figure of samples y (T, n) when every second one is left out."""
+    if len(y) % 2 == 0 or len(y) < 3:
         return ABSENT
-    return float(np.abs(integrate(power[::2], 2.0 * h) - work).max())
+    half = figure(y[::2], 2.0 * h, [0.5 * x for x in breaks])
+    return float(np.abs(half - figure(y, h, breaks)).max())
 
 
 def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:

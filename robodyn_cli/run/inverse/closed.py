@@ -18,7 +18,7 @@ from robodyn_cli.run.inverse.sharing import refuse_idle_gears, share_load
 from robodyn_cli.run.inverse.terms import Outputs
 from robodyn_cli.run.mechanism.guided_motion import guided_motion
 from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, velocity_places
-from robodyn_cli.run.mechanism.motion import Planned
+from robodyn_cli.run.mechanism.motion import Planned, motion_duration
 from robodyn_cli.run.mechanism.report import add_rows
 from robodyn_cli.run.observation.evaluation import SampleFunction
 from robodyn_cli.run.observation.rounding import few
@@ -44,7 +44,7 @@ def build_closed(problem: Problem) -> ClosedLoops:
     """
     scene = problem.scene
     lead = lead_of(problem)
-    duration, actuated = motion_duration(scene), actuated_joints(problem, lead)
+    duration, actuated = _duration(scene), actuated_joints(problem, lead)
     refuse_idle_gears(problem, velocity_places(problem.model, actuated))
     rows = problem.constraints.loop_rows
     found = expressions_of(problem)
@@ -154,17 +154,15 @@ class ClosedLoops(InverseProgram):
             result.add(path, data)
 
 
-def motion_duration(scene: Scene) -> float:
-    """Return the length of the motion: of the trajectory, else of the simulation, where joints are prescribed.
+def _duration(scene: Scene) -> float:
+    """Return the length of the motion.
 
     Raises
     ------
     SceneError : nothing moves.
     """
-    if scene.trajectory is not None:
-        return float(scene.trajectory.duration)
-    if scene.prescribed:
-        return scene.simulate.duration
+    if scene.trajectory is not None or scene.prescribed:
+        return motion_duration(scene)
     raise SceneError(
         f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion, of as many joints as the "
         f"mechanism has degrees of freedom, or of a point or frame (kinds: {', '.join(trajectory_types)}); "

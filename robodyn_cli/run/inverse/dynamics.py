@@ -18,7 +18,7 @@ from robodyn_cli.spatial.algebra import Array, Vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.kernels.program import Program
-    from robodyn_cli.kernels.rolled_tables import RolledPlan
+    from robodyn_cli.kernels.rolled.tables import RolledPlan
 
 
 def timeless(problem: Problem) -> list[Vector]:
@@ -145,7 +145,7 @@ class InverseDynamics(_Samples):
     @staticmethod
     def _compile(problem: Problem) -> tuple[str, Samples, int, Program | RolledPlan]:
         if prefer_rolled(problem.model):
-            from robodyn_cli.kernels.rolled import RolledInverseDynamics
+            from robodyn_cli.kernels.rolled.kernels import RolledInverseDynamics
 
             if geared(problem.model):
                 raise CapabilityError(
@@ -181,7 +181,7 @@ class ForwardDynamics(_Samples):
     @staticmethod
     def _compile(problem: Problem) -> tuple[str, Samples, int]:
         if prefer_rolled(problem.model):
-            from robodyn_cli.kernels.rolled import RolledForwardDynamics
+            from robodyn_cli.kernels.rolled.kernels import RolledForwardDynamics
 
             rigid, forces = RolledForwardDynamics(problem.model), _JointForces(problem)
             operations = rigid.plan.operations + forces.operations

@@ -236,7 +236,7 @@ def summarise(
         constraint_residual=ABSENT
         if loops is None
         else Residual(loops.residual["position"], loops.residual["velocity"]),
-        joints=joint_figures(problem.model, sampled),
+        joints=joint_figures(problem, sampled),
         definitions=DEFINITIONS if loops is None else CLOSED_DEFINITIONS,
         counters=dict(sampled.counters),
         reactions=ABSENT if loads is None else loads.summary(),

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
+from robodyn_cli.model.payloads import SAME_TIME
 from robodyn_cli.run.inverse.program import Sampled
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
+KINDS = {"from": "grip", "until": "let_go"}  # of events, by key
 STILL = 1e-12  # part of the largest kinetic energy that an impact may take without being told
 
 
@@ -51,11 +54,25 @@ def impact_warnings(problem: Problem, sampled: Sampled) -> list[str]:
 
 def events_of(scene: Scene, times: Array) -> list[dict[str, Any]]:
     """Return when payloads are gripped and released, as events of the result."""
-    kinds = {"from": "grip", "until": "let_go"}
     found = [
-        {"time": float(instant.time), "name": payload.name, "kind": kinds[name]}
+        {"time": float(instant.time), "name": payload.name, "kind": KINDS[name]}
         for payload in scene.payloads
         for name, instant in payload.instants.items()
         if instant.time is not None and instant.time <= times[-1]
     ]
     return sorted(found, key=lambda event: event["time"])
+
+
+def breaks(events: Iterable[Any], times: Array) -> list[float]:
+    """Return where torques jump among uniform times (T,) by events at which payloads come and go, in steps from the
+    first; a sample at the time of a change is that of before."""
+    step = float(times[-1] - times[0]) / (len(times) - 1)
+    found = []
+    for event in events:
+        if event["kind"] not in KINDS.values():
+            continue
+        after = int(np.searchsorted(times, (1.0 + SAME_TIME) * event["time"], side="right"))
+        if 0 < after < len(times):
+            place = (event["time"] - times[0]) / step
+            found.append(float(np.clip(place, after - 1, np.nextafter(after, 0.0))))
+    return found

@@ -22,6 +22,7 @@ DEFINITIONS = {
     "torque_rounding": "how far rounding may have put any torque off, cancellation included [N m or N]",
     "energy_balance": "work of actuators and losses less the change of kinetic and potential energy [J]",
     "energy_quadrature": "largest change of an energy when every second sample is left out [J]",
+    "rms_quadrature": "largest change of an RMS torque when every second sample is left out [N m or N]",
 }
 CLOSED_DEFINITIONS = {
     **DEFINITIONS,
@@ -56,6 +57,7 @@ class ErrorEstimate:
     energy_balance_relative: float
     torque_rounding: float | None
     energy_quadrature: float | Absent = ABSENT
+    rms_quadrature: float | Absent = ABSENT
     closure: dict[str, float] | Absent = ABSENT
     virtual_work_residual: float | Absent = ABSENT
 

@@ -7,33 +7,33 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.linear.reduce import Linear, linearise_states
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, Termination
-from robodyn_cli.run.linear.modes import (
-    Mode,
-    frequencies_for,
-    modes_of,
-    response,
-    stability_of,
-)
+from robodyn_cli.run.linear.modes import Mode, modes_of, stability_of
 from robodyn_cli.run.linear.nominal import Nominal, Question, nominal
 from robodyn_cli.run.linear.signals import Outputs, Signal, input_signals, state_signals
+from robodyn_cli.run.linear.stored import Systems, add_matrices, add_poses, add_responses
 from robodyn_cli.run.observation.finite import refuse_result
 from robodyn_cli.run.observation.units import add_motion
 from robodyn_cli.run.progress import Progress, no_progress
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
 REST = 1e-8  # an acceleration this small beside that of the freed weights counts as none
-SWING = 0.25  # rad, or a part of the size of the mechanism: how far a drawn mode goes
-CLOSING = 12  # steps that close the loops of a drawn mode
+NEAR = 1e-9  # s beyond the ends of a motion that still count as the ends
+
+
+@record
+class Instant:
+    """The system at a sample of a motion [s], as if it stayed so: its stability and modes."""
+
+    time: float
+    stability: str
+    modes: list[Mode]
 
 
 @record
@@ -62,6 +62,7 @@ class LinearSummary:
     stability: str | Absent
     modes: list[Mode] | Absent
     growth: Growth | Absent
+    instants: list[Instant] | Absent
     warnings: list[str] | Absent
 
 
@@ -69,7 +70,7 @@ class LinearSummary:
 def linearise(
     scene: Scene,
     *,
-    about: str = "state",
+    about: str | Sequence[float] = "state",
     inputs: Sequence[str] = (),
     outputs: Sequence[str] = (),
     progress: Progress = no_progress,
@@ -81,122 +82,80 @@ def linearise(
     ----------
     about : ``state``, the initial one; ``balance``, the one that ``statics`` finds from there; ``hold``, the initial
         pose at rest with constant torques of the inputs; ``motion``, all samples of the scene's ``simulate`` or
-        ``inverse``. inputs : coordinates whose torques are inputs; the actuated ones by default. outputs :
-        coordinates, ``qd.NAME`` and points; all coordinates by default.
+        ``inverse``; or times of that motion [s], at whose nearest samples modes and frequency responses are wanted too.
+    inputs : coordinates whose torques are inputs; the actuated ones by default.
+    outputs : coordinates, ``qd.NAME``, points and ``outputs.signals``; all coordinates by default.
 
     Returns
     -------
-    A Result with ``linear/A`` to ``linear/D``, poles, and for a state modes and frequency response.
+    A Result with ``linear/A`` to ``linear/D``, poles, and for a state or at instants modes and frequency responses.
 
     Raises
     ------
     SceneError : an unknown name. CapabilityError : a part without a linear model, or no freedom is left.
     NumericalError, GeometryError : there is no such state.
     """
-    if about not in ("state", "balance", "hold", "motion"):
-        raise SceneError(f"about {about!r}; allowed: state, balance, hold, motion")
+    instants = () if isinstance(about, str) else tuple(about)
+    kind = about if isinstance(about, str) else "motion"
+    if kind not in ("state", "balance", "hold", "motion"):
+        raise SceneError(f"about {about!r}; allowed: state, balance, hold, motion, times of the motion [s]")
     watch = watch or Stopwatch()
-    given = nominal(scene, Question(about, tuple(inputs), tuple(outputs)), watch)
+    given = nominal(scene, Question(kind, tuple(inputs), tuple(outputs)), watch)
     if not given.places:
         raise CapabilityError(
             "nothing can move: the loops and prescribed joints leave no freedom to linearise"
         )
-    measured = Outputs(given.problem, outputs)
+    measured = Outputs(given.problem, given.torques, outputs)
+    samples = _samples_at(given.states.times, instants) if kind == "motion" else [0]
     with watch.stage("linearise"):
         linear = linearise_states(given.equations, given.states, given.inputs, given.places)
-        C = measured.matrices(given.states, linear)
+        C, D = measured.matrices(given.states, linear, given.inputs)
+        modes = [modes_of(linear, k, C[k], given.problem.model.v_names) for k in samples]
     progress(0.0, 0.0)
     result = Result.of("linearise", scene)
     still = given.states
     add_motion(result, given.problem.model, still.times, JointMotion(still.q, still.v, linear.a))
-    _add_matrices(result, given, linear, C, measured.signals)
-    modes = _add_modes(result, given, linear, C) if about != "motion" else None
-    result.summarise(_summary(given, linear, measured.signals, modes), seconds=watch.report())
+    systems = Systems(given, linear, C, D, measured.signals)
+    add_matrices(result, systems)
+    add_responses(result, systems, samples, [mode for each in modes for mode in each])
+    if not systems.along:
+        add_poses(result, given, modes[0])
+    result.summarise(_summary(result, systems, samples, modes), seconds=watch.report())
     refuse_result(result)
     return result
 
 
-def _add_matrices(
-    result: Result, given: Nominal, linear: Linear, C: Array, outputs: Sequence[Signal]
-) -> None:
-    """Store A to D and the poles, of one state or along a motion."""
-    model = given.problem.model
-    states = [s.name for s in state_signals(model, given.places)]
-    inputs = [s.name for s in input_signals(model, given.inputs)]
-    D = np.zeros((len(C), len(outputs), len(inputs)))
-    along = given.about == "motion"
-    for name, matrix, rows, columns, names in (
-        ("A", linear.A, "state", "state", states), ("B", linear.B, "state", "input", inputs),
-        ("C", C, "output", "state", states), ("D", D, "output", "input", inputs),
-    ):  # fmt: skip
-        if not names:
-            continue
-        # two axes of a file may not have one name
-        across = f"{columns}_column" if rows == columns else columns
-        result.add(
-            f"linear/{name}", matrix if along else matrix[0], units="SI", names=tuple(names),
-            dims=(*(("time",) if along else ()), rows, across), long_name=f"{name} of the linear system",
-        )  # fmt: skip
-    poles = np.sort_complex(np.linalg.eigvals(linear.A))
-    for name, part in (("real", poles.real), ("imaginary", poles.imag)):
-        result.add(
-            f"linear/poles_{name}", part if along else part[0], units="1/s",
-            dims=(*(("time",) if along else ()), "pole"), long_name=f"{name} parts of the poles",
-        )  # fmt: skip
+def _samples_at(times: Array, instants: Sequence[float]) -> list[int]:
+    """Return the samples (each once) that are nearest to instants of a motion.
 
-
-def _add_modes(result: Result, given: Nominal, linear: Linear, C: Array) -> list[Mode]:
-    """Store the frequency response and the poses of the modes; return the modes."""
-    A, B = linear.A[0], linear.B[0]
-    model = given.problem.model
-    modes = modes_of(A, B, C[0], linear.dq[0], model.v_names)
-    if given.inputs:
-        w = frequencies_for(modes)
-        found = response(A, B, C[0], np.zeros((len(C[0]), B.shape[1])), w)
-        result.add("linear/frequency", w, units="rad/s", dims=("frequency",), long_name="angular frequency")
-        inputs = tuple(model.v_names[k] for k in given.inputs)
-        for name, part, unit in (("real", found.real, "SI"), ("imaginary", found.imag, "SI")):
-            result.add(
-                f"linear/response_{name}", part, units=unit, dims=("frequency", "output", "input"), names=inputs,
-                long_name=f"{name} part of outputs over inputs",
-            )  # fmt: skip
-    if modes:
-        result.add(
-            "modes/q", np.array([_swung(given, mode) for mode in modes]), units="rad or m",
-            dims=("mode", "side", "position"), names=model.q_names,
-            long_name="poses in which a mode is drawn, loops closed",
-        )  # fmt: skip
-    return modes
-
-
-def _swung(given: Nominal, mode: Mode) -> list[Array]:
-    """Return the poses (nq,) on both sides of a mode, with the loops closed."""
-    problem, q = given.problem, given.states.q[0]
-    model = problem.model
-    step = np.array([size * np.cos(phase) for size, phase in mode.shape.values()])
-    room = np.array([SWING if unit == "rad" else SWING * mechanism_size(model) for unit in model.v_units])
-    step *= 1.0 / max(float((np.abs(step) / room).max(initial=0.0)), 1e-300) if step.any() else 0.0
-    manifold = Manifold(model)
-    return [_closed(problem, manifold, manifold.integrate(q, side * step)) for side in (1.0, -1.0)]
-
-
-def _closed(problem: Problem, manifold: Manifold, q: Array) -> Array:
-    """Return q with the loops closed by steps of least norm, as far as they go."""
-    for _ in range(CLOSING if problem.constraints.rows else 0):
-        eta = problem.numbers(problem.constraints.eta, q)
-        q = manifold.integrate(q, -np.linalg.pinv(problem.numbers(problem.psi, q), rcond=1e-6) @ eta)
-    return q
+    Raises
+    ------
+    SceneError : an instant before or after the motion.
+    """
+    for instant in instants:
+        if not times[0] - NEAR <= instant <= times[-1] + NEAR:
+            raise SceneError(
+                f"--instants: {instant:g} s is outside the motion; allowed: {times[0]:g} to {times[-1]:g} s"
+            )
+    nearest = [int(np.argmin(np.abs(times - instant))) for instant in instants]
+    return list(dict.fromkeys(nearest))
 
 
 def _summary(
-    given: Nominal, linear: Linear, outputs: list[Signal], modes: list[Mode] | None
+    result: Result, systems: Systems, samples: Sequence[int], modes: list[list[Mode]]
 ) -> LinearSummary:
+    given, linear, outputs = systems.given, systems.linear, systems.outputs
     model, states = given.problem.model, given.states
-    growth = np.linalg.eigvals(linear.A).real.max(axis=1)
+    one = not systems.along
+    growth = result["linear/poles_real"].max(axis=-1, keepdims=one)
     k = int(np.argmax(growth))
-    one = modes is not None
     acceleration = float(np.abs(linear.a[0][list(linear.places)]).max(initial=0.0))
     held = {model.v_names[i]: float(states.tau[0, i]) for i in given.inputs}
+    chosen = [
+        Instant(float(states.times[k]), stability_of(each), each)
+        for k, each in zip(samples, modes)
+        if systems.along
+    ]
     return LinearSummary(
         termination=Termination("linearised", float(states.times[-1])),
         samples=len(states),
@@ -209,17 +168,16 @@ def _summary(
         states=state_signals(model, given.places),
         inputs=input_signals(model, given.inputs),
         outputs=outputs,
-        stability=ABSENT if modes is None else stability_of(modes),
-        modes=ABSENT if modes is None else modes,
+        stability=stability_of(modes[0]) if one else ABSENT,
+        modes=modes[0] if one else ABSENT,
         growth=ABSENT if one else Growth(float(growth[k]), float(states.times[k])),
-        warnings=_warnings(given, linear, modes, acceleration) or ABSENT,
+        instants=chosen or ABSENT,
+        warnings=(_warnings(given, linear, modes[0], acceleration) if one else []) or ABSENT,
     )
 
 
-def _warnings(given: Nominal, linear: Linear, modes: list[Mode] | None, acceleration: float) -> list[str]:
+def _warnings(given: Nominal, linear: Linear, modes: list[Mode], acceleration: float) -> list[str]:
     """Return what a reader of the linear system should know."""
-    if modes is None:
-        return []
     found = []
     speed = float(np.abs(given.states.v[0]).max(initial=0.0))
     size = float(np.abs(linear.A[0]).max(initial=0.0))

@@ -8,11 +8,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.control.reachable import reached
+from robodyn_cli.equations.linear.reduce import Linear
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
-ZERO = 1e-7  # a pole this small beside the largest is rounding: a double pole at 0 is known to its root
-ROUNDING = 1e-12  # part of a pole this small beside the largest pole
+TRIALS = 8  # disturbed systems that tell how far rounding moves the poles
+SAFETY = 4.0
+PARALLEL = 1e-6  # so little may the motions of a mode at 0 differ: its position and its rate have a pole each
 BLIND = 1e-8  # a mode this weakly reached or shown, relative, is not reached or shown at all
 POINTS = 400  # of a frequency response
 BEYOND = 10.0  # how far it goes beyond the slowest and the fastest pole
@@ -22,14 +24,17 @@ BEYOND = 10.0  # how far it goes beyond the slowest and the fastest pole
 class Mode:
     """A pole s of x-dot = A x, with its mode; a pair of complex poles is one mode, with the one above the real axis.
 
-    real, imaginary : of s [1/s]. frequency : |s| / 2 pi [Hz], of an undamped oscillation. damping : -Re s / |s|, 1 of a
-    decay without oscillation; None at 0. time : 1 / |Re s|, in which it decays or grows e times [s]; None without.
+    real, imaginary : of s [1/s], 0 where they are no larger than the error. error : how far rounding may move s [1/s],
+    far where poles meet: a double one is known to the root of the rounding only. frequency : |s| / 2 pi [Hz], of an
+    undamped oscillation. damping : -Re s / |s|, 1 of a decay without oscillation; None at 0. time : 1 / |Re s|, in
+    which it decays or grows e times [s]; None without.
     shape : by coordinate of the mechanism, amplitude and phase [rad], the largest amplitude 1. reached, shown : whether
     the inputs reach it, and the outputs show it.
     """
 
     real: float
     imaginary: float
+    error: float
     frequency: float
     damping: float | None
     time: float | None
@@ -38,28 +43,70 @@ class Mode:
     shown: bool
 
 
-def modes_of(A: Array, B: Array, C: Array, dq: Array, names: Sequence[str]) -> list[Mode]:
-    """Return the modes, slowest first; dq (nv, n) : all coordinates, with ``names``, by the independent ones."""
-    poles, vectors = np.linalg.eig(A) if len(A) else (np.zeros(0, dtype=complex), np.zeros((0, 0)))
-    largest = float(np.abs(poles).max(initial=0.0))
-    found = []
+def pole_errors(A: Array, rounding: Array, poles: Array) -> Array:
+    """Return how far poles (n,) of A may move where its entries change by no more than ``rounding`` (n, n) [1/s].
+
+    The farthest that disturbed systems have none nearer, with the rounding of the eigenvalue solver. That of a multiple
+    pole goes with a root of the disturbance, which no derivative would tell.
+    """
+    from scipy.linalg import matrix_balance
+
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    reach = rounding / scale[:, None] * scale + np.finfo(float).eps * np.abs(balanced).max(initial=0.0)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (TRIALS, *A.shape))
+    moved = np.linalg.eigvals(balanced + signs * reach)
+    gaps = np.abs(poles[:, None] - moved[:, None, :]).min(axis=2, initial=np.inf)
+    found: Array = SAFETY * gaps.max(axis=0, initial=0.0)
+    return found
+
+
+def without_rounding(poles: Array, errors: Array) -> Array:
+    """Return poles with those parts 0 that are no larger than the error of the pole."""
+    real, imaginary = (np.where(np.abs(part) > errors, part, 0.0) for part in (poles.real, poles.imag))
+    return real + 1j * imaginary
+
+
+def poles_along(linear: Linear) -> tuple[Array, Array]:
+    """Return the poles (T, 2n) of linear systems, from left to right, and their errors (T, 2n) [1/s]."""
+    raw = np.linalg.eigvals(linear.A)
+    errors = np.array([pole_errors(*each) for each in zip(linear.A, linear.rounding, raw)]).reshape(raw.shape)
+    poles = without_rounding(raw, errors)
+    order = np.lexsort((poles.imag, poles.real), axis=-1)
+    return np.take_along_axis(poles, order, axis=-1), np.take_along_axis(errors, order, axis=-1)
+
+
+def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> list[Mode]:
+    """Return the modes of the system at a sample, slowest first; C (outputs, 2n), names : of all coordinates.
+
+    A free motion, of position and rate, is one mode at 0.
+    """
+    A, B, dq = linear.A[sample], linear.B[sample], linear.dq[sample]
+    raw, vectors = np.linalg.eig(A)
+    errors = pole_errors(A, linear.rounding[sample], raw)
+    poles = without_rounding(raw, errors)
+    found: list[Mode] = []
+    free: list[Array] = []
     for k in sorted(range(len(poles)), key=lambda k: (abs(poles[k]), poles[k].real)):
-        s = complex(poles[k])
-        s = complex(*(x if abs(x) > ROUNDING * largest else 0.0 for x in (s.real, s.imag)))
-        if abs(s) <= ZERO * largest:
-            s = 0j
-        if s.imag < 0.0:
+        s, motion = complex(poles[k]), dq @ vectors[: dq.shape[1], k]
+        if s.imag < 0.0 or (not s and any(_parallel(motion, other) for other in free)):
             continue
-        shape = _shape(dq @ vectors[: dq.shape[1], k], names)
+        if not s:
+            free.append(motion)
         size = abs(s)
         found.append(
             Mode(
-                s.real, s.imag, size / math.tau, 0.0 - s.real / size if size else None,
+                s.real, s.imag, float(errors[k]), size / math.tau, 0.0 - s.real / size if size else None,
                 1.0 / abs(s.real) if abs(s.real) > BLIND * size else None,
-                shape, reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
+                _shape(motion, names), reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
             )
         )  # fmt: skip
     return found
+
+
+def _parallel(a: Array, b: Array) -> bool:
+    """Tell whether two motions are the same but for their size."""
+    sizes = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return bool(abs(np.vdot(a, b)) >= (1.0 - PARALLEL) * sizes)
 
 
 def _shape(motion: Array, names: Sequence[str]) -> dict[str, list[float]]:
@@ -73,11 +120,9 @@ def _shape(motion: Array, names: Sequence[str]) -> dict[str, list[float]]:
 
 def stability_of(modes: Sequence[Mode]) -> str:
     """Return ``stable``, ``unstable``, or ``marginal``: some modes neither decay nor grow."""
-    size = max((math.hypot(m.real, m.imaginary) for m in modes), default=0.0)
-    largest = max((m.real for m in modes), default=0.0)
-    if largest > ZERO * size:
+    if any(m.real > 0.0 for m in modes):
         return "unstable"
-    return "stable" if largest < -ZERO * size else "marginal"
+    return "stable" if all(m.real < 0.0 for m in modes) else "marginal"
 
 
 def frequencies_for(modes: Sequence[Mode]) -> Array:

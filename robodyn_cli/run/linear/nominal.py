@@ -2,34 +2,37 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.contact_joints import FIELDS, moving_freely
 from robodyn_cli.equations.gears import geared
-from robodyn_cli.equations.linear.reduce import independent, tangent
+from robodyn_cli.equations.linear.reduce import held_by, independent
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.record import record
-from robodyn_cli.run.driver.prepare import prepare, refuse_changes
+from robodyn_cli.run.driver.prepare import plant_of, prepare, refuse_changes
 from robodyn_cli.run.linear.signals import inputs_of
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array, Vector, zeros
+from robodyn_cli.spatial.algebra import Vector, zeros
 
 HELD = 1e-9  # part of the loads that may be left where inputs hold a pose
 
 
 @record
 class Nominal:
-    """Residuals and states about which they are linearised; inputs and independent coordinates by place."""
+    """Equations and states about which they are linearised; inputs and independent coordinates by place.
+
+    torques : of the actuators (nv,) that the equations have as expressions, beside what ``states.tau`` has.
+    """
 
     about: str
     problem: Problem
     equations: Residuals
+    torques: Vector
     states: States
     inputs: tuple[int, ...]
     places: tuple[int, ...]
@@ -60,7 +63,7 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
         problem, states, force = _along(scene, watch)
     else:
         setup = prepare(plant_of(scene), watch, neutral=True)
-        problem, states, force = setup.problem, _one(setup.assembled.q, setup.assembled.v), _applied
+        problem, states, force = setup.problem, States.one(setup.assembled.q, setup.assembled.v), _applied
     if geared(problem.model):
         raise CapabilityError(
             "losses of gears depend on the direction of power, which changes about a state; linearise takes gears "
@@ -70,26 +73,14 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
     if asked.about == "balance":
         states = _balance(problem, states)
     elif asked.about == "hold":
-        states, force = _one(states.q[0], 0.0 * states.v[0]), _passive
+        states, force = States.one(states.q[0], 0.0 * states.v[0]), _passive
     equations = Residuals(problem, force(problem), _parameters(problem, states))
     psi = equations.values(states)["Psi"]
     places = independent(psi[0], inputs)
     if asked.about == "hold":
         states = _held(equations, states, inputs, places)
-    return Nominal(asked.about, problem, equations, states, inputs, places)
-
-
-def plant_of(scene: Scene) -> Scene:
-    """Return a scene without its controller, which is no part of the linear model of what it drives."""
-    if scene.control is None:
-        return scene
-    return dataclasses.replace(
-        scene, control=None, outputs=dataclasses.replace(scene.outputs, signals={}), expect={}
-    )
-
-
-def _one(q: Array, v: Array) -> States:
-    return States(np.zeros(1), q[None], v[None], None, np.zeros((1, len(v))))
+    torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)
+    return Nominal(asked.about, problem, equations, torques, states, inputs, places)
 
 
 def _applied(problem: Problem) -> Vector:
@@ -140,20 +131,15 @@ def _held(equations: Residuals, states: States, inputs: Sequence[int], places: t
     ------
     CapabilityError : they cannot.
     """
-    values = equations.values(states)
-    T, _ = tangent(values["Psi"][0], places, 0.0)
-    load = T.T @ values["load"][0]
-    torques = np.linalg.lstsq(T.T[:, list(inputs)], load, rcond=None)[0]
-    left = load - T.T[:, list(inputs)] @ torques
-    if np.abs(left).max(initial=0.0) > HELD * max(np.abs(values["load"][0]).max(initial=0.0), 1e-12):
+    found, left = held_by(equations, states, inputs, places)
+    needed = np.abs(equations.values(states)["load"][0]).max(initial=0.0)
+    if np.abs(left).max(initial=0.0) > HELD * max(needed, 1e-12):
         names = [equations.problem.model.v_names[k] for k in inputs]
         raise CapabilityError(
             f"{', '.join(names) or 'no input'} cannot hold this pose: a force of {np.abs(left).max():.3g} N m or N is "
             "left; name more inputs, or linearise about a balance (--at balance)"
         )
-    tau = states.tau.copy()
-    tau[0, list(inputs)] = torques
-    return States(states.times, states.q, states.v, None, tau)
+    return found
 
 
 def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[Problem], Vector]]:

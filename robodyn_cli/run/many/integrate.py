@@ -20,14 +20,13 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.method import FAST_DECAYS, trial_of
 from robodyn_cli.run.driver.second_run import (
+    end_errors,
     finer_step,
-    least_growth,
-    most_steps,
     other_steps,
-    own_error,
     remainder,
     rounding_walk,
     shorter_step,
+    steps_between,
     tighter,
 )
 from robodyn_cli.run.driver.self_check import BEYOND, EPS, is_judged_by_energy
@@ -177,13 +176,13 @@ def _trusted(batch: Batch, runs: Runs) -> Masks:
 
 
 def _end_errors(batch: Batch, samples: Array, second: Second) -> Array:
-    """Return the errors of states at the end (N, nx), from samples (N, nx, M), by the rule of ``end_error``."""
+    """Return the errors of states at the end (N, nx), from samples (N, nx, M), by the rule of ``end_errors``."""
     system, scale = batch.structure.motion.system, second.scale
     apart = np.pad(second.samples - samples, ((0, 0), (0, 0), (1, 0)))  # both begin alike
     found = (scale[:, None, None] * np.abs(apart)).transpose(0, 2, 1)
     errors: Array = found[:, -1].copy()
     for places in (list(system.q_places), list(system.v_places)):
-        errors[:, places] = np.maximum(errors[:, places], own_error(found[:, :, places], scale)[:, None])
+        errors[:, places] = end_errors(found[:, :, places], scale)
     return errors
 
 
@@ -243,7 +242,7 @@ class Second:
         if options.step is not None:
             return
         # with other steps those whose method cannot keep a tighter tolerance, or about whose steps it does not decide
-        few = self.done & (self.steps < least_growth(options, tight, self._method) * self._first)
+        few = self.done & (self.steps < steps_between(options, tight, self._method, self._first)[0])
         for rows, base in ((np.flatnonzero(few), tight), (np.flatnonzero(~self.done), options)):
             other, _ = other_steps(base, longest_mean)
             self._drive(rows, other, shorter_step(options, self._mean_step))
@@ -252,7 +251,7 @@ class Second:
         """Make some of the runs; steps : fixed or longest ones (N,) [s]."""
         if not len(rows):
             return
-        most = most_steps(self._batch.options, self._first[rows])
+        _, most = steps_between(self._batch.options, options, self._method, self._first[rows])
         limits = Limits(None if steps is None else steps[rows], most)
         runs = self._batch.part(rows).drive(self._method, options, limits, self.samples.shape[2])
         self.time[rows], self.y[rows], self.samples[rows] = runs.time, runs.y, runs.out

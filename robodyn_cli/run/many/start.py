@@ -155,8 +155,8 @@ class _Closing:
             active &= np.isfinite(J).all(axis=(1, 2)) & (size > 1e-300)
             if not active.any():
                 break
-            J[~active] = 0.0
-            step = -(np.linalg.pinv(J, rcond=1e-12) @ F[..., None])[..., 0]
+            step = np.zeros((len(q), len(columns)))
+            step[active] = _least_steps(J[active], -F[active])
             largest = np.maximum(np.abs(step).max(axis=1, initial=0.0), 1e-300)
             step *= np.minimum(1.0, MOST_STEP / largest)[:, None]
             trial = q.copy()
@@ -185,7 +185,25 @@ class _Closing:
         for _ in range(3):
             if free:
                 residual = psi @ v[..., None]
-                v[:, free] -= (np.linalg.pinv(psi[:, :, free], rcond=1e-12) @ residual)[..., 0]
+                v[:, free] += _least_steps(psi[:, :, free], -residual[..., 0])
         left = np.abs(psi @ v[..., None]).max(axis=(1, 2))
         scale = np.abs(psi).max(axis=(1, 2)) * np.maximum(np.abs(v).max(axis=1), 1.0)
         return v, left <= AGREES * scale
+
+
+def _least_steps(J: Array, F: Array) -> Array:
+    """Return the least steps x (N, n) with J x = F for J (N, m, n); in the sense of least squares where there is none.
+
+    Normal equations take a fifth of the time of singular values, which only steps without rank need.
+    """
+    transposed, right = J.transpose(0, 2, 1), F[..., None]
+    wide = J.shape[1] <= J.shape[2]
+    try:
+        if wide:
+            found = transposed @ np.linalg.solve(J @ transposed, right)
+        else:
+            found = np.linalg.solve(transposed @ J, transposed @ right)
+    except np.linalg.LinAlgError:
+        found = np.linalg.pinv(J, rcond=1e-12) @ right
+    steps: Array = found[..., 0]
+    return steps

@@ -9,7 +9,7 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.rebuild import Evaluator
@@ -74,20 +74,7 @@ def staying(problem: Problem, q: Array) -> Lead:
     model = problem.model
     prescribed = position_columns(problem.scene.prescribed)
     held = [x for x in held_columns(problem.scene, problem) if x not in prescribed]
-    quasi = [name for name in problem.scene.initial.hold if model.body_of(name).joint.quasi]
-    if quasi:
-        raise CapabilityError(
-            f"joint {quasi[0]!r} cannot be held in a balance, since its velocities are no rates of positions; use "
-            "joints of one axis in its place, or a loop closure of type fixed",
-            key="initial.hold",
-        )
-    places = [model.q_names.index(name) for name in held]
-
-    def asked(times: Array) -> tuple[Array, Array, Array]:
-        still = np.tile(q[places], (len(times), 1))
-        return still, 0.0 * still, 0.0 * still
-
-    return Lead(asked, joints=tuple(held))
+    return Lead.staying(model, held, q[[model.q_names.index(name) for name in held]].tolist())
 
 
 def balanced(problem: Problem, q: Array) -> AtRest:

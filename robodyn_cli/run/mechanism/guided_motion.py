@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,6 +13,7 @@ from robodyn_cli.loops.base import closure_of
 from robodyn_cli.run.mechanism.loop_conditions import Lead, LoopConditions
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.mechanism.prescribed import check_prescribed, prescribed_starts
+from robodyn_cli.run.observation.places import in_world
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.solve.guided import Guide, Place, Stuck
@@ -47,14 +49,14 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
-    target = axes = None
-    if lead.point is not None:
-        asked = lead.asked(reached)[0]
-        target = asked[:, : lead.components]
-        axes = asked[:, 3:].reshape(-1, 3, 3) if lead.oriented else None
-    method = None if lead.point is None else "newton"
     residuals = _residuals(conditions, places)
-    return Planned(reached, motion, lead.point, target, axes, method, residuals, counters, stopped)
+    found = Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
+    if lead.led is None:
+        return found
+    asked = lead.asked(reached)[0]
+    R = asked[:, 3:].reshape(-1, 3, 3) if lead.led.oriented else None
+    target, axes = in_world(problem.model, lead.led.relative_to, asked[:, : lead.led.components], R, motion.q)
+    return dataclasses.replace(found, point=lead.point, target=target, axes=axes, method="newton")
 
 
 def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
@@ -62,9 +64,9 @@ def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     scene = problem.scene
     check_prescribed(problem)
     first = conditions.asked(0.0)[0]
-    led = dict(zip(lead.joints, first.tolist())) if lead.joints else {}
+    led = dict(zip(lead.positions, first.tolist()))
     ik = getattr(scene.trajectory, "ik", None)
-    guess = dict(ik.guess) if ik is not None and lead.point is not None else {}
+    guess = dict(ik.guess) if ik is not None and lead.led is not None else {}
     held = {**prescribed_starts(scene), **led}
     given = {**scene.initial.q, **guess, **held}
     return assemble(problem, given, {}, tuple(held)).q

@@ -18,6 +18,7 @@ from robodyn_cli.run.mechanism.loop_conditions import Lead, lead_of, refuse_quas
 from robodyn_cli.run.mechanism.mobility import Mobility, mobility
 from robodyn_cli.run.mechanism.motion import (
     Planned,
+    motion_duration,
     plan_motion,
     with_led_point,
     without_following,
@@ -118,9 +119,8 @@ def leading(problem: Problem) -> tuple[Lead | None, Array]:
             f"{scene.path}: nothing moves: kinematics needs `kinematics.sweep`, `trajectory` or `prescribed`",
             key="kinematics",
         )
-    times = np.linspace(0.0, (scene.trajectory or scene.simulate).duration, samples)
-    open_chain = scene.trajectory is not None and not problem.model.closures and not scene.prescribed
-    return None if open_chain else lead_of(problem), times
+    times = np.linspace(0.0, motion_duration(scene), samples)
+    return (lead_of(problem) if problem.model.closures else None), times
 
 
 def _swept(problem: Problem) -> Lead:
@@ -129,7 +129,7 @@ def _swept(problem: Problem) -> Lead:
     sweep = scene.kinematics.sweep
     assert sweep is not None
     model = problem.model
-    refuse_quasi(model, (sweep.joint, *scene.initial.hold))
+    refuse_quasi(model, sweep.joint)
     others = held_columns(scene, problem) if model.closures else model.q_names
     held = [name for name in others if name != sweep.joint and name not in scene.prescribed]
     missing = [name for name in held if name not in scene.initial.q]
@@ -140,15 +140,7 @@ def _swept(problem: Problem) -> Lead:
         )
     rate = sweep.rate if sweep.stop > sweep.start else -sweep.rate
     stay = [scene.initial.q[name] for name in held]
-
-    def asked(times: Array) -> tuple[Array, Array, Array]:
-        q = np.tile([sweep.start, *stay], (len(times), 1))
-        q[:, 0] += rate * times
-        qd = np.zeros_like(q)
-        qd[:, 0] = rate
-        return q, qd, np.zeros_like(q)
-
-    return Lead(asked, joints=(sweep.joint, *held))
+    return Lead.staying(model, (sweep.joint, *held), [sweep.start, *stay], rate)
 
 
 def outputs(problem: Problem) -> dict[str, list[Scalar]]:

@@ -7,17 +7,19 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
+from robodyn_cli.run.mechanism.prescribed import refuse_both
 from robodyn_cli.run.observation.evaluation import compiling
 from robodyn_cli.solve.closure import mechanism_size
-from robodyn_cli.solve.inverse_kinematics import target_of
-from robodyn_cli.solve.point_kinematics import PointKinematics, what_is_left
+from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
+from robodyn_cli.solve.point_kinematics import Led, PointKinematics, what_is_left
 from robodyn_cli.spatial.algebra import Array, dot
+from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import JointSpace, PoseMotion, TaskSpace
 
 INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
@@ -29,15 +31,37 @@ Asked = Callable[[Array], tuple[Array, Array, Array]]
 class Lead:
     """The joints, or the point, that lead a mechanism beside its prescribed joints, and their motion.
 
-    components : of the point's position that are led. oriented : whether the axes at the point are led too; the values
-    asked are those of a pose then.
+    joints : the columns of v that are led; positions : those of q, which the values asked are for. point, led : the
+    name of the point or frame, and what of it is led; the values asked are those of a point or of a pose then.
     """
 
     asked: Asked
     joints: tuple[str, ...] = ()
+    positions: tuple[str, ...] = ()
     point: str | None = None
-    components: int = 3
-    oriented: bool = False
+    led: Led | None = None
+
+    @staticmethod
+    def of_columns(model: Model, columns: Sequence[str], asked: Asked) -> Lead:
+        """Return the lead of joints by their columns of q."""
+        joints = [
+            (name,) if name in model.v_names else model.v_columns(name.rpartition(".")[0]) for name in columns
+        ]
+        return Lead(asked, tuple(dict.fromkeys(x for own in joints for x in own)), tuple(columns))
+
+    @staticmethod
+    def staying(model: Model, columns: Sequence[str], q: Sequence[float], rate: float = 0.0) -> Lead:
+        """Return the lead of joints that stay at q, but for the first column, which moves on from there at a rate."""
+
+        def asked(times: Array) -> tuple[Array, Array, Array]:
+            values, rates = np.tile(q, (len(times), 1)), np.zeros((len(times), len(lead.joints)))
+            if rate:
+                values[:, 0] += rate * times
+                rates[:, 0] = rate
+            return values, rates, np.zeros_like(rates)
+
+        lead = Lead.of_columns(model, columns, asked)
+        return lead
 
 
 def nothing_led() -> Lead:
@@ -59,39 +83,33 @@ def lead_of(problem: Problem) -> Lead:
             target = target_of(problem.model, trajectory, times, parameters)
             return target.values, target.rates, target.accelerations
 
-        oriented = isinstance(some, PoseMotion)
-        return Lead(point, point=trajectory.point, components=some.p.shape[1], oriented=oriented)
-    both = [name for name in trajectory.joints if name in scene.prescribed]
-    if both:
-        raise SceneError(
-            f"{scene.path}: joint {both[0]!r} moves by `trajectory` and by `prescribed`; leave it out of one of them",
-            key=f"prescribed.{both[0]}",
-        )
-
-    refuse_quasi(problem.model, trajectory.joints)
+        frame, moving = problem.model.place(trajectory.point), moving_reference(problem.model, trajectory)
+        led = Led(frame, some.p.shape[1], isinstance(some, PoseMotion), moving)
+        return Lead(point, point=trajectory.point, led=led)
+    refuse_both(scene)
+    columns = position_columns(trajectory.joints)
 
     def joints(times: Array) -> tuple[Array, Array, Array]:
-        found = trajectory.motion(times, trajectory.joints, parameters)
+        found = trajectory.motion(times, columns, parameters)
         return found.q, found.qd, found.qdd
 
-    return Lead(joints, joints=tuple(trajectory.joints))
+    return Lead.of_columns(problem.model, columns, joints)
 
 
-def refuse_quasi(model: Model, names: Sequence[str]) -> None:
-    """Refuse to lead joints whose velocities are no rates of positions, and joints of several axes as a whole.
+def refuse_quasi(model: Model, name: str) -> None:
+    """Refuse to sweep a joint of several axes as a whole, or a coordinate that is no rate of a position.
 
     Raises
     ------
     CapabilityError
     """
-    for name in names:
-        if name in model.joint_names and name not in model.v_names:
-            columns = ", ".join(model.v_columns(name))
-            raise CapabilityError(
-                f"joint {name!r} of a mechanism with loops cannot be led as a whole: lead joints of one axis, or "
-                f"single coordinates of it where they are rates of positions ({columns})",
-                joint=name,
-            )
+    if name in model.joint_names and name not in model.v_names:
+        columns = ", ".join(model.v_columns(name))
+        raise CapabilityError(
+            f"joint {name!r} cannot be swept as a whole: sweep a joint of one axis, or a single coordinate of it where "
+            f"that is the rate of a position ({columns})",
+            joint=name,
+        )
 
 
 class LoopConditions:
@@ -107,19 +125,18 @@ class LoopConditions:
         J: list[Scalar] = [x for row in rows for x in row.psi]
         bias: list[Scalar] = [row.gamma for row in rows]
         names, lengths = [row.name for row in rows], [row.kind in ("force", "m") for row in rows]
-        for name in lead.joints:
-            place = model.v_names.index(name)
-            values.append(problem.q[model.q_names.index(name)])
+        self._velocities = [model.v_names.index(name) for name in lead.joints]
+        self._positions = [model.q_names.index(name) for name in lead.positions]
+        for name, place in zip(lead.joints, self._velocities):
             J += [1.0 if k == place else 0.0 for k in range(model.nv)]
             bias.append(0.0)
             names.append(f"trajectory.{name}")
             lengths.append(model.v_units[place] == "m")
-        if lead.point is not None:
-            frame = model.place(lead.point)
-            point = PointKinematics.of(model, problem.q, problem.v, frame, lead.components, lead.oriented)
+        if lead.led is not None:
+            point = PointKinematics.of(model, problem.q, problem.v, lead.led)
             values += point.p
             J += point.J
-            axes = [*"xyz"[: lead.components], *(("rx", "ry", "rz") if lead.oriented else ())]
+            axes = [*"xyz"[: lead.led.components], *(("rx", "ry", "rz") if lead.led.oriented else ())]
             for i, axis in enumerate(axes):
                 rate = point.J_rate[i * model.nv : (i + 1) * model.nv]
                 bias.append(dot(rate, problem.v))
@@ -128,7 +145,7 @@ class LoopConditions:
         self.names = tuple(names)
         self.led = len(names) - len(rows)
         self._expressions = problem, values, J, [*(row.eta_t for row in rows), *bias]
-        self._values = len(values)  # of a pose its axes, in the place of three rows
+        self._values = len(values)  # none of led joints; of a pose its axes, in the place of three rows
         self.prescribed = problem.constraints.prescribed
         self.sizes = np.where(lengths, self.size, 1.0)
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
@@ -150,9 +167,13 @@ class LoopConditions:
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
         found = self._here(q, np.zeros(self.model.nv), t)
         m = len(self.names)
-        rows, values = m - self.led, self._values
-        wanted, here = self.asked(t)[0], found[rows:values]
-        left = what_is_left(wanted, here) if self.lead.oriented else wanted - here
+        rows, values, wanted = m - self.led, self._values, self.asked(t)[0]
+        if self.lead.led is not None:
+            left = what_is_left(wanted, found[rows:values], self.lead.led.oriented)
+        else:
+            there = q.copy()
+            there[self._positions] = wanted
+            left = self.manifold.difference(q, there)[self._velocities]
         return np.concatenate([found[:rows], -left]), found[values:].reshape(m, self.model.nv)
 
     def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
@@ -166,8 +187,10 @@ class LoopConditions:
         return c, b
 
     def levels(self) -> tuple[list[Scalar], list[Scalar], list[Scalar], list[Scalar]]:
-        """Return expressions of what is led, and of the loops' rows, which are zero: values (of a pose its axes, in the
-        place of three rows), rates J v + eta_t (m,), accelerations J v-dot + gamma (m,); and J (m nv,).
+        """Return expressions of the loops' rows, which are zero, and of what is led.
+
+        Values (none of led joints; of a pose its axes, in the place of three rows), rates J v + eta_t (m,),
+        accelerations J v-dot + gamma (m,), and J (m nv,).
         """
         problem, values, J, others = self._expressions
         m, nv = len(self.names), self.model.nv

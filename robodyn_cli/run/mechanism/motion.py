@@ -5,28 +5,32 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
+from robodyn_cli.run.observation.places import in_world
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.led import followed_by, is_to_find, position_columns
+from robodyn_cli.trajectories.led import given_by_formulas, position_columns
 from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
+    from robodyn_cli.trajectories.joint_space import Together
 
 
 @record
 class Planned:
     """The joints' motion at sample times (T,), and its origin.
 
-    point, target : the point that is led, and its target coordinates (T, 2 or 3) [m]. axes : those asked for there
-    (T, 3, 3) as columns, None where the attitude is left free.
+    point, target : the point that is led, and where it is asked to be in the world (T, 2 or 3) [m]. axes : those asked
+    for there (T, 3, 3) as columns, None where the attitude is left free.
     method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
     stopped : why the motion ends early, None where it is whole.
     """
@@ -52,12 +56,29 @@ def with_led_point(scene: Scene) -> Scene:
 
 def without_following(scene: Scene) -> Scene:
     """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
-    follows = followed_by(scene.prescribed) is not None or is_to_find(scene.prescribed)
-    return dataclasses.replace(scene, prescribed={}) if follows else scene
+    return dataclasses.replace(scene, prescribed=given_by_formulas(scene.prescribed))
+
+
+def by_columns(model: Model, motion: JointMotion) -> tuple[Array, Array, Array]:
+    """Return the columns of q (T, nq) and their first and second derivatives, of attitudes too."""
+    if not any(body.joint.quasi for body in model.bodies):
+        return motion.q, motion.qd, motion.qdd
+    from robodyn_cli.model.manifold import Manifold
+
+    manifold = Manifold(model)
+    rates = [manifold.rates(*state) for state in zip(motion.q, motion.qd, motion.qdd)]
+    return motion.q, np.array([first for first, _ in rates]), np.array([second for _, second in rates])
+
+
+def motion_duration(scene: Scene) -> float:
+    """Return the length of the motion [s]: of the trajectory, else of the simulation, where joints are prescribed."""
+    return float(scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration)
 
 
 def plan_motion(problem: Problem, times: Array) -> Planned:
     """Return the motion of an open chain's joints at ``times`` (T,), columns in the model's order.
+
+    Prescribed joints move as they do, beside the trajectory.
 
     Raises
     ------
@@ -66,26 +87,37 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     """
     scene, model = problem.scene, problem.model
     trajectory: JointSpace | TaskSpace | None = scene.trajectory
-    if trajectory is None:
+    if trajectory is None and not scene.prescribed:
         raise SceneError(
             f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
             f"kinds: {', '.join(trajectory_types)}",
             key="trajectory",
         )
     if not isinstance(trajectory, TaskSpace):
-        _refuse_some(model, trajectory)
-        return Planned(times, trajectory.motion(times, model.q_names, scene.parameters))
+        own = _together(problem) if scene.prescribed or trajectory is None else trajectory
+        _refuse_some(model, own)
+        return Planned(times, own.motion(times, model.q_names, scene.parameters))
     from robodyn_cli.solve.inverse_kinematics import follow_point
 
     task = point_task(problem)
     found = follow_point(task, times, compile_point)
     counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
-    target = task.target(times)
-    axes = getattr(target, "R", None)
-    return Planned(times, found.motion, trajectory.point, target.p, axes, found.method, counters=counters)
+    asked = task.target(times)
+    target, axes = in_world(model, task.moving, asked.p, getattr(asked, "R", None), found.motion.q)
+    return Planned(times, found.motion, trajectory.point, target, axes, found.method, counters=counters)
 
 
-def _refuse_some(model: Model, trajectory: JointSpace) -> None:
+def _together(problem: Problem) -> Together:
+    """Return the motion of the prescribed joints and of those that the trajectory leads."""
+    from robodyn_cli.run.mechanism.prescribed import check_prescribed, refuse_both
+    from robodyn_cli.trajectories.joint_space import Together
+
+    refuse_both(problem.scene)
+    check_prescribed(problem)
+    return Together(problem.scene.prescribed, problem.scene.trajectory)
+
+
+def _refuse_some(model: Model, trajectory: JointSpace | Together) -> None:
     """Refuse a motion of some joints only, which is enough for a simulation that it prescribes.
 
     Raises
@@ -109,15 +141,20 @@ def point_task(problem: Problem) -> PointTask:
     trajectory: Any = scene.trajectory
     where = f"{scene.path}: " if scene.path else ""
     frame, ik = model.place(trajectory.point), trajectory.ik
-    task = PointTask(model, frame, trajectory, ik.guess or scene.initial.q, scene.parameters, where)
+    start, prescribed = ik.guess or scene.initial.q, scene.prescribed
+    if prescribed:
+        from robodyn_cli.run.mechanism.prescribed import prescribed_starts
+
+        start = {**scene.initial.q, **ik.guess, **prescribed_starts(scene)}
+    task = PointTask(model, frame, trajectory, start, scene.parameters, where, prescribed=prescribed)
     named, redundant = ik.branch is not None and task.arm is None, ik.redundancy != "least_rates"
     if not named and not redundant:
         return task
     from robodyn_cli.run.poses.path import drift_of, start_of
 
-    start = start_of(problem, task)
-    if start is not None:
-        task = dataclasses.replace(task, start=start, chosen=True)
+    chosen = start_of(problem, task)
+    if chosen is not None:
+        task = dataclasses.replace(task, start=chosen, chosen=True)
     return dataclasses.replace(task, drift=drift_of(problem, task)) if redundant else task
 
 
@@ -126,7 +163,7 @@ def compile_point(kinematics: PointKinematics) -> PointFunction:
     from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
 
     kernel = SampleKernel(kinematics.outputs(), ("q", "v"))
-    single = of_one_sample(kernel, q=kinematics.nv, v=kinematics.nv)
+    single = of_one_sample(kernel, q=kinematics.nq, v=kinematics.nv)
 
     def function(q: Array, v: Array) -> tuple[Array, Array, Array]:
         if len(q) > 1:

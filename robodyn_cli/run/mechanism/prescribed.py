@@ -19,7 +19,7 @@ from robodyn_cli.spatial.algebra import zeros
 from robodyn_cli.trajectories.attitudes import FORMS, evaluated, joint_expressions
 from robodyn_cli.trajectories.formulas import time_symbol
 from robodyn_cli.trajectories.joint_space import attitude_places
-from robodyn_cli.trajectories.led import followed_by, position_columns
+from robodyn_cli.trajectories.led import Follows, position_columns
 
 BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration: distances from a jump at which both sides are evaluated
 JUMP = 1e-6  # rad, rad/s, m or m/s
@@ -49,6 +49,22 @@ def prescribed_starts(scene: Scene) -> dict[str, float]:
                 file=scene.path, key=f"initial.q.{name}",
             )  # fmt: skip
     return starts
+
+
+def refuse_both(scene: Scene) -> None:
+    """Refuse joints that are prescribed and led by a trajectory in joint space.
+
+    Raises
+    ------
+    SceneError
+    """
+    led = position_columns(getattr(scene.trajectory, "joints", ()))
+    both = [name for name in led if name in position_columns(scene.prescribed)]
+    if both:
+        raise SceneError(
+            f"{scene.path}: joint {both[0]!r} moves by `trajectory` and by `prescribed`; leave it out of one of them",
+            key=f"prescribed.{both[0]}",
+        )
 
 
 def check_prescribed(problem: Problem) -> None:
@@ -159,9 +175,9 @@ def _beside(row: _Course, time: float, duration: float) -> float:
 def _doubtful_times(problem: Problem, row: Row, prescribed: bool) -> list[float]:
     """Return the times at which the motion may jump: formulas switch there, or are not smooth."""
     duration = problem.scene.simulate.duration
-    followed = followed_by(problem.scene.prescribed) if prescribed else None
-    if followed is not None and followed.breakpoints is not None:
-        return sorted({x for x in followed.breakpoints if 0.0 < x < duration})
+    formula = _formula(problem.scene.prescribed, row.name.partition(".")[2]) if prescribed else None
+    if isinstance(formula, Follows) and formula.followed.breakpoints is not None:
+        return sorted({x for x in formula.followed.breakpoints if 0.0 < x < duration})
     found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     times = {x for s in found for x in switching_times(s, problem.t, duration) if 0.0 < x < duration}
     keys = (row.name, row.closure)  # those of an attitude have one key

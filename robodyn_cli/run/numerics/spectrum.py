@@ -14,7 +14,7 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.stability_region import limits
-from robodyn_cli.kernels.rolled import RolledForwardDynamics
+from robodyn_cli.kernels.rolled.kernels import RolledForwardDynamics
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 

@@ -7,7 +7,7 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.formulations.dynamics import Dynamics
 from robodyn_cli.formulations.rolled import Rolled
-from robodyn_cli.kernels.rolled import RolledForwardDynamics
+from robodyn_cli.kernels.rolled.kernels import RolledForwardDynamics
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.run.observation.evaluation import Outputs, SampleFunction
 from robodyn_cli.spatial.algebra import Array

@@ -9,7 +9,7 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import motions, velocities, world_pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import BASE
+from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array, cross
 
@@ -38,6 +38,25 @@ def place_outputs(problem: Problem) -> dict[str, list[Scalar]]:
         out[f"frames/{name}/rotation"] = list(pose.R.flat)
         out[f"frames/{name}/twist"] = [*(to_world @ body.w), *(to_world @ (body.v + cross(body.w, frame.p)))]
     return out
+
+
+def in_world(
+    model: Model, reference: FixedFrame | None, p: Array, R: Array | None, q: Array
+) -> tuple[Array, Array | None]:
+    """Return a point's places p (T, 2 or 3), and axes R (T, 3, 3) if there are any, in the world.
+
+    They are given in those of ``reference``, which is where the positions q (T, nq) say; None: in the world's.
+    """
+    if reference is None:
+        return p, R
+    from robodyn_cli.algorithms.kinematics import poses, transforms
+    from robodyn_cli.run.observation.evaluation import SampleFunction
+
+    symbols = model.graph.symbols(model.q_names, "q")
+    pose = world_pose(model, poses(model, transforms(model, symbols)), reference)
+    found = SampleFunction({"p": list(pose.p), "R": list(pose.R.flat)}, ("q",), len(q))(q=q)
+    axes = found["R"].reshape(-1, 3, 3)
+    return found["p"] + np.einsum("tij,tj->ti", axes, p), None if R is None else axes @ R
 
 
 def point_motion(problem: Problem) -> dict[str, list[Scalar]]:

@@ -32,7 +32,8 @@ class Inverse:
     redundant: tuple[str, ...] = ()
 
     def __init__(self, scene: sc.Scene) -> None:
-        if getattr(scene.trajectory, "type", None) == "fastest":
+        self.fastest = getattr(scene.trajectory, "type", None) == "fastest"
+        if self.fastest:
             from robodyn_cli.run.fastest.resolve import with_time_law
 
             scene = with_time_law(scene)
@@ -106,6 +107,14 @@ class Inverse:
         reason = f"in the result: {', '.join(what)}"
         yield Term("energies, points and outlines", True, reason, _operations(program.outputs) - split)
         yield self._motion()
+        if self.fastest:
+            yield Term(
+                "time law", True, "as fast as the limits allow: two passes over a grid, before the samples"
+            )
+        if self.task is not None and self.task.chosen:
+            yield Term(
+                "search for the first pose", True, "of those that reach the path's start, before the samples"
+            )
         yield Term("integration, events, projection", False, "the motion is given: nothing is integrated")
 
     def _motion(self) -> Term:

@@ -11,6 +11,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.expr.calculus import directional, substitute
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.run.observation.places import in_world
 from robodyn_cli.run.poses.criteria import Criterion
 from robodyn_cli.run.poses.explain import explain_miss
 from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics
@@ -56,6 +58,7 @@ def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
     redundant = ik.redundancy != "least_rates"
     if wanted is None and not redundant:
         return None
+    _refuse_unknown_start(task)
     criterion = Criterion(ik.redundancy) if redundant else Criterion.NEAREST
     solver = solver_of(problem, task, criterion)
     if redundant and not solver.freedom:
@@ -70,11 +73,12 @@ def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
             f"{task.where}trajectory.ik.branch ({wanted}) is no branch of this arm; allowed: "
             f"{', '.join(solver.branch_names)}"
         )
+    near = _near(task)
     target = task.target(np.zeros(1))
+    at, R = in_world(problem.model, task.moving, target.p, getattr(target, "R", None), near)
     p = np.zeros((1, 3))
-    p[:, : target.p.shape[1]] = target.p
-    R = target.R if isinstance(target, PoseMotion) else None
-    found = solver.solve(p, R, near=task.start_positions(), branch=wanted)
+    p[:, : at.shape[1]] = at
+    found = solver.solve(p, R, near=near[0] if task.start else None, branch=wanted)
     if not found.reached[0]:
         raise GeometryError(
             f"{task.where}point {task.trajectory.point!r} cannot reach its target at t = 0 s"
@@ -84,6 +88,45 @@ def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
             distance=float(found.error[0]),
         )
     return dict(zip(problem.model.q_names, found.q[0].tolist()))
+
+
+def _near(task: PointTask) -> Array:
+    """Return the positions (1, nq) from which the start is sought: prescribed joints are where they begin."""
+    given = None if task.prescribed else task.start_positions()
+    if given is not None:
+        return given[None]
+    near = Manifold(task.model).neutral()
+    for name, x in task.start.items():
+        near[task.model.q_names.index(name)] = x
+    return near[None]
+
+
+def _refuse_unknown_start(task: PointTask) -> None:
+    """Refuse a path whose first target in the world is not known, or not that of the joints to be found alone.
+
+    Raises
+    ------
+    SceneError
+    """
+    prescribed, model = {name.partition(".")[0] for name in task.prescribed}, task.model
+    own = {model.bodies[k].joint_name for k in model.path_to(task.frame.body)}
+    below = (
+        set()
+        if task.moving is None
+        else {model.bodies[k].joint_name for k in model.path_to(task.moving.body)}
+    )
+    open_, shared = sorted(below - own - prescribed), sorted(own & (prescribed | below))
+    if open_ or shared:
+        why = (
+            f"joint {open_[0]!r}, which carries {task.trajectory.relative_to!r}, is not prescribed"
+            if open_
+            else f"joint {shared[0]!r}, which carries {task.trajectory.point!r}, is prescribed or carries the path too"
+        )
+        raise SceneError(
+            f"{task.where}trajectory.ik: 'branch' and 'redundancy' go with a path whose place in the world is known at "
+            f"the start, and {why}; use trajectory.ik.guess instead",
+            key="trajectory.ik",
+        )
 
 
 def drift_of(problem: Problem, task: PointTask) -> Drift:

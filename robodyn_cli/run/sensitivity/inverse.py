@@ -142,7 +142,7 @@ class InverseSlopes:
         motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
         found = Figures(
-            Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem.model, sampled)
+            Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem, sampled)
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}

@@ -26,7 +26,6 @@ from robodyn_cli.run.sensitivity.differences import NARROWER, extrapolated
 from robodyn_cli.run.sensitivity.gradients import MotionGradients
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import SINGULAR
-from robodyn_cli.solve.point_kinematics import POSE
 from robodyn_cli.spatial.algebra import Array, identity
 from robodyn_cli.trajectories.motion import TaskSpace
 
@@ -134,6 +133,8 @@ class Led:
 
     def moved(self, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the derivatives (T, n, K) of t, q, v and v-dot along a motion."""
+        if self.motion is None and any(place.startswith("prescribed.") for place in self.places):
+            raise CapabilityError("prescribed motions are followed as a trajectory is")
         dt, *given = given_changes(self.asked, self.numbers, lambda scene: self.course_of(scene).arrays)
         if self.motion is None:
             return {"t": dt[:, None], **dict(zip(("q", "v", "a"), given))}
@@ -150,6 +151,8 @@ class LedMotion:
 
     def __init__(self, problem: Problem, lead: Lead, times: Array, places: Sequence[str]) -> None:
         self.conditions, self.nv = LoopConditions(problem, lead, times), problem.model.nv
+        if lead.led is None and not set(lead.joints) <= set(lead.positions):
+            raise CapabilityError("attitudes of joints are led")
         levels = dict(zip((*LEVELS_OF, "J"), self.conditions.levels()))
         self.gradients = MotionGradients(problem, {**levels, "N": velocity_map(problem)}, places)
 
@@ -183,19 +186,29 @@ class LedMotion:
         return moved
 
     def _rows(self, values: Array, change: Array) -> Array:
-        """Return the change of the rows (T, m, K): of a pose that of its attitude as a rotation."""
-        m = len(self.conditions.names)
+        """Return the change of the rows (T, m, K): of a pose that of its attitude as a rotation; none of led joints."""
+        conditions = self.conditions
+        m, led = len(conditions.names), conditions.lead.led
+        if led is None and change.shape[1] < m:
+            joints = np.zeros((len(change), m - change.shape[1], change.shape[2]))
+            return np.concatenate([change, joints], axis=1)
         if change.shape[1] == m:
             return change
         return np.concatenate([change[:, : m - 3], _turned(values[:, m - 3 :], change[:, m - 3 :])], axis=1)
 
     def _asked_rows(self, asked: Arrays, level: int) -> Array:
-        change = asked[level]
-        if level or change.shape[1] != POSE:
+        """Return the change of what is asked for, in rows (T, led, K)."""
+        change, lead = asked[level], self.conditions.lead
+        if level:
             return change
-        return np.concatenate([change[:, :3], _turned(asked[3][:, 3:], change[:, 3:])], axis=1)
+        if lead.led is None:
+            return change[:, [lead.positions.index(name) for name in lead.joints]]
+        if not lead.led.oriented:
+            return change
+        return np.concatenate([change[:, :-AXES], _turned(asked[3][:, -AXES:], change[:, -AXES:])], axis=1)
 
 
+AXES = 9  # of a pose, at the end of its values
 LEVELS_OF = {"values": "q", "rates": "v", "accelerations": "a"}  # names of levels, and what each determines
 
 

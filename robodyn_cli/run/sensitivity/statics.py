@@ -76,6 +76,8 @@ class StaticsSlopes:
         self.balances = scene.statics.find == "balance"
         self.start = closed_configuration(problem)
         self.lead = staying(problem, self.start) if self.balances else nothing_led()
+        if not set(self.lead.joints) <= set(self.lead.positions):
+            raise CapabilityError("attitudes of joints are held")
         self.loads = ReactionSamples(problem, 1) if scene.outputs.reactions else None
         values, _, _, J = LoopConditions(problem, self.lead, np.zeros(1)).levels()
         outputs: dict[str, Sequence[Scalar]] = {
@@ -132,7 +134,8 @@ class StaticsSlopes:
         }
         J_q, J_k = (x.reshape(len(J), nv, x.shape[1]) for x in slopes["J"])
         K, load_k = (x - np.tensordot(lam, y, 1) for x, y in zip(slopes["load"], (J_q, J_k)))
-        step = -np.linalg.pinv(J, rcond=RANK) @ (slopes["values"][1] - self._given_leads(len(J)))
+        change = np.concatenate([slopes["values"][1], -self._given(self.lead.joints)])
+        step = -np.linalg.pinv(J, rcond=RANK) @ change
         free = allowed_motions(J[None])[0][0]
         reduced = free.T @ K @ free
         if reduced.size and np.linalg.cond(reduced) > 1.0 / INDIFFERENT:
@@ -150,13 +153,6 @@ class StaticsSlopes:
         dtau = along.change("tau", {"q": dq[None]})[0] + J[holding].T @ dlam[holding]
         dtau += np.tensordot(lam[holding], dJ[holding], 1)
         return Rest({"tau": tau, "lam": lam[:rows]}, {"q": dq, "tau": dtau, "lam": dlam[:rows]})
-
-    def _given_leads(self, count: int) -> Array:
-        """Return how the positions of held joints change with keys: the last of so many conditions (m, K)."""
-        found = np.zeros((count, len(self.numbers)))
-        if self.lead.joints:
-            found[-len(self.lead.joints) :] = self._given(self.lead.joints)
-        return found
 
     def _given(self, columns: Sequence[str]) -> Array:
         """Return how given positions change with keys (n, K)."""

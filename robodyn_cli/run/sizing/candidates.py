@@ -67,13 +67,17 @@ class Candidates:
         tops = np.array([np.inf if curve is None else curve.driving.top_speed for curve in self.curves])
         found.table["speed"] = fast / tops[:, None]
         able = self.usable & (found.most <= 1.0)
-        asked = _stacked([Asked.by(train, duty) for train in trains])
+        asked = _rows([Asked.by(train, duty) for train in trains])
         self._run_motors(found, able, asked, duty)
         if not np.any(self.usable & (found.most <= 1.0)):  # which comes nearest is told by all limits
             self._run_motors(found, self.usable & ~able, asked, duty)
         if "peak" in found.table:  # which is never less
             found.table["speed"][np.isfinite(found.table["peak"])] = np.nan
         return found.table
+
+    def margins(self, uses: Mapping[str, Array]) -> Array:
+        """Return the margin of each combination (M, G) by the uses of its limits, -inf where it cannot run."""
+        return np.where(self.usable, 1.0 - stacked(uses).max(axis=0), -np.inf)
 
     def _run_motors(self, found: _Uses, which: NDArray[np.bool_], asked: Asked, duty: Duty) -> None:
         """Keep the uses of the motors' limits, of combinations ``which`` (M, G); ``asked`` : by each gear."""
@@ -82,8 +86,8 @@ class Candidates:
             if len(rows) == 0 or curve is None:
                 continue
             motor, supply = self.catalogue.motors[name], Supply(self.drive.voltage, self.drive.ambient)
-            cycle = motor_cycle(motor, supply, asked.only(rows), duty.step)
-            found.keep((k, rows), motor_limits(motor, supply, curve, cycle, duty.step))
+            cycle = motor_cycle(motor, supply, asked.only(rows), duty.samples)
+            found.keep((k, rows), motor_limits(motor, supply, curve, cycle, duty.samples))
 
 
 class _Uses:
@@ -101,8 +105,13 @@ class _Uses:
     @property
     def most(self) -> Array:
         """The largest use of each combination."""
-        found: Array = np.nan_to_num(np.stack(list(self.table.values())), nan=0.0, posinf=np.inf).max(axis=0)
+        found: Array = stacked(self.table).max(axis=0)
         return found
+
+
+def stacked(uses: Mapping[str, Array]) -> Array:
+    """Return how much of each limit each combination uses (limits, M, G), 0 where it has no such limit."""
+    return np.nan_to_num(np.stack(list(uses.values())), nan=0.0, posinf=np.inf)
 
 
 def _train(drive: Drive, catalogue: Catalogue, motor: str, gear: str | None) -> Train:
@@ -119,7 +128,7 @@ def _runs(train: Train) -> bool:
     return warm and train.drive.voltage is None
 
 
-def _stacked(asked: Sequence[Asked]) -> Asked:
+def _rows(asked: Sequence[Asked]) -> Asked:
     """Return what several gears ask of a motor, a row each."""
     speed, acceleration, torque = (
         np.stack([getattr(x, key) for x in asked]) for key in ("speed", "acceleration", "torque")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -11,13 +12,42 @@ from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
 from robodyn_cli.motors.gear import Transmission
 from robodyn_cli.motors.stepper import Stepper
 from robodyn_cli.record import record
-from robodyn_cli.solve.quadrature import integrate
+from robodyn_cli.solve.quadrature import integrate, integrate_positive
 from robodyn_cli.spatial.algebra import Array
 
 
 @record
+class Samples:
+    """Uniform samples in time, and integrals of what they are of.
+
+    step : time between them [s]. breaks : where functions jump, in steps from the first sample (see ``quadrature``).
+    """
+
+    step: float
+    breaks: tuple[float, ...] = ()
+
+    def mean(self, y: Array) -> Array:
+        """Return the time averages (...,) of y (..., T)."""
+        flat = y.reshape(-1, y.shape[-1]).T
+        found: Array = integrate(flat, 1.0 / (len(flat) - 1), self.breaks).reshape(y.shape[:-1])
+        return found
+
+    def rms(self, y: Array) -> Array:
+        """Return the roots of the time averages of y^2."""
+        return np.sqrt(np.maximum(0.0, self.mean(y * y)))
+
+    def integral(self, y: Array) -> float:
+        """Return the integral of y (T,)."""
+        return float(self.mean(y)) * self.step * (len(y) - 1)
+
+    def positive(self, y: Array) -> float:
+        """Return the integral of max(y, 0) of y (T,)."""
+        return float(integrate_positive(y[:, None], self.step, self.breaks)[0])
+
+
+@record
 class Duty:
-    """The motion of a joint and what its drives must bear, at T samples ``step`` apart [s].
+    """The motion of a joint and what its drives must bear, at T uniform samples.
 
     speed, acceleration : (T,) of its coordinate [rad or m, per s and s^2]. load : (T,) torque or force that the gears
     give the mechanism [N m or N], that of rotors and gears left out. hold : (T,) what holds the pose at rest. inertia :
@@ -30,16 +60,18 @@ class Duty:
     load: Array
     hold: Array | None = None
     inertia: Array | None = None
+    breaks: tuple[float, ...] = ()
 
     @property
-    def step(self) -> float:
-        """Time between samples [s]."""
-        return float(self.times[1] - self.times[0])
+    def samples(self) -> Samples:
+        """Its samples."""
+        return Samples(float(self.times[1] - self.times[0]), self.breaks)
 
     def thinned(self) -> Duty:
         """Return every second sample."""
-        arrays = (self.times, self.speed, self.acceleration, self.load, self.hold, self.inertia)
-        return Duty(*(None if x is None else x[::2] for x in arrays))  # type: ignore[arg-type]
+        arrays = {x: getattr(self, x) for x in ("times", "speed", "acceleration", "load", "hold", "inertia")}
+        half: dict[str, Any] = {name: None if x is None else x[::2] for name, x in arrays.items()}
+        return dataclasses.replace(self, **half, breaks=tuple(0.5 * x for x in self.breaks))
 
 
 @record
@@ -98,22 +130,22 @@ class MotorCycle:
         return found
 
 
-def motor_cycle(motor: Motor, supply: Supply, asked: Asked, step: float) -> MotorCycle:
-    """Return what a motor does in a cycle of samples ``step`` apart [s]."""
+def motor_cycle(motor: Motor, supply: Supply, asked: Asked, samples: Samples) -> MotorCycle:
+    """Return what a motor does in a cycle."""
     speed = asked.speed
     torque = asked.torque + (motor.rotor_inertia + asked.inertia) * asked.acceleration
     if isinstance(motor, Electric):
         current = motor.current(torque, speed)
         return _heated(
-            motor, supply, motor.copper(current), step,
+            motor, supply, motor.copper(current), samples,
             MotorCycle(speed, torque, current, motor.friction(speed) * speed),
         )  # fmt: skip
     if isinstance(motor, Stepper) and motor.losses is not None:
-        return _heated(motor, supply, np.full_like(torque, motor.losses), step, MotorCycle(speed, torque))
+        return _heated(motor, supply, np.full_like(torque, motor.losses), samples, MotorCycle(speed, torque))
     return MotorCycle(speed, torque)
 
 
-def _heated(motor: Motor, supply: Supply, cold: Array, step: float, cycle: MotorCycle) -> MotorCycle:
+def _heated(motor: Motor, supply: Supply, cold: Array, samples: Samples, cycle: MotorCycle) -> MotorCycle:
     """Return the cycle with losses of the winding and temperatures.
 
     The resistance is that at the mean temperature in the steady state, or at the largest that is allowed where the
@@ -127,38 +159,46 @@ def _heated(motor: Motor, supply: Supply, cold: Array, step: float, cycle: Motor
     thermal = motor.thermal
     if thermal is None:
         return MotorCycle(*parts, copper=cold)
-    mean = thermal.steady_mean(over_time(cold, step), supply.ambient)
+    mean = thermal.steady_mean(samples.mean(cold), supply.ambient)
     growth = thermal.growth(np.minimum(mean, thermal.max_temperature))
     copper = cold * growth[..., None]
-    warm = supply.ambient + thermal.warming(copper, step, periodic=True)
+    warm = supply.ambient + thermal.warming(copper, samples.step, periodic=True)
     return MotorCycle(*parts, copper, warm)
-
-
-def over_time(y: Array, step: float) -> Array:
-    """Return the time averages (...,) of y (..., T)."""
-    flat = y.reshape(-1, y.shape[-1]).T
-    found: Array = (integrate(flat, step) / (step * (len(flat) - 1))).reshape(y.shape[:-1])
-    return found
-
-
-def rms(y: Array, step: float) -> Array:
-    """Return the roots of the time averages of y^2."""
-    return np.sqrt(np.maximum(0.0, over_time(y * y, step)))
 
 
 # -- limits ------------------------------------------------------------------------------------------------
 @record
 class Use:
-    """How much of a limit a cycle uses (...,), 1 : all of it; at : the sample that decides, None for a mean."""
+    """How much of a limit a cycle uses (...,), 1 : all of it; at : the sample that decides, None for a mean; course :
+    use of all samples (..., T), where one decides."""
 
     part: Array
     at: Array | None = None
+    course: Array | None = None
+
+    @property
+    def off(self) -> Any:
+        """By how much more may be used between samples."""
+        return 0.0 if self.at is None or self.course is None else rise(self.course, self.at)
 
     @staticmethod
     def most(part: Array) -> Use:
         """Return the largest use of samples (..., T)."""
         at = np.argmax(part, axis=-1)
-        return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at)
+        return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at, part)
+
+
+def rise(y: Array, at: Array) -> Array:
+    """Return by how much y (..., T) may be larger beside its largest samples ``at`` (...,): an eighth of the second
+    difference, as of a parabola whose top is in the middle between two samples."""
+    if y.shape[-1] < 3:
+        return np.zeros(np.shape(at))
+    middle = np.clip(at, 1, y.shape[-1] - 2)
+    before, here, after = (
+        np.take_along_axis(y, (middle + k)[..., None], axis=-1)[..., 0] for k in (-1, 0, 1)
+    )
+    found: Array = np.abs(before - 2.0 * here + after) / 8.0
+    return found
 
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:
@@ -172,7 +212,7 @@ def peak_use(curves: Curves, cycle: MotorCycle) -> Array:
 
 
 def motor_limits(
-    motor: Motor, supply: Supply, curves: Curves, cycle: MotorCycle, step: float
+    motor: Motor, supply: Supply, curves: Curves, cycle: MotorCycle, samples: Samples
 ) -> dict[str, Use]:
     """Return how much of each of its limits a motor uses, by name.
 
@@ -183,9 +223,9 @@ def motor_limits(
     thermal = motor.thermal
     if isinstance(motor, Electric) and motor.rated_current is not None:
         assert cycle.current is not None
-        found["continuous"] = Use(rms(cycle.current, step) / motor.rated_current)
+        found["continuous"] = Use(samples.rms(cycle.current) / motor.rated_current)
     elif curves.continuous is not None and thermal is None:
-        found["continuous"] = Use(curves.continuous.use(rms(cycle.speed, step), rms(cycle.torque, step)))
+        found["continuous"] = Use(curves.continuous.use(samples.rms(cycle.speed), samples.rms(cycle.torque)))
     if thermal is not None and cycle.temperature is not None:
         bears = thermal.max_temperature - supply.ambient
         part = (cycle.temperature - supply.ambient) / bears
@@ -194,7 +234,9 @@ def motor_limits(
     return found
 
 
-def gear_limits(gear: Transmission, load: Array, speed: Array, turns: Any, step: float) -> dict[str, Use]:
+def gear_limits(
+    gear: Transmission, load: Array, speed: Array, turns: Any, samples: Samples
+) -> dict[str, Use]:
     """Return how much of each of its limits a gear uses, by name.
 
     ``gear_peak`` : of its peak torque. ``gear_rated`` : of its rated torque by the mean
@@ -209,8 +251,8 @@ def gear_limits(gear: Transmission, load: Array, speed: Array, turns: Any, step:
     if gear.peak_torque is not None:
         found["gear_peak"] = Use.most(size / gear.peak_torque)
     if gear.rated_torque is not None:
-        turned = over_time(rate, step)
-        cube = over_time(rate * size**3, step)
+        turned = samples.mean(rate)
+        cube = samples.mean(rate * size**3)
         with np.errstate(divide="ignore", invalid="ignore"):
             mean = np.cbrt(np.maximum(cube, 0.0) / turned)
         found["gear_rated"] = Use(np.where(turned > 0.0, mean, size.max(axis=-1)) / gear.rated_torque)
@@ -224,7 +266,7 @@ def other_limits(train: Train, duty: Duty) -> dict[str, Use]:
     found: dict[str, Use] = {}
     if train.gear is not None:
         share = duty.load / train.drive.count
-        found |= gear_limits(train.gear, share, duty.speed, train.turns, duty.step)
+        found |= gear_limits(train.gear, share, duty.speed, train.turns, duty.samples)
     if train.brake is not None and duty.hold is not None:
         held = train.brake.holding_torque * train.turns * train.drive.count
         found["brake"] = Use.most(np.abs(duty.hold) / held)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -14,14 +15,13 @@ from robodyn_cli.run.sizing.cycle import (
     Asked,
     Duty,
     MotorCycle,
+    Samples,
     Use,
     motor_cycle,
     motor_limits,
     other_limits,
-    over_time,
-    rms,
+    rise,
 )
-from robodyn_cli.solve.quadrature import integrate_positive
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -43,25 +43,21 @@ class Side:
     braking_energy: float
 
     @staticmethod
-    def of(times: Array, torque: Array, speed: Array) -> Side:
-        """Return the figures of samples (T,)."""
-        step, power = float(times[1] - times[0]), torque * speed
+    def of(duty: Duty, torque: Array, speed: Array) -> Side:
+        """Return the figures of torques and speeds (T,) in a duty cycle."""
+        samples, power = duty.samples, torque * speed
         size = np.abs(torque)
         return Side(
             peak_torque=float(size.max()),
-            peak_torque_time=float(times[int(np.argmax(size))]),
-            rms_torque=float(rms(torque, step)),
-            mean_torque=float(over_time(size, step)),
+            peak_torque_time=float(duty.times[int(np.argmax(size))]),
+            rms_torque=float(samples.rms(torque)),
+            mean_torque=float(samples.mean(size)),
             peak_speed=float(np.abs(speed).max()),
             driving_power=max(0.0, float(power.max())),
             braking_power=max(0.0, float(-power.min())),
-            driving_energy=_positive(power, step),
-            braking_energy=_positive(-power, step),
+            driving_energy=samples.positive(power),
+            braking_energy=samples.positive(-power),
         )
-
-
-def _positive(y: Array, step: float) -> float:
-    return float(integrate_positive(y[:, None], step)[0])
 
 
 @record
@@ -76,19 +72,18 @@ class Electrical:
     friction_loss: float
 
     @staticmethod
-    def of(cycle: MotorCycle, step: float) -> Electrical | Absent:
+    def of(cycle: MotorCycle, samples: Samples) -> Electrical | Absent:
         """Return the figures of a motor whose current is known."""
         power = cycle.electrical
         if power is None or cycle.current is None or cycle.copper is None or cycle.friction is None:
             return ABSENT
-        span = step * (power.shape[-1] - 1)
         return Electrical(
             peak_current=float(np.abs(cycle.current).max()),
-            rms_current=float(rms(cycle.current, step)),
-            energy=_positive(power, step),
-            regenerated=_positive(-power, step),
-            copper_loss=float(over_time(cycle.copper, step)) * span,
-            friction_loss=float(over_time(cycle.friction, step)) * span,
+            rms_current=float(samples.rms(cycle.current)),
+            energy=samples.positive(power),
+            regenerated=samples.positive(-power),
+            copper_loss=samples.integral(cycle.copper),
+            friction_loss=samples.integral(cycle.friction),
         )
 
 
@@ -112,10 +107,14 @@ class Limit:
 
 @record
 class Errors:
-    """What the figures change by when every second sample is left out: of motor torque [N m], energy [J], and
-    temperature [degC]."""
+    """What the figures change by when every second sample is left out: the margin, torques of the motor [N m], its
+    current [A], energies [J], and the winding's temperature [K]. Of peaks at least what ``rise`` says."""
 
+    margin: float
+    peak_torque: float
     rms_torque: float
+    mean_torque: float
+    rms_current: float | Absent
     energy: float
     winding: float | Absent
 
@@ -163,8 +162,10 @@ class Evaluated:
     def of(train: Train, duty: Duty) -> Evaluated:
         """Return a drive in its duty cycle."""
         curves = train.curves
-        cycle = motor_cycle(train.motor, train.supply, Asked.by(train, duty), duty.step)
-        uses = motor_limits(train.motor, train.supply, curves, cycle, duty.step) | other_limits(train, duty)
+        cycle = motor_cycle(train.motor, train.supply, Asked.by(train, duty), duty.samples)
+        uses = motor_limits(train.motor, train.supply, curves, cycle, duty.samples) | other_limits(
+            train, duty
+        )
         return Evaluated(train, duty, curves, cycle, uses)
 
     @property
@@ -173,14 +174,13 @@ class Evaluated:
         asked = Asked.by(self.train, self.duty)
         into = asked.torque * asked.speed * self.train.drive.count
         lost = into - self.duty.load * self.duty.speed
-        return float(over_time(lost, self.duty.step)) * self.duty.step * (len(lost) - 1)
+        return self.duty.samples.integral(lost)
 
     def figures(self, unit: str) -> DriveFigures:
         """Return the figures; ``unit`` : of the joint's coordinate."""
         train, duty, cycle = self.train, self.duty, self.cycle
-        decides = max(self.uses, key=lambda name: float(self.uses[name].part))
+        decides, margin = self.decides, self.margin
         limits = {name: self._limit(use) for name, use in self.uses.items()}
-        margin = 1.0 - limits[decides].use
         force = "N m" if unit == "rad" else "N"
         return DriveFigures(
             passes=bool(margin >= train.drive.margin),
@@ -196,9 +196,9 @@ class Evaluated:
             mass=float(train.mass),
             cost=float(train.cost),
             limits=limits,
-            joint=Side.of(duty.times, duty.load, duty.speed),
-            shaft=Side.of(duty.times, cycle.torque, cycle.speed),
-            electrical=Electrical.of(cycle, duty.step),
+            joint=Side.of(duty, duty.load, duty.speed),
+            shaft=Side.of(duty, cycle.torque, cycle.speed),
+            electrical=Electrical.of(cycle, duty.samples),
             winding=self._winding(),
             gear_loss=self.gear_loss,
             inertia_ratio=self._inertia_ratio(),
@@ -217,11 +217,13 @@ class Evaluated:
         return Limit(float(use.part), time)
 
     def _winding(self) -> Winding | Absent:
-        cycle, step, thermal = self.cycle, self.duty.step, self.train.motor.thermal
+        cycle, samples, thermal = self.cycle, self.duty.samples, self.train.motor.thermal
         if thermal is None or cycle.temperature is None or cycle.copper is None:
             return ABSENT
-        first = self.train.supply.ambient + float(thermal.warming(cycle.copper, step, periodic=False)[-1])
-        return Winding(float(cycle.temperature.max()), float(over_time(cycle.temperature, step)), first)
+        first = self.train.supply.ambient + float(
+            thermal.warming(cycle.copper, samples.step, periodic=False)[-1]
+        )
+        return Winding(float(cycle.temperature.max()), float(samples.mean(cycle.temperature)), first)
 
     def _inertia_ratio(self) -> list[float] | Absent:
         """Return smallest and largest inertia of the mechanism over that of the drives."""
@@ -237,20 +239,50 @@ class Evaluated:
             return ABSENT
         return float(np.abs(self.duty.load).max()) / (gear.stiffness * self.train.drive.count)
 
+    @property
+    def decides(self) -> str:
+        """The limit of which most is used."""
+        return max(self.uses, key=lambda name: float(self.uses[name].part))
+
+    @property
+    def margin(self) -> float:
+        """Part of it that is left."""
+        return 1.0 - float(self.uses[self.decides].part)
+
     def _errors(self) -> Errors | Absent:
         times = self.duty.times
         if len(times) % 2 == 0 or len(times) < 5:
             return ABSENT
         half = Evaluated.of(self.train, self.duty.thinned())
-        change = [abs(a - b) for a, b in zip(self._shaft_figures(), half._shaft_figures())]
-        one, other = self._winding(), half._winding()
-        warm = abs(one.peak - other.peak) if one is not ABSENT and other is not ABSENT else ABSENT
-        return Errors(change[0], max(change[1:]), warm)
+        own, others = self._numbers(), half._numbers()
+        change: dict[str, Any] = {
+            name: float(np.abs(np.subtract(x, others[name])).max()) for name, x in own.items()
+        }
+        size = np.abs(self.cycle.torque)
+        between = {
+            "margin": self.uses[self.decides].off,
+            "peak_torque": rise(size, np.asarray(np.argmax(size))),
+        }
+        for name, more in between.items():
+            change[name] = max(change[name], float(more))
+        for name in ("rms_current", "winding"):
+            change.setdefault(name, ABSENT)
+        return Errors(**change)
 
-    def _shaft_figures(self) -> list[float]:
-        step, power = self.duty.step, self.cycle.power
-        found = [float(rms(self.cycle.torque, step)), _positive(power, step), _positive(-power, step)]
-        electrical = self.cycle.electrical
-        if electrical is not None:
-            found += [_positive(electrical, step), _positive(-electrical, step)]
-        return found
+    def _numbers(self) -> dict[str, float | list[float]]:
+        """Return the figures that have errors, by the names of these."""
+        side = Side.of(self.duty, self.cycle.torque, self.cycle.speed)
+        found: dict[str, float | list[float]] = {
+            "margin": self.margin,
+            "peak_torque": side.peak_torque,
+            "rms_torque": side.rms_torque,
+            "mean_torque": side.mean_torque,
+        }
+        energies = [side.driving_energy, side.braking_energy]
+        electrical, winding = Electrical.of(self.cycle, self.duty.samples), self._winding()
+        if electrical is not ABSENT:
+            found["rms_current"] = electrical.rms_current
+            energies += [electrical.energy, electrical.regenerated]
+        if winding is not ABSENT:
+            found["winding"] = winding.peak
+        return {**found, "energy": energies}

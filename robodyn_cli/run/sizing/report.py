@@ -33,7 +33,9 @@ def with_drives(summary: Summary, result: Result, scene: Scene, problem: Problem
     times = result.time
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
         return _warned(summary, "the samples are not uniform in time, so there are no figures of drives")
-    drives = Drives.of(scene, problem, Moved(times, *(result[name] for name in ("q", "qd", "qdd", "tau"))))
+    q, qd, qdd, tau = (result[name] for name in ("q", "qd", "qdd", "tau"))
+    moved = Moved(times, q, qd, qdd, tau, _breaks(result))
+    drives = Drives.of(scene, problem, moved)
     drives.add_to(result)
     figures = drives.figures()
     if not all(one.passes for one in figures.values()):
@@ -52,15 +54,26 @@ def _warned(summary: Summary, what: str) -> Summary:
     return dataclasses.replace(summary, warnings=[*([] if own is ABSENT else own), what])  # type: ignore[type-var]
 
 
+def _breaks(result: Result) -> tuple[float, ...]:
+    """Return where the torques of a motion jump, in steps from the first sample: where payloads come and go."""
+    if not result.events:
+        return ()
+    from robodyn_cli.run.inverse.payloads import breaks
+
+    return tuple(breaks(result.events, result.time))
+
+
 @record
 class Moved:
-    """A motion at uniform times (T,): q (T, nq), and rates, accelerations and actuator torques (T, nv)."""
+    """A motion at uniform times (T,): q (T, nq), and rates, accelerations and actuator torques (T, nv). breaks : where
+    these jump, in steps from the first sample."""
 
     times: Array
     q: Array
     qd: Array
     qdd: Array
     tau: Array
+    breaks: tuple[float, ...] = ()
 
 
 @record
@@ -81,7 +94,7 @@ class Drives:
             load = moved.tau[:, k] - reflected * moved.qdd[:, k]
             inertia = None if rest.inertia is None else rest.inertia[:, k] - reflected
             hold = None if rest.hold is None else rest.hold[:, k]
-            duty = Duty(moved.times, moved.qd[:, k], moved.qdd[:, k], load, hold, inertia)
+            duty = Duty(moved.times, moved.qd[:, k], moved.qdd[:, k], load, hold, inertia, moved.breaks)
             found[name] = Evaluated.of(train, duty)
         return Drives(problem, found)
 

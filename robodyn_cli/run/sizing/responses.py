@@ -26,6 +26,7 @@ from robodyn_cli.motors.belt import Belt
 from robodyn_cli.motors.drive import NOWHERE, Catalogue, Drive
 from robodyn_cli.motors.torque_table import TorqueTable
 from robodyn_cli.record import record
+from robodyn_cli.run.inverse.checks import jumps
 from robodyn_cli.run.inverse.inverse import at_rest, program_of
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
 from robodyn_cli.run.many.groups import table_rows
@@ -71,7 +72,7 @@ class Responses:
     """A motion, and the torques that drives of any mass and inertia need for it.
 
     joints : that are driven. times : (T,). qd, qdd : (T, nv). tau : of the motion. hold : at rest in its poses, None
-    where loops leave it open.
+    where loops leave it open. breaks : where torques jump, in steps from the first sample.
     """
 
     scene: Scene
@@ -82,6 +83,7 @@ class Responses:
     qdd: Array
     tau: Loads
     hold: Loads | None
+    breaks: tuple[float, ...]
 
     @staticmethod
     def of(scene: Scene, drives: dict[str, Drive]) -> Responses:
@@ -114,6 +116,7 @@ class Responses:
         return Responses(
             scene, tuple(drives), tuple(names.index(name) for name in drives), planned.times,
             sampled.motion.qd, sampled.motion.qdd, tau, None if R is None or hold is None else _projected(hold, R),
+            tuple(jumps(program.problem, planned.times)),
         )  # fmt: skip
 
 

@@ -9,49 +9,37 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.errors import SceneError
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.motors.drive import Catalogue, Drive, Train
+from robodyn_cli.motors.drive import Catalogue, Drive
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.run.progress import Progress, no_progress
-from robodyn_cli.run.sizing.candidates import Candidates
-from robodyn_cli.run.sizing.cycle import Duty
 from robodyn_cli.run.sizing.responses import Responses
+from robodyn_cli.run.sizing.search import Front, Search
+from robodyn_cli.run.sizing.together import Together, order_of
 from robodyn_cli.run.stopwatch import Stopwatch
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.catalogue import EXAMPLE
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array
 
 BY = ("cost", "mass")
-MOST_SWEEPS = 40
-ALIKE = 1e-9  # relative change of a load that is rounding
-CALM = 8  # sweeps after which a mass that was chosen once is never taken as less
+# combinations times samples that are evaluated for combinations of all joints together: a blink, some minutes
+FEW, MANY = 2e6, 4e9
 _DEFAULTS = {"gear_ratio": 1.0, "rotor_inertia": 0.0}
 
 
 @record
-class Front:
-    """A combination that no other beats in both: cost or mass of all equal drives, and margin of what decides."""
-
-    motor: str
-    gear: str | None
-    cost: float
-    mass: float
-    margin: float
-    decides: str
-
-
-@record
 class Sized:
-    """What was found for a joint: how many of how many combinations bear its motion, and the front of cost or mass over
-    margin, the cheapest first. motors, gears : that the columns of `/candidates` count from 0 on."""
+    """What was found for a joint: how many of how many combinations bear its motion, the one with the largest margin
+    (also where none bears it), and the front of cost or mass over margin, the cheapest first. motors, gears : that the
+    columns of `/candidates` count from 0 on."""
 
     combinations: int
     passing: int
+    best: Front
     front: list[Front]
     motors: list[str]
     gears: list[str | None]
@@ -59,10 +47,12 @@ class Sized:
 
 @record
 class Sizing:
-    """What was sought and found. sweeps : over all joints until the choice stayed as it was. margin_difference : the
-    largest between margins of the search and those of the run with the chosen drives."""
+    """What was sought and found. proven : whether no other combination that bears all motions is cheaper (lighter).
+    sweeps : over all joints until the choice stayed as it was. margin_difference : the largest between margins of the
+    search and those of the run with the chosen drives."""
 
     by: str
+    proven: bool
     cost: float
     mass: float
     sweeps: int
@@ -70,25 +60,35 @@ class Sizing:
     joints: dict[str, Sized]
 
 
+@record
+class Wanted:
+    """What is asked for.
+
+    by : what is to be small, ``cost`` or ``mass``; the other decides between equals. margin : part of each limit that
+    is to be left; default: that of each drive. types : kinds of motor to choose from; default: all. thorough : try
+    combinations of all joints together until nothing cheaper (lighter) is left, or for some minutes.
+    """
+
+    by: str = "cost"
+    margin: float | None = None
+    types: Sequence[str] = ()
+    thorough: bool = False
+
+
 def size(
-    scene: Scene,
-    by: str = "cost",
-    margin: float | None = None,
-    types: Sequence[str] = (),
-    progress: Progress = no_progress,
-    watch: Stopwatch | None = None,
+    scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None, **wanted: Any
 ) -> Result:
     """Find, for each driven joint, the cheapest or lightest motor and gear of the catalogue that bear the motion.
 
     Driven are the joints of ``drives``, or all that have an actuator where there is no such key. The masses of the
     drives act on the links that carry them: joints are gone through from the last to the first, each with what the
-    others have, until nothing changes. Where nothing bears a joint's motion it gets what comes nearest.
+    others have, until nothing changes. Then combinations of all joints together are tried for one that is cheaper
+    (lighter) still, as long as that takes next to no time. Where nothing bears a joint's motion it gets what comes
+    nearest.
 
     Parameters
     ----------
-    by : what is to be small, ``cost`` or ``mass``; the other decides between equals.
-    margin : part of each limit that is to be left; default: that of each drive.
-    types : kinds of motor to choose from; default: all.
+    progress : called when the work is done. watch : adds up wall times by stage. wanted : fields of ``Wanted``.
 
     Returns
     -------
@@ -98,25 +98,47 @@ def size(
     ------
     RobodynError : see ``inverse``. SceneError : a joint says itself what drives it.
     """
-    watch = watch or Stopwatch()
+    watch, asked = watch or Stopwatch(), Wanted(**wanted)
     family, settings = Family.of(scene), []
     if scene.catalogue is None:
         settings = [f"catalogue={json.dumps(str(EXAMPLE))}"]
         scene = family.scene(settings)
-    drives = _asked(scene, margin)
+    drives = _asked(scene, asked.margin)
     with watch.stage("responses"):
         responses = Responses.of(scene, drives)
     with watch.stage("size"):
-        search = Search.of(responses, drives, _of_types(scene.catalogue, types), by)
-        sweeps = search.run()
+        search, sweeps, proven = _search(responses, drives, scene.catalogue, asked)
     with watch.stage("load"):
         chosen = family.scene([*settings, *_chosen(scene, search)])
     result = inverse(chosen, progress=progress, watch=watch)
     result.command = "size"
     _add_tables(result, search)
-    sizing = _sizing(search, sweeps, result.summary["drives"])
+    sizing = _sizing(search, sweeps, proven, result.summary["drives"])
     result.summary = {**result.summary, **result.head, "size": as_keys(sizing), "wall_time_s": watch.report()}
     return result
+
+
+def _search(
+    responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, asked: Wanted
+) -> tuple[Search, int, bool]:
+    """Return the search with its choice, how many sweeps it took, and whether nothing else is cheaper (lighter)."""
+    catalogue = _of_types(catalogue, asked.types)
+    search = Search.of(responses, drives, catalogue, asked.by)
+    sweeps = search.run()
+    # what is cheapest further out may be too heavy for what is further in
+    if not search.all_pass and asked.by != "mass":
+        light = Search.of(responses, drives, catalogue, "mass")
+        sweeps += light.run()
+        if light.all_pass:
+            search.take(light.chosen)
+    order = order_of(responses)
+    if order is None:
+        return search, sweeps, False
+    together = Together(search, order, MANY if asked.thorough else FEW)
+    together.run()
+    if together.choice is not None and together.choice != search.chosen:
+        search.take(together.choice)
+    return search, sweeps, together.done and together.choice is not None
 
 
 def _of_types(catalogue: Catalogue, types: Sequence[str]) -> Catalogue:
@@ -161,121 +183,6 @@ def _asked(scene: Scene, margin: float | None) -> dict[str, Drive]:
     return drives
 
 
-@record
-class Search:
-    """The search over all joints. candidates : by joint. uses : of each combination, by joint and limit, (M, G), under
-    the loads (T,) of each joint."""
-
-    responses: Responses
-    candidates: dict[str, Candidates]
-    by: str
-    chosen: dict[str, int]
-    uses: dict[str, dict[str, Array]]
-    loads: dict[str, Array]
-
-    @staticmethod
-    def of(responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, by: str) -> Search:
-        """Return the search, in which nothing is chosen yet.
-
-        Raises
-        ------
-        SceneError : the catalogue has nothing that moves a joint.
-        """
-        types = {joint.name: joint_types[joint.type] for joint in responses.scene.robot.joints}
-        alike: dict[Any, Candidates] = {}  # most joints have the same to choose from
-        found = {}
-        for name, drive in drives.items():
-            key = dataclasses.replace(drive, motor="", gear=None), types[name].v_units[0]
-            if key not in alike:
-                alike[key] = Candidates.of(drive, catalogue, key[1])
-            one = found[name] = alike[key]
-            if not one.usable.any():
-                what = f"{responses.scene.path}: catalogue: no motor and gear for joint {name!r}"
-                raise SceneError(
-                    f"{what}; allowed: a catalogue with some that run and move it", key="catalogue"
-                )
-        return Search(responses, found, by, {}, {}, {})
-
-    def run(self) -> int:
-        """Choose for all joints, and return in how many sweeps.
-
-        Raises
-        ------
-        CapabilityError : the choice does not settle.
-        """
-        assumed = dict.fromkeys(self.candidates, 0.0)
-        for sweep in range(1, MOST_SWEEPS + 1):
-            before = dict(self.chosen), dict(assumed)
-            for name in reversed(list(self.candidates)):
-                self.chosen[name] = self._best(name, assumed)
-                mass = self.figure(name, "masses")
-                assumed[name] = max(assumed[name], mass) if sweep > CALM else mass
-            if before == (self.chosen, assumed):
-                return sweep
-        raise CapabilityError(f"the choice of drives does not settle in {MOST_SWEEPS} sweeps")
-
-    def figure(self, name: str, key: str) -> float:
-        """Return a figure of the chosen combination of a joint, 0 where none is chosen yet."""
-        values: Array = getattr(self.candidates[name], key)
-        return float(values.flat[self.chosen[name]]) if name in self.chosen else 0.0
-
-    def _duty(self, name: str, masses: Mapping[str, float]) -> Duty:
-        """Return what a joint's drive has to bear, with drives of these masses elsewhere."""
-        responses = self.responses
-        k = responses.columns[responses.joints.index(name)]
-        m = np.array([masses[n] for n in responses.joints])
-        I = np.array([self.figure(n, "inertias") for n in responses.joints])
-        tau = responses.tau.at(m, I)[:, k]
-        load = tau - self.figure(name, "inertias") * responses.qdd[:, k]
-        hold = None if responses.hold is None else responses.hold.at(m, I)[:, k]
-        return Duty(responses.times, responses.qd[:, k], responses.qdd[:, k], load, hold)
-
-    def _best(self, name: str, masses: Mapping[str, float]) -> int:
-        """Return the combination to choose for a joint, and keep how much of the limits all use."""
-        one, duty = self.candidates[name], self._duty(name, masses)
-        if name in self.uses:
-            change = np.abs(duty.load - self.loads[name]).max()
-            if change <= ALIKE * np.abs(duty.load).max():
-                return self.chosen[name]
-        self.uses[name], self.loads[name] = one.uses(duty), duty.load
-        margins = self.margins(name)
-        passing = margins >= one.drive.margin
-        if not passing.any():
-            return int(np.argmax(margins))
-        first, second = (one.costs, one.masses) if self.by == "cost" else (one.masses, one.costs)
-        ranks = np.lexsort((-margins.ravel(), second.ravel(), first.ravel(), ~passing.ravel()))
-        return int(ranks[0])
-
-    def margins(self, name: str) -> Array:
-        """Return the margin of each combination (M, G), -inf where it cannot run."""
-        return np.where(self.candidates[name].usable, 1.0 - self._use(name).max(axis=0), -np.inf)
-
-    def _use(self, name: str) -> Array:
-        """Return how much of each limit each combination uses (limits, M, G), 0 where it has no such limit."""
-        return np.nan_to_num(np.stack(list(self.uses[name].values())), nan=0.0, posinf=np.inf)
-
-    def train(self, name: str) -> Train:
-        """Return what is chosen for a joint."""
-        return self.candidates[name].train(self.chosen[name])
-
-    def front(self, name: str) -> list[Front]:
-        """Return the combinations of a joint that none beats in both cost (or mass) and margin, the cheapest first."""
-        one, margins, names = self.candidates[name], self.margins(name), list(self.uses[name])
-        price = one.costs if self.by == "cost" else one.masses
-        most = self._use(name).argmax(axis=0)
-        found: list[Front] = []
-        best = -np.inf
-        for k in np.lexsort((-margins.ravel(), price.ravel())).tolist():
-            if margins.flat[k] > best and margins.flat[k] >= one.drive.margin:
-                best = float(margins.flat[k])
-                train = one.train(k)
-                found.append(
-                    Front(train.drive.motor, train.drive.gear, float(one.costs.flat[k]), float(one.masses.flat[k]),
-                          best, names[int(most.flat[k])])
-                )  # fmt: skip
-        return found
-
-
 def _chosen(scene: Scene, search: Search) -> list[str]:
     """Return the settings of the scene that say what was found."""
     found = []
@@ -290,16 +197,19 @@ def _chosen(scene: Scene, search: Search) -> list[str]:
     return found
 
 
-def _sizing(search: Search, sweeps: int, figures: Mapping[str, Mapping[str, Any]]) -> Sizing:
+def _sizing(search: Search, sweeps: int, proven: bool, figures: Mapping[str, Mapping[str, Any]]) -> Sizing:
     """Return what was found; ``figures`` : of the run with it, by joint."""
     joints, differences = {}, []
     for name, one in search.candidates.items():
         margins = search.margins(name)
         differences.append(abs(float(margins.flat[search.chosen[name]]) - figures[name]["margin"]))
         passing = int(np.count_nonzero(margins >= one.drive.margin))
-        joints[name] = Sized(margins.size, passing, search.front(name), list(one.motors), list(one.gears))
+        joints[name] = Sized(
+            margins.size, passing, search.best(name), search.front(name), list(one.motors), list(one.gears)
+        )
     return Sizing(
         by=search.by,
+        proven=proven,
         cost=sum(search.figure(name, "costs") for name in joints),
         mass=sum(search.figure(name, "masses") for name in joints),
         sweeps=sweeps,

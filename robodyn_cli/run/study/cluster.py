@@ -6,9 +6,7 @@ A worker makes one chunk at a time, by as many threads as it has. What a worker 
 from __future__ import annotations
 
 import contextlib
-import functools
 import logging
-import pickle
 import platform
 import threading
 import time
@@ -33,6 +31,7 @@ LOOK = 1.0  # s between looks at whether there are workers
 PER_WORKER = 2  # chunks: one that is made, one that waits
 SECONDS_OF_CHUNK = 1.0  # about
 FIRST_CHUNK = 16  # runs
+MOST_STUDIES = 2  # whose code a worker keeps
 
 
 @record
@@ -64,25 +63,27 @@ class Chunk:
 
 # -- on a worker ----------------------------------------------------------------------------------------
 _alone = threading.Lock()
+_code: dict[str, Compiled | None] = {}  # of studies, by digest; None where they have none
 
 
-def make_chunk(packed: bytes, points: Points) -> Chunk:
-    """Make runs of a study, which comes packed; called on a worker."""
+def make_chunk(study: str, task: Task, points: Points) -> Chunk:
+    """Make runs of a study; called on a worker. study : its digest."""
     from distributed import get_worker
 
     threads = get_worker().state.nthreads
     with _alone:
         start = time.perf_counter()
-        task, compiled = _unpacked(packed, threads)
-        rows = run_points(task, points, 1, compiled)
+        rows = run_points(task, points, 1, _code_of(study, task, threads))
         return Chunk(rows, time.perf_counter() - start, Host.own())
 
 
-@functools.lru_cache(maxsize=2)
-def _unpacked(packed: bytes, threads: int) -> tuple[Task, Compiled | None]:
-    """Return a study's task and its compiled code, where it has any."""
-    task = pickle.loads(packed)
-    return task, Compiled(task, threads) if suits(task) else None
+def _code_of(study: str, task: Task, threads: int) -> Compiled | None:
+    """Return a study's compiled code, made once a worker."""
+    if study not in _code:
+        if len(_code) >= MOST_STUDIES:
+            del _code[next(iter(_code))]
+        _code[study] = Compiled(task, threads) if suits(task) else None
+    return _code[study]
 
 
 def _version() -> str:
@@ -151,7 +152,7 @@ class Cluster:
 
     def run(self, task: Task, file: RowFile) -> Iterator[Rows]:
         """Yield the rows of all missing runs, in the order in which they are done."""
-        packed, missing, suspects = pickle.dumps(task), file.missing(), Waiting()
+        missing, suspects = file.missing(), Waiting()
         size, most = FIRST_CHUNK, LARGEST_BLOCK
         flying: dict[Any, Points] = {}
         while flying or missing.left or suspects.left:
@@ -161,7 +162,7 @@ class Cluster:
                 room = 1 if suspects.left else PER_WORKER * max(1, self._workers())
                 while source.left and len(flying) < room:
                     points = source.take(size)
-                    flying[self._client.submit(make_chunk, packed, points, pure=False)] = points
+                    flying[self._client.submit(make_chunk, file.study, task, points, pure=False)] = points
                 ended = self._ended(list(flying))
             for future in ended:
                 points = flying.pop(future)

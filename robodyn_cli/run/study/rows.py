@@ -65,6 +65,11 @@ class RowFile:
         return self
 
     @property
+    def study(self) -> str:
+        """Digest of what all rows share."""
+        return self._head["study"]
+
+    @property
     def _old(self) -> Path:
         return self.path.with_suffix(".old")
 

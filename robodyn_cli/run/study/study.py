@@ -15,10 +15,11 @@ from robodyn_cli.expr.variation import Variation
 from robodyn_cli.model.build import build_model
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
-from robodyn_cli.run.batch.criteria import lookup, refuse_unknown
+from robodyn_cli.run.batch.criteria import lookup, lookup_number, refuse_unknown
 from robodyn_cli.run.many.keys import Allowed, setting, understand
 from robodyn_cli.run.many.single import number_of
 from robodyn_cli.run.study.design import Design, make_design
+from robodyn_cli.run.study.possible import is_possible
 from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.rows import RowFile
 from robodyn_cli.run.study.runs import make_one
@@ -157,6 +158,9 @@ def run_nominal(task: Task, source: str) -> Rows:
         asked = f"{source} {key}"
         refuse_unknown(summary, key, asked)
         value = lookup(summary, key)
+        nothing = value is None or (made.reasons and lookup_number(summary, key) is None)
+        if nothing and not is_possible(task.command, key, task.family.own.text):
+            raise SceneError(f"{asked}: no run of {task.command} has a number of this name", key=asked)
         if not made.reasons and value is not None and math.isnan(number_of(summary, key)):
             raise SceneError(f"{asked}: is {value!r}, which is not a number")
     return made

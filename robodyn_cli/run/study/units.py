@@ -20,11 +20,20 @@ LAST = {
     "path_length": "m", "peak_speed": "m/s", "peak_acceleration": "m/s^2", "round_trip": "1", "singular_ratio": "1",
     "meaningful_until": "s", "linear_impulse": "N s", "angular_impulse": "N m s", "exit_code": "1", "samples": "1",
     "attitude_residual": "rad",
-    "driving": "J", "braking": "J", "driving_power": "W", "braking_power": "W", "driving_energy": "J",
-    "braking_energy": "J", "regenerated": "J", "copper_loss": "J", "friction_loss": "J", "gear_loss": "J",
-    "peak_current": "A", "rms_current": "A", "margin": "1", "least_margin": "1", "use": "1", "ratio": "1", "mass": "kg",
 }  # fmt: skip
-WINDING = "degC"
+# keys of drives, below ``drives.JOINT``: those of the joint's own side follow its unit
+OF_JOINT = {"wind_up": "", "joint.peak_speed": "/s"}
+LOADS = ("joint.peak_torque", "joint.rms_torque", "joint.mean_torque")
+OF_DRIVE = {
+    "margin": "1", "least_margin": "1", "errors.margin": "1", "mass": "kg", "cost": "1", "count": "1", "gear_loss": "J",
+    "shaft.peak_torque": "N m", "shaft.rms_torque": "N m", "shaft.mean_torque": "N m", "shaft.peak_speed": "rad/s",
+    "errors.rms_torque": "N m", "errors.winding": "K", "inertia_ratio": "1",
+}  # fmt: skip
+OF_DRIVE_LAST = {
+    "use": "1", "driving_power": "W", "braking_power": "W", "driving_energy": "J", "braking_energy": "J",
+    "peak_current": "A", "rms_current": "A", "energy": "J", "regenerated": "J", "copper_loss": "J",
+    "friction_loss": "J",
+}  # fmt: skip
 
 
 def unit_of_output(key: str, model: Model) -> str:
@@ -33,14 +42,13 @@ def unit_of_output(key: str, model: Model) -> str:
     for head, power in STATES.items():
         if key.startswith(f"{head}.") and (unit := joints.get(key.removeprefix(f"{head}."))):
             return unit + power if unit != "1" or not power else UNKNOWN
-    section, _, rest = key.partition(".")
-    if section == "torques_of_joints":
-        return TORQUE.get(joints.get(rest, ""), UNKNOWN)
-    if section == "singular_ratio":
-        return "s" if rest == "time" else "1"
-    if section in ("drives", "control"):
-        return _of_joint_in(section, rest, joints)
+    if key.startswith("torques_of_joints."):
+        return TORQUE.get(joints.get(key.partition(".")[2], ""), UNKNOWN)
     figure, _, name = key.partition(".")
+    if figure == "singular_ratio":
+        return "s" if name == "time" else "1"
+    if figure in ("drives", "control"):
+        return (_of_drive if figure == "drives" else _of_control)(name, joints)
     if figure == "joints":
         name, _, figure = name.rpartition(".")
     if name in joints:
@@ -48,20 +56,33 @@ def unit_of_output(key: str, model: Model) -> str:
     return _by_last_step(key)
 
 
-def _of_joint_in(section: str, key: str, joints: dict[str, str]) -> str:
-    """Return the unit of a key below ``drives.JOINT`` or ``control``."""
-    *path, last = key.split(".")
-    unit = next((joints[step] for step in (*path, last) if step in joints), "")
-    if section == "drives":
-        if "winding" in path:
-            return WINDING
-        side = "rad" if "shaft" in path else unit  # a motor turns whatever its joint does
-        return _of_joint(last.replace("mean_torque", "rms_torque"), side)
-    if path[:1] == ["tracking"]:
-        return "s" if last == "at" else unit or "m"
-    if path[:1] == ["limits"]:
+def _of_drive(key: str, joints: dict[str, str]) -> str:
+    """Return the unit of a key below ``drives``."""
+    name, _, figure = key.partition(".")
+    unit = joints.get(name, UNKNOWN)
+    if figure in LOADS:
         return TORQUE.get(unit, UNKNOWN)
-    return "s" if path[:1] == ["saturated"] or last in ("period", "delay") else _by_last_step(last)
+    if figure in OF_JOINT:
+        return unit + OF_JOINT[figure] if unit != UNKNOWN else UNKNOWN
+    if figure == "ratio":
+        return {"rad": "1", "m": "rad/m"}.get(unit, UNKNOWN)
+    if figure.startswith("winding."):
+        return "degC"
+    found = OF_DRIVE.get(figure) or OF_DRIVE_LAST.get(figure.rpartition(".")[2])
+    return found or _by_last_step(figure)
+
+
+def _of_control(key: str, joints: dict[str, str]) -> str:
+    """Return the unit of a key below ``control``."""
+    group, _, rest = key.partition(".")
+    name, _, figure = rest.rpartition(".")
+    if group == "tracking":
+        return joints.get(name, UNKNOWN) if figure in ("peak", "rms") else "s"
+    if group == "limits":
+        return TORQUE.get(joints.get(rest, ""), UNKNOWN)
+    if group == "energy":
+        return "J"
+    return {"saturated": "s", "period": "s", "delay": "s", "updates": "1"}.get(group, UNKNOWN)
 
 
 def _of_joint(figure: str, unit: str) -> str:

@@ -32,20 +32,13 @@ def check_control(scene: Scene, names: SceneNames, check: Check) -> Scene:
                 "'pass' leaps over poses without a controller; allowed beside 'control': stop",
             )
     before = len(check.found)
-    joints = _driven(scene, check)
+    joints = _driven(scene, names, check)
     if len(check.found) > before:
         return scene  # what follows is about these joints
     _check_times(scene, check)
     for path, message in controller.problems():
         with check:
             check.fail(("control", *path), message)
-    if controller.open_chain:
-        with check:
-            if names.closed:
-                kind = (
-                    f"'{controller.type}' computes with the model of an open chain, and loops close this one"
-                )
-                check.fail(("control", "type"), f"{kind}; allowed with loops: pd, pid, formulas, python")
     _check_gains(controller, joints, check)
     _check_signals(scene, joints, check)
     found = dataclasses.replace(controller, joints=joints)
@@ -54,7 +47,7 @@ def check_control(scene: Scene, names: SceneNames, check: Check) -> Scene:
     return dataclasses.replace(scene, control=found)
 
 
-def _driven(scene: Scene, check: Check) -> tuple[str, ...]:
+def _driven(scene: Scene, names: SceneNames, check: Check) -> tuple[str, ...]:
     """Return the joints that the controller drives."""
     controller = scene.control
     single = columns(scene.robot, quasi=False)
@@ -81,7 +74,7 @@ def _driven(scene: Scene, check: Check) -> tuple[str, ...]:
     _refuse_unactuated(scene, given, path, check)
     with check:
         left = [name for name in columns(scene.robot, velocities=True) if name not in given]
-        if controller.whole and left:
+        if controller.whole and left and not names.closed:
             check.fail(
                 ("control", "joints") if controller.joints else ("control", "type"),
                 f"{controller.type!r} drives every joint; {left[0]!r} is left out",

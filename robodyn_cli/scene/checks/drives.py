@@ -8,7 +8,7 @@ from robodyn_cli.motors.electric import Electric
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE
-from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.scene.text.nodes import Path, dotted
 from robodyn_cli.scene.types import Joint, Scene
 
 GROUPS = (("motor", "motors"), ("gear", "gears"), ("brake", "brakes"))
@@ -19,12 +19,13 @@ def check_drives(scene: Scene, check: Check) -> None:
     """Report everything that is wrong with the catalogue and with the drives."""
     if scene.catalogue is None:
         return  # its file could not be read
+    before = len(check.found)
     for _, group in GROUPS:
         for name, part in getattr(scene.catalogue, group).items():
             for where, message in part.problems():
                 with check:
                     check.fail(("catalogue", group, name, *where), message)
-    if check.found:
+    if len(check.found) > before:
         return
     joints = {joint.name: k for k, joint in enumerate(scene.robot.joints)}
     for name, drive in scene.drives.items():
@@ -52,16 +53,29 @@ class _Checked:
         return ("drives", self.name)
 
     def run(self) -> None:
-        self.joint_fits()
-        for key, group in GROUPS:
-            part = getattr(self.drive, key)
-            if part is not None:
-                self.check.known(part, getattr(self.scene.catalogue, group), key, (*self.path, key))
-        self.parts_fit(Train.of(self.drive, self.scene.catalogue))
-        self.mass_fits()
+        """Report all that is wrong with the drive, but for what follows from something else."""
+        check = self.check
+        with check:
+            self.joint_is_driven()
+            with check:
+                self.joint_is_silent()
+            known = [self.is_known(key, group) for key, group in GROUPS]
+            if all(known):
+                with check:
+                    self.parts_fit(Train.of(self.drive, self.scene.catalogue))
+            with check:
+                self.mass_fits()
 
-    def joint_fits(self) -> None:
-        """The joint has one coordinate, an actuator, and says nothing of its drive itself."""
+    def is_known(self, key: str, group: str) -> bool:
+        """Tell whether the catalogue has the part that a key names, and report it where not."""
+        name, parts = getattr(self.drive, key), getattr(self.scene.catalogue, group)
+        with self.check:
+            if name is not None:
+                self.check.known(name, parts, key, (*self.path, key))
+        return name is None or name in parts
+
+    def joint_is_driven(self) -> None:
+        """The joint has one coordinate and an actuator."""
         joint, check = self.joint, self.check
         if joint_types[joint.type].nv != 1:
             single = [j.name for j in self.scene.robot.joints if joint_types[j.type].nv == 1]
@@ -71,15 +85,25 @@ class _Checked:
         if actuated is not None and joint.name not in actuated:
             what = f"joint {joint.name!r} is not in 'actuated'; allowed: {', '.join(actuated) or 'none'}"
             check.fail(self.path, what, at_key=True)
+
+    def joint_is_silent(self) -> None:
+        """The joint says nothing of its drive itself."""
         place: Path = ("robot", "joints", self.number)
-        for key in OWN:
-            if check.has((*place, key)):
-                what = f"joint {joint.name!r} has a drive, which says that; give {key!r} or 'drives.{joint.name}'"
-                check.fail((*place, key), what, at_key=True)
-        friction = dict(joint.forces).get("friction")
+        twice: list[Path] = [(key,) for key in OWN if self.check.has((*place, key))]
+        friction = dict(self.joint.forces).get("friction")
         if friction is not None and friction.side == "motor":
-            what = f"joint {joint.name!r} has a drive: friction of the motor belongs to the catalogue; allowed: joint"
-            check.fail((*place, "friction", "side"), what)
+            twice.append(("friction", "side"))
+        if twice:
+            keys = " and ".join(repr(dotted(key)) for key in twice)
+            says, them = ("says", "it") if len(twice) == 1 else ("say", "them")
+            of_motor = (
+                " (friction of the motor belongs to the catalogue)" if ("friction", "side") in twice else ""
+            )
+            what = (
+                f"joint {self.name!r}: {keys} {says} what its drive says too{of_motor}; leave out {them} or "
+                f"'drives.{self.name}'"
+            )
+            self.check.fail((*place, *twice[0]), what, at_key=True)
 
     def parts_fit(self, train: Train) -> None:
         """The gear makes the motion of the joint, and the motor runs on its supply."""

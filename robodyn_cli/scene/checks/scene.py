@@ -21,10 +21,17 @@ from robodyn_cli.scene.checks.elements import (
     couplers_of,
 )
 from robodyn_cli.scene.checks.robot import check_robot, columns, moving
-from robodyn_cli.scene.points import BASE, carrier, joint_of, point_problem
+from robodyn_cli.scene.points import BASE, joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import Robot, Scene, Torque
-from robodyn_cli.trajectories.led import follow_trajectory, led_joints, to_find, velocity_columns
+from robodyn_cli.trajectories.led import (
+    FOLLOW,
+    follow_trajectory,
+    led_joints,
+    position_columns,
+    to_find,
+    velocity_columns,
+)
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
@@ -63,18 +70,11 @@ class _SceneNames:
     def point_problem(self, reference: str) -> str | None:
         return None if reference in self.robot.frames else point_problem(self.robot, reference)
 
-    def fixed_problem(self, reference: str) -> str | None:
-        problem = self.point_problem(reference)
-        link = BASE if problem else carrier(self.robot, reference)
-        moves = moving(self.robot)
-        if reference in self.robot.points and self.robot.points[reference].motion is not None:
-            return f"{reference!r} has a motion of its own; allowed: places that stay where they are"
-        while link != BASE:
-            joint = joint_of(self.robot, link)
-            if joint is None or joint.name in moves:
-                return f"{reference!r} is fixed to {link!r}, which moves; allowed: places fixed to the base"
-            link = joint.parent or BASE
-        return problem
+    def moves(self, reference: str, against: str = "base.origin") -> bool:
+        points = (self.robot.points.get(name) for name in (reference, against))
+        if any(point is not None and point.motion is not None for point in points):
+            return True
+        return bool(joints_between(self.robot, reference, against) & set(moving(self.robot)))
 
 
 def names_of(scene: Scene, some: bool = False) -> _SceneNames:
@@ -86,9 +86,9 @@ def names_of(scene: Scene, some: bool = False) -> _SceneNames:
 def check_scene(scene: Scene, check: Check) -> Scene:
     """Return the scene with the robot's connections filled in; ``check.found`` holds all errors."""
     robot = check_robot(scene.robot, check)
-    follow = isinstance(scene.prescribed, str)
-    if follow:
-        scene = dataclasses.replace(scene, prescribed={})
+    follow = None
+    if scene.prescribed:
+        scene, follow = _without_following(scene)
     couplers = couplers_of(scene)
     scene = dataclasses.replace(scene, robot=robot, couplers=tuple(couplers.values()))
     joints = {joint.name for joint in robot.joints}
@@ -113,7 +113,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         check_drives(scene, check)
     _check_initial(scene, check)
     if scene.trajectory is not None:
-        names = names_of(scene, follow)
+        names = names_of(scene, follow is not None or bool(scene.prescribed))
         for path, message in scene.trajectory.problems(names):
             with check:
                 check.fail(("trajectory", *path), message)
@@ -123,14 +123,26 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         from robodyn_cli.scene.checks.control import check_control
 
         scene = check_control(scene, names_of(scene), check)
-    if follow:
-        scene = _following(scene, check)
+    if follow is not None:
+        scene = _following(scene, follow, check)
     _check_runs(scene, check)
     return scene
 
 
-def _following(scene: Scene, check: Check) -> Scene:
-    """Return the scene with the joints prescribed that its trajectory leads."""
+def _without_following(scene: Scene) -> tuple[Scene, tuple[str, ...] | None]:
+    """Return the scene with the motions that formulas prescribe alone, and the joints that follow the trajectory.
+
+    Those are named one by one, or nobody is: then all that it leads follow. None: no joint follows it.
+    """
+    if isinstance(scene.prescribed, str):
+        return dataclasses.replace(scene, prescribed={}), ()
+    named = tuple(name for name, x in scene.prescribed.items() if x == FOLLOW)
+    formulas = {name: x for name, x in scene.prescribed.items() if name not in named}
+    return dataclasses.replace(scene, prescribed=formulas), named or None
+
+
+def _following(scene: Scene, named: tuple[str, ...], check: Check) -> Scene:
+    """Return the scene with the joints prescribed that its trajectory leads, or those of them that are named."""
     with check:
         trajectory = scene.trajectory
         if trajectory is None:
@@ -138,6 +150,7 @@ def _following(scene: Scene, check: Check) -> Scene:
                 f"there is no trajectory to follow; give `trajectory`, of type {', '.join(trajectory_types)}"
             )
             check.fail(("prescribed",), message)
+        _check_joints(scene, _keys(named, "prescribed"), check, at_key=True)
         in_time = hasattr(trajectory, "expressions")
         if not in_time and (scene.loops or scene.couplers):
             check.fail(
@@ -146,25 +159,41 @@ def _following(scene: Scene, check: Check) -> Scene:
                 "the result of `inverse` or `kinematics` as a table",
             )
         if not check.found:
-            prescribed: dict[str, Any] = dict(
+            formulas = scene.prescribed
+            led: dict[str, Any] = dict(
                 follow_trajectory(trajectory, scene.simulate.duration)
                 if in_time
-                else to_find(_columns_along(scene.robot, trajectory))
+                else to_find(_columns_along(scene.robot, trajectory, position_columns(formulas)))
             )
-            scene = dataclasses.replace(scene, prescribed=prescribed)
+            joints = {name: name.partition(".")[0] for name in led}
+            _check_named(named, tuple(dict.fromkeys(joints.values())), in_time, check)
+            following = {name: x for name, x in led.items() if not named or joints[name] in named}
+            scene = dataclasses.replace(scene, prescribed={**formulas, **following})
             _check_drives(scene, check)
     return scene
 
 
-def _columns_along(robot: Robot, trajectory: Any) -> tuple[str, ...]:
-    """Return the columns of q that a path leads: those of the joints that carry its point; for the least time all."""
-    every = columns(robot)
+def _check_named(named: tuple[str, ...], led: tuple[str, ...], in_time: bool, check: Check) -> None:
+    """Refuse joints to follow a trajectory that does not lead them, and a path that not all of its joints follow."""
+    for name in named:
+        if name not in led:
+            message = f"the trajectory does not lead joint {name!r}; allowed: {', '.join(led) or 'none'}"
+            check.fail(("prescribed", name), message)
+    left = [name for name in led if name not in named]
+    if named and left and not in_time:
+        message = f"joint {left[0]!r} moves the point too; let it follow the trajectory, or give it a formula"
+        check.fail(("prescribed",), message)
+
+
+def _columns_along(robot: Robot, trajectory: Any, given: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the columns of q that a path leads: those of the joints that carry its point; for the least time all.
+
+    given : the columns that move by formulas.
+    """
+    every = tuple(name for name in columns(robot) if name not in given)
     if trajectory.type == "fastest":
         return every
-    joints, link = set(), carrier(robot, trajectory.point)
-    while link != BASE and (joint := joint_of(robot, link)) is not None:
-        joints.add(joint.name)
-        link = joint.parent or BASE
+    joints = joints_between(robot, trajectory.point, trajectory.relative_to or "base.origin")
     return tuple(name for name in every if name.partition(".")[0] in joints)
 
 

@@ -42,7 +42,7 @@ def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
         with open(path, "rb") as file:
             data = file.read(MAX_BYTES + 1)
     except FileNotFoundError:
-        raise located(at, key, f"{what}: there is no such file") from None
+        raise located(at, key, f"{what}: there is no such file{_start_of_path(at, shown_as)}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise located(at, key, f"{what}: {reason}") from None
@@ -53,6 +53,15 @@ def read_text(path: str, place: Node | None, key: str, shown_as: str) -> str:
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise located(at, key, f"{what}: it is not UTF-8 text (byte {error.start}, line {line})") from None
+
+
+def _start_of_path(at: Node, shown_as: str) -> str:
+    """Return where a relative path in an option starts, in words; nothing of other paths."""
+    written = at.text if isinstance(at, Scalar) else ""
+    in_option = not at.source.positions and at.source.name != shown_as
+    if not in_option or not written or os.path.isabs(written):
+        return ""
+    return f"; a path in an option starts at the folder of the scene, {at.source.directory!r}"
 
 
 def compose(

@@ -55,7 +55,8 @@ def _refuse(joints: Mapping[str, UrdfJoint], joint: UrdfJoint) -> None:
             problem = f"itself ({' -> '.join(names)})"
     if problem:
         moving = [name for name, other in joints.items() if other.type in SINGLE and name != joint.name]
-        listed = ", ".join(moving[:MOST_LISTED]) + (", ..." if len(moving) > MOST_LISTED else "")
+        listed = ", ".join(moving[:MOST_LISTED]) or "none, since no other joint turns or slides"
+        listed += ", ..." if len(moving) > MOST_LISTED else ""
         raise joint.mimic.element.error(f"joint {joint.name!r} mimics {problem}; allowed: {listed}")
 
 

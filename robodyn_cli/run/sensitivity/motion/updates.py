@@ -40,7 +40,7 @@ class Updated:
             return S
         system, control = self.variational.system, self.control
         q, v = self.motion.assembled.q, self.motion.assembled.v
-        z = control.before_start(q, v, self.updates.noise[0])
+        z = control.before_start(q, v, self.motion.system.parameters_at(0.0, q), self.updates.noise[0])
         S = S.copy()
         if control.last:  # what was measured last is where the joints are
             S[np.array(self.places)[control.last]] = S[list(system.q_places)]

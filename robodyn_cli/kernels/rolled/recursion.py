@@ -12,7 +12,7 @@ from functools import lru_cache
 from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.program import Program, make_program
-from robodyn_cli.kernels.rolled_steps import QUANTITIES, RECIPES, ROTATION, BodyStage, Place, Structure
+from robodyn_cli.kernels.rolled.steps import QUANTITIES, RECIPES, ROTATION, BodyStage, Place, Structure
 from robodyn_cli.record import record
 
 BODY_GROUPS = ("p", "q", "v", "x", "kept", *QUANTITIES)

@@ -13,9 +13,9 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.arrays import aligned_zeros
-from robodyn_cli.kernels.rolled_loops import Header, Layout, Row
-from robodyn_cli.kernels.rolled_recursion import make_recursion, structure_of
-from robodyn_cli.kernels.rolled_steps import constants_of
+from robodyn_cli.kernels.rolled.loops import Header, Layout, Row
+from robodyn_cli.kernels.rolled.recursion import make_recursion, structure_of
+from robodyn_cli.kernels.rolled.steps import constants_of
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Array, Transform, Vector
 

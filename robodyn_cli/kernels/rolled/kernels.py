@@ -8,8 +8,8 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.rolled_loops import write_sample_kernel
-from robodyn_cli.kernels.rolled_tables import RolledPlan
+from robodyn_cli.kernels.rolled.loops import write_sample_kernel
+from robodyn_cli.kernels.rolled.tables import RolledPlan
 from robodyn_cli.model.model import Model
 from robodyn_cli.spatial.algebra import Array
 
