@@ -282,6 +282,22 @@ def test_a_length_changes_the_motion_of_a_led_point() -> None:
     assert "a point is led" in why[0]
 
 
+def test_a_number_of_a_prescribed_motion_changes_the_motion() -> None:
+    """``inverse`` takes it as given, so the torques themselves do not show it."""
+    question = asked(
+        CONFIGS / "double_pendulum.yaml",
+        ["prescribed.theta1#1", "robot.links.link1.mass"],
+        ["rms_torque.theta1"],
+        "command=inverse",
+        "prescribed={theta1: '0.4*sin(t)', theta2: '0.3*t'}",
+        "initial={}",
+        "expect={}",
+    )
+    found, why = exact_slopes(question)
+    assert list(found) == [("rms_torque.theta1", 1)]
+    assert "a prescribed motion changes" in why[0]
+
+
 # -- what has no exact derivative ------------------------------------------------------------------------------
 @pytest.mark.parametrize(
     ("key", "reason"),
