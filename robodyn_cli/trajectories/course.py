@@ -29,7 +29,7 @@ class Course:
         """Return the functions, or their derivatives of an order, at ``times`` (T,) as (T, n)."""
         times = np.asarray(times, dtype=float)
         k = np.clip(np.searchsorted(self.knots, times, side="right") - 1, 0, len(self.knots) - 2)
-        return _horner(self.derivative(order).c[:, k], (times - self.knots[k])[:, None])
+        return _horner([row[k] for row in self.derivative(order).c], (times - self.knots[k])[:, None])
 
     def expressions(self, t: Expr) -> list[Any]:
         """Return the functions (n,) as expressions of t."""
@@ -107,7 +107,7 @@ class Course:
         return found
 
 
-def _horner(c: Array, s: Array) -> Array:
+def _horner(c: Sequence[Array] | Array, s: Array) -> Array:
     found = c[-1]
     for row in c[-2::-1]:
         found = found * s + row

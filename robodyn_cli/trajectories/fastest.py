@@ -76,6 +76,8 @@ class FastestTrajectory:
     The path is a spline through ``points``, or that of another trajectory, whose own times are dropped.
     """
 
+    to_be_found = least_time = True  # its times follow from the dynamics
+
     type: str = key(Choice(("fastest",)), doc="Kind of trajectory.")
     points: tuple[PathPoint, ...] = key(
         ListOf(Section(PathPoint), minimum=2),
@@ -90,10 +92,15 @@ class FastestTrajectory:
     speed: dict[str, float] = limit_key("speed", "rad/s or m/s")
     acceleration: dict[str, float] = limit_key("acceleration", "rad/s^2 or m/s^2")
     effort: dict[str, float] = limit_key("torque or force of the drive", "N m or N", angle=False)
-    intervals: int = key(
+    tolerance: float = key(
+        Number(minimum=1e-7, maximum=0.1),
+        default=1e-4,
+        doc="Error of the duration, in parts of it: the path is divided further until the estimate is below.",
+    )
+    intervals: int | None = key(
         Integer(minimum=4, maximum=100_000),
-        default=200,
-        doc="Into how many parts the path is divided, most of them where other limits begin to bind.",
+        default=None,
+        doc="Into how many parts the path is divided; by default as many as `tolerance` needs.",
     )
 
     def problems(self, scene: SceneNames) -> Problems:
@@ -115,7 +122,12 @@ class FastestTrajectory:
                     ("points", k + 1, "q"),
                     "is the position of the way point before it; leave one of them out",
                 )
-        if self.path is not None:
+        if getattr(self.path, "to_be_found", False):
+            yield (
+                ("path",),
+                "is a sequence with motions of a point or in the least time; allowed: motions of joints",
+            )
+        elif self.path is not None:
             found = list(self.path.problems(scene))
             for where, message in found:
                 yield ("path", *where), message
@@ -153,13 +165,14 @@ class Scaling:
     """A path with its time law s(t), and how it was found.
 
     law : one function of t. error : estimated error of the duration [s]. limits : bounds by kind and column of v.
-    intervals : of the grid.
+    intervals : of the grid. tolerance : of the duration, in parts of it, asked for; None: the grid was.
     """
 
     law: Course
     error: float
     limits: Mapping[str, Mapping[str, float]]
     intervals: int
+    tolerance: float | None
 
 
 @record

@@ -71,6 +71,12 @@ class CourseTrajectory(JointSpaceTrajectory):
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         return with_attitudes(dict(zip(self.joints, self.course.expressions(t))))
 
+    def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
+        if attitude_places(joints):
+            return super().motion(times, joints, parameters)
+        places = [self.joints.index(name) for name in joints]
+        return JointMotion(*(np.asfortranarray(self.course(times, k)[:, places]) for k in range(3)))
+
 
 class Together(JointSpaceTrajectory):
     """The motion of prescribed joints, and of those that a trajectory in joint space leads, if there is one."""

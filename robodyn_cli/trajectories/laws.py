@@ -10,14 +10,18 @@ from robodyn_cli.trajectories.course import Course
 
 @record
 class Law:
-    """A time law: ``course`` (one function, from 0 to 1), and how long it speeds up and brakes [s]."""
+    """A time law: ``course`` (one function, from 0 to 1), and how long it speeds up and brakes [s].
+
+    rests : whether the motion is at rest before and after it.
+    """
 
     course: Course
     ramp: float
+    rests: bool = True
 
     def stretched(self, duration: float) -> Law:
         """Return the law in a longer time."""
-        return Law(self.course.stretched(duration), self.ramp * duration / self.course.duration)
+        return Law(self.course.stretched(duration), self.ramp * duration / self.course.duration, self.rests)
 
 
 def fastest(speed: float, acceleration: float, jerk: float = math.inf) -> Law:

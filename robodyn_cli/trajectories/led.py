@@ -123,6 +123,11 @@ def is_to_find(prescribed: Mapping[str, Any]) -> bool:
     return any(isinstance(x, ToFind) for x in prescribed.values())
 
 
+def is_to_be_found(trajectory: Any) -> bool:
+    """Tell whether a segment of a sequence has no motion of joints yet: that of a point, or one in the least time."""
+    return not hasattr(trajectory, "expressions") or bool(getattr(trajectory, "to_be_found", False))
+
+
 def follow_trajectory(trajectory: Any, until: float) -> dict[str, Follows]:
     """Return the motion of each joint that a trajectory leads, for a run up to the time ``until`` [s]."""
     followed = Followed(trajectory, until)

@@ -175,7 +175,7 @@ class PathTrajectory:
         """Return the path without its time law: the arc length of each way between stops is linear in time."""
         found = dataclasses.replace(self)
         for stretch in found.plan.stretches:
-            stretch.law = polynomial((0.0, 1.0), stretch.duration)
+            stretch.law = dataclasses.replace(polynomial((0.0, 1.0), stretch.duration), rests=False)
         return found
 
     @property

@@ -1,4 +1,4 @@
-"""Joint motions one after another, once or several times."""
+"""Motions one after another, once or several times."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.attitudes import FORMS
 from robodyn_cli.trajectories.base import Problems, SceneNames
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
-from robodyn_cli.trajectories.led import QUATERNION, position_columns, with_attitudes
+from robodyn_cli.trajectories.led import QUATERNION, is_to_be_found, position_columns, with_attitudes
 from robodyn_cli.trajectories.motion import JointMotion, JointSpace
 from robodyn_cli.trajectories.registry import trajectory_types
 
@@ -26,12 +26,16 @@ MEET = 1e-9  # rad, m, and the same per second: how well segments have to meet
 
 @record
 class SequenceTrajectory(JointSpaceTrajectory):
-    """Motions in joint space one after another; each begins where, and as fast as, the one before it ends."""
+    """Motions one after another; each begins where, and as fast as, the one before it ends.
+
+    Where a segment leads a point or takes the least time, the motion of its joints is found first
+    (``run/mechanism/in_time.py``); all that needs it asks the sequence of what was found.
+    """
 
     type: str = key(Choice(("sequence",)), doc="Kind of trajectory.")
     segments: tuple[Any, ...] = key(
         ListOf(OrFile(Tagged(lambda: trajectory_types)), minimum=1),
-        doc="Trajectories in joint space, in their order.",
+        doc="Trajectories of any kind, in their order; each has times of its own.",
     )
     repeat: int = key(Integer(minimum=1, maximum=10_000), default=1, doc="How many times all of it is done.")
 
@@ -39,20 +43,17 @@ class SequenceTrajectory(JointSpaceTrajectory):
         """Report what single keys cannot tell."""
         wrong = False
         for k, segment in enumerate(self.segments):
-            if not hasattr(segment, "expressions"):
-                what = "has no times of its own" if segment.type == "fastest" else "leads a point"
-                yield ("segments", k, "type"), f"{what}; allowed in a sequence: motions in joint space"
-                wrong = True
-                continue
             for path, message in segment.problems(scene):
                 yield ("segments", k, *path), message
                 wrong = True
         if not wrong:
-            yield from self.completed(scene)._meeting_problems(scene)
+            yield from self.completed(scene).meeting_problems(scene.parameters)
 
-    def _meeting_problems(self, scene: SceneNames) -> Problems:
-        for k, segment in enumerate(self.segments):
-            others = {*position_columns(segment.joints)} ^ {*self.joints}
+    def meeting_problems(self, parameters: Mapping[str, float]) -> Problems:
+        """Report segments that do not meet those before them, as far as their motion is known already."""
+        known = [k for k, segment in enumerate(self.segments) if not is_to_be_found(segment)]
+        for k in known:
+            others = {*position_columns(self.segments[k].joints)} ^ {*self.joints}
             if others:
                 other = min(others)
                 yield (
@@ -63,10 +64,22 @@ class SequenceTrajectory(JointSpaceTrajectory):
         last = len(self.segments) if self.repeat > 1 else len(self.segments) - 1
         for k in range(last):
             after = (k + 1) % len(self.segments)
-            gap = _gap(self.segments[k], self.segments[after], scene.parameters)
+            if not {k, after} <= {*known}:
+                continue
+            gap = _gap(self.segments[k], self.segments[after], parameters)
             if gap is not None:
                 ends = "the segment before ends" if after > k else "the last one ends"
                 yield ("segments", after), f"{gap}, where {ends}; allowed: the same position and rate"
+
+    @property
+    def to_be_found(self) -> bool:
+        """Whether the motion of joints in one of the segments has to be found before it is asked for."""
+        return any(is_to_be_found(segment) for segment in self.segments)
+
+    @property
+    def least_time(self) -> bool:
+        """Whether the times of one of the segments follow from the dynamics."""
+        return any(getattr(segment, "least_time", False) for segment in self.segments)
 
     def completed(self, scene: SceneNames) -> SequenceTrajectory:
         """Return the trajectory with the limits of the joints in segments that give none of their own."""
@@ -76,7 +89,7 @@ class SequenceTrajectory(JointSpaceTrajectory):
     @property
     def joints(self) -> tuple[str, ...]:
         """The columns of q whose motion it gives."""
-        return position_columns(self.segments[0].joints)
+        return position_columns(next(x for x in self.segments if not is_to_be_found(x)).joints)
 
     @property
     def duration(self) -> float:
@@ -154,7 +167,7 @@ def _gap(first: JointSpace, second: JointSpace, parameters: Mapping[str, float])
         q1[places] *= -1.0 if q0[places] @ q1[places] < 0.0 else 1.0
     for k, name in enumerate(columns):
         if abs(q1[k] - q0[k]) > MEET * max(1.0, abs(q0[k])):
-            return f"{name} begins at {q1[k]:.9g}, not at {q0[k]:.9g}"
+            return f"{name} begins at {q1[k]:.12g}, not at {q0[k]:.12g}"
     scale = max(1.0, float(np.abs(before.qd[1]).max()))
     if np.abs(after.qd[0] - before.qd[1]).max() > MEET * scale:
         k = int(np.argmax(np.abs(after.qd[0] - before.qd[1])))

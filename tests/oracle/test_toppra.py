@@ -67,5 +67,5 @@ def test_durations(seed: int) -> None:
     program = build_inverse(dataclasses.replace(scene, trajectory=trajectory.way))
     path = limited_path(trajectory, program)
     special = special_points(trajectory, program, path)
-    found = fastest_on(path, trajectory, 400, special, program).law.duration
+    found = fastest_on(path, trajectory, special, program).law.duration
     assert found == pytest.approx(by_toppra(path, trajectory.way.duration), rel=3e-3)

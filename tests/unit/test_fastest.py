@@ -9,10 +9,12 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError
+from robodyn_cli.model.build import build_model
 from robodyn_cli.run.fastest.resolve import with_time_law
 from robodyn_cli.run.inverse.dynamics import InverseDynamics
 from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene.types import Scene
+from tests.random_paths import random_path
 from tests.source import ROOT
 
 MASS = """
@@ -146,6 +148,38 @@ def test_random_paths_under_random_limits(seed: int) -> None:
     fine = timed(1600).trajectory.scaling
     assert fine.error < 1e-4 * fine.law.duration
     assert -fine.error < law.duration - fine.law.duration < scene.trajectory.scaling.error + fine.error
+
+
+@pytest.mark.parametrize("seed", [0, 1, 6, 14, 29])
+def test_random_arms_meet_their_tolerance(seed: int) -> None:
+    """The duration is within the tolerance of that on a much finer grid, the stated error is honest, limits are kept."""
+    scene = random_path(seed)
+    found = with_time_law(scene).trajectory
+    finer = dataclasses.replace(scene.trajectory, intervals=8 * found.scaling.intervals)
+    fine = with_time_law(dataclasses.replace(scene, trajectory=finer)).trajectory.scaling
+    off = found.duration - fine.law.duration
+    assert -fine.error <= off < 1e-4 * found.duration
+    assert off < 1.5 * found.scaling.error < 1.5e-4 * found.duration + 1e-9
+    law = found.scaling.law
+    times = (law.knots[:-1, None] + np.diff(law.knots)[:, None] * np.linspace(1e-6, 1.0 - 1e-6, 41)).ravel()
+    model = build_model(scene)
+    motion = found.motion(times, model.q_names, {})
+    tau = InverseDynamics(dataclasses.replace(scene, trajectory=None))(motion.q, motion.qd, motion.qdd)
+    values = {"effort": tau, "speed": motion.qd, "acceleration": motion.qdd}
+    for kind, limits in found.scaling.limits.items():
+        for name, bound in limits.items():
+            assert np.abs(values[kind][:, model.v_names.index(name)]).max() <= bound * (1.0 + 1e-6)
+
+
+def test_a_tighter_tolerance_takes_more_intervals() -> None:
+    scene = seven(100)
+    found = []
+    for tolerance in (1e-2, 1e-5):
+        trajectory = dataclasses.replace(scene.trajectory, intervals=None, tolerance=tolerance)
+        found.append(with_time_law(dataclasses.replace(scene, trajectory=trajectory)).trajectory.scaling)
+    loose, tight = found
+    assert tight.intervals > 2 * loose.intervals
+    assert tight.error < 1e-5 * tight.law.duration < loose.error
 
 
 def test_the_time_converges_and_its_error_is_stated() -> None:

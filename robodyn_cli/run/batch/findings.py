@@ -126,10 +126,10 @@ def _missing(root: Node, command: str, names: Sequence[str]) -> list[RobodynErro
 
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
-    if getattr(scene.trajectory, "type", None) == "fastest":
-        from robodyn_cli.run.fastest.resolve import with_time_law
+    if getattr(scene.trajectory, "to_be_found", False):
+        from robodyn_cli.run.mechanism.in_time import with_motion
 
-        scene = with_time_law(scene)
+        scene = with_motion(scene)
     program = build_inverse(scene)
     planned = program.plan(min(TRIED, scene.inverse.samples))
     refuse_indefinite(program.problem.scene, planned.motion.q[few(len(planned.times))])

@@ -33,10 +33,10 @@ def with_joint_reference(scene: Scene) -> Scene:
     if getattr(controller, "reference", None) is None:
         return _with_reference(scene, _start_held(scene)) if ahead else scene
     followed = dataclasses.replace(without_following(scene), control=None, trajectory=controller.reference)
-    if controller.reference.type == "fastest":
-        from robodyn_cli.run.fastest.resolve import with_time_law
+    if getattr(controller.reference, "to_be_found", False):
+        from robodyn_cli.run.mechanism.in_time import with_motion
 
-        followed = with_time_law(followed)
+        followed = with_motion(followed)
     reference: Any = followed.trajectory
     of_others = loops and any(name not in getattr(reference, "joints", ()) for name in controller.joints)
     if not controller.at_point and (ahead or of_others or hasattr(reference, "target")):

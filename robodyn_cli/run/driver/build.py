@@ -95,7 +95,7 @@ def build_motion(
     """
     watch = watch or Stopwatch()
     if is_to_find(scene.prescribed):
-        from robodyn_cli.run.mechanism.along_path import with_motion_found
+        from robodyn_cli.run.mechanism.in_time import with_motion_found
 
         with watch.stage("solve"):
             scene = with_motion_found(scene)

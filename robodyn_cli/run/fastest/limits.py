@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.run.fastest.rows import FINE, PLACES, Rows, peak
+from robodyn_cli.run.fastest.rows import FINE, PLACES, Passed, Rows
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
@@ -68,7 +68,7 @@ class PathLimits:
         self.linear = True
 
     def __call__(self, s: Array, x: Array | None) -> Rows:
-        """Return the rows on a grid (K + 1,); forces that are not linear in x as tangents at x (K, 5)."""
+        """Return the rows on a grid (K + 1,); forces that are not linear in x as tangents at x (K, 3)."""
         if self.grid is None or s is not self.grid:
             self.grid, self.way = s, self.path.at(s)
             if self.typical is None:
@@ -82,27 +82,29 @@ class PathLimits:
             if x is None
             else np.maximum(x.ravel(), TINY * self.typical)
         )
-        low, here, high = (self._forces(f * at) for f in (0.5, 1.0, 1.5))
+        low, high = self._forces(0.5 * at), self._forces(1.5 * at)
+        here = 0.5 * (low + high) if x is not None and self.linear else self._forces(at)
         if x is None:
             off = np.abs(0.5 * (low + high) - here) / np.maximum(1.0, np.abs(here))
             self.linear = not off.size or bool(off.max() < LINEAR)
         slope = (high - low) / at[:, None]
         return self._rows(slope, here - slope * at[:, None])
 
-    def largest_use(self, s: Array, u: Array, x: Array) -> float:
-        """Return the largest part of any limit that is used, 1 on it, for u and x (K, 9) at the ``FINE`` places."""
+    def passed(self, s: Array, u: Array, x: Array) -> Passed:
+        """Return by how much the limits are passed for u and x (K, 9) at the ``FINE`` places, forces as they are."""
         if self.fine is None or self.fine[0] is not s:
             self.fine = s, self.path.at(s, FINE)
         path, way = self.path, self.fine[1]
-        flat_u, flat_x = u.ravel(), x.ravel()
+        flat_u, flat_x = u.ravel()[:, None], x.ravel()[:, None]
         (quick, acceleration), (fast, speed) = path.acceleration, path.speed
-        effort = path.torques_at(way, flat_u, np.maximum(flat_x, TINY * (self.typical or 0.0)))
-        qdd = way.qd[:, quick] * flat_u[:, None] + way.qdd[:, quick] * flat_x[:, None]
-        qd = way.qd[:, fast] * np.sqrt(flat_x)[:, None]
-        values = np.concatenate([effort, qdd / acceleration, qd / speed], axis=1).reshape(*u.shape, -1)
+        effort = path.torques_at(way, u.ravel(), np.maximum(x.ravel(), TINY * (self.typical or 0.0)))
+        qdd = (way.qd[:, quick] * flat_u + way.qdd[:, quick] * flat_x) / acceleration
+        squares = np.square(way.qd[:, fast] / speed) * flat_x
         ends = JointMotion(way.q[[0, -1]], way.qd[[0, -1]], way.qdd[[0, -1]])
-        at_rest = path.torques_at(ends, flat_u[[0, -1]], np.zeros(2))
-        return float(max(peak(values).max(), peak(-values).max(), np.abs(at_rest).max(initial=0.0)))
+        still = path.torques_at(ends, flat_u[[0, -1], 0], np.zeros(2))
+        values = np.concatenate([effort, qdd], axis=1).reshape(*u.shape, -1)
+        at_rest = np.concatenate([still, qdd[[0, -1]]], axis=1)
+        return Passed.of(values, squares.reshape(*u.shape, -1), at_rest)
 
     def _forces(self, x: Array) -> Array:
         return self.path.torques_at(self.way, np.zeros(len(x)), x)
@@ -116,7 +118,7 @@ class PathLimits:
         at_rest = np.concatenate([self.still, rest], axis=1)[[0, -1]]
         places, bounds = self.path.speed
         with np.errstate(divide="ignore"):
-            most = ((bounds / np.abs(way.qd[:, places])) ** 2).min(axis=1, initial=np.inf)
-        five = len(PLACES)
-        shape = (len(way.q) // five, five, A.shape[1])
+            most = 1.0 / np.square(way.qd[:, places] / bounds).max(axis=1, initial=0.0)
+        three = len(PLACES)
+        shape = (len(way.q) // three, three, A.shape[1])
         return Rows(A.reshape(shape), B.reshape(shape), C.reshape(shape), most.reshape(shape[:2]), at_rest)

@@ -15,10 +15,11 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.run.fastest.reachability import FAR, Chain, fastest_through
-from robodyn_cli.run.fastest.rows import Rows
+from robodyn_cli.run.fastest.rows import PLACES, Rows
 from robodyn_cli.spatial.algebra import Array
 
 STEEP = 2.0  # segments to the point where A is 0
+NEAR = 0.7  # of a limit: without acceleration, from which on it counts there
 
 
 class NoProfile(Exception):
@@ -36,6 +37,13 @@ class Profile:
     x: Array
     u0: Array
     u1: Array
+
+    def between(self, s: Array, places: tuple[float, ...] = PLACES) -> tuple[Array, Array]:
+        """Return u and x (K, places) at places in each segment of the grid ``s``."""
+        w = np.array(places)
+        u = self.u0[:, None] + w * (self.u1 - self.u0)[:, None]
+        x = self.x[:-1, None] + (np.diff(s)[:, None] * w) * (self.u0[:, None] + u)
+        return u, np.maximum(x, 0.0)
 
 
 @record
@@ -65,15 +73,19 @@ class _Ends:
 
 
 class Passes:
-    """Both passes on one grid ``s`` (K + 1,) under ``rows``, less a ``margin`` (two of (K, n), for both signs)."""
+    """Both passes on one grid ``s`` (K + 1,) under ``rows``, less a ``margin`` (two of (K, n), for both signs).
 
-    def __init__(self, s: Array, rows: Rows, margin: tuple[Array, Array]) -> None:
+    x : (K, 3), about what the profile will be.
+    """
+
+    def __init__(self, s: Array, rows: Rows, margin: tuple[Array, Array], x: Array) -> None:
         self.D = np.diff(s)
         self.first, self.last = _Ends.of(rows, margin, 0), _Ends.of(rows, margin, -1)
         self.most = np.minimum(np.append(rows.most[:, 0], FAR), np.append(FAR, rows.most[:, -1]))
         A0, A1 = rows.A[:, 0], rows.A[:, -1]
         steep = np.minimum(np.abs(A0), np.abs(A1)) < STEEP * np.abs(A1 - A0)
-        self.even = steep.any(axis=1)
+        near = np.abs(rows.B * np.minimum(x, FAR)[..., None] + rows.C).max(axis=1) > NEAR
+        self.even = (steep & near).any(axis=1)
 
     def run(self, start: float = 0.0, end: float = 0.0) -> Profile:
         """Return the fastest profile from x = ``start`` to x = ``end``.

@@ -51,6 +51,17 @@ def _binding(use: Array) -> Array:
     return np.where(use.max(axis=1) >= 1.0 - BINDS, use.argmax(axis=1), -1).astype(float)
 
 
+def warnings(scaling: Scaling) -> list[str]:
+    """Return what is to be said of a duration that is less exact than was asked for."""
+    relative = scaling.error / scaling.law.duration
+    if scaling.tolerance is None or relative <= scaling.tolerance:
+        return []
+    return [
+        f"the least time is known to {relative:.1e} of it only, with {scaling.intervals} intervals of the path; "
+        f"trajectory.tolerance asks for {scaling.tolerance:.1e}"
+    ]
+
+
 def figures(scaling: Scaling, model: Model, sampled: Sampled) -> FastestFigures:
     """Return the figures of a motion."""
     names, use = use_of_limits(scaling, model, sampled)

@@ -11,20 +11,23 @@ import numpy as np
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.model.model import Model
+from robodyn_cli.run.fastest.grid import merged
 from robodyn_cli.run.fastest.limits import LimitedPath, PathLimits, Torques
 from robodyn_cli.run.fastest.profile import NoProfile
-from robodyn_cli.run.fastest.search import Fastest, fastest, merged
+from robodyn_cli.run.fastest.search import Fastest, fastest
 from robodyn_cli.run.inverse.build import build_inverse
 from robodyn_cli.run.inverse.program import InverseProgram
+from robodyn_cli.run.mechanism.along_path import motion_along
 from robodyn_cli.run.mechanism.motion import Planned, plan_motion
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, Scaling, timed
-from robodyn_cli.trajectories.motion import JointMotion
+from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
 
 STILL = 1e-6  # of the largest |dq/ds|: the path stands still
 CORNER = 1e-6  # of it: the direction jumps
 BISECTIONS = 45
+LOOKS = 200  # intervals in which corners and turns are looked for
 
 
 def with_time_law(scene: Scene) -> Scene:
@@ -48,11 +51,10 @@ def with_time_law(scene: Scene) -> Scene:
     program = build_inverse(along)
     path = limited_path(trajectory, program)
     fixed = special_points(trajectory, program, path)
-    found = fastest_on(path, trajectory, trajectory.intervals, fixed, program)
-    coarse = fastest_on(path, trajectory, trajectory.intervals // 2, fixed, program)
+    found = fastest_on(path, trajectory, fixed, program)
     limits = {name: dict(getattr(trajectory, name)) for name in BOUNDS}
-    error = abs(coarse.law.duration - found.law.duration) + (found.slowed - 1.0) * found.law.duration
-    scaling = Scaling(found.law, error, limits, len(found.s) - 1)
+    tolerance = trajectory.tolerance if trajectory.intervals is None else None
+    scaling = Scaling(found.law, found.error, limits, len(found.s) - 1, tolerance)
     return dataclasses.replace(scene, trajectory=timed(trajectory.way, scaling))
 
 
@@ -76,6 +78,9 @@ def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> Limi
 def _path_of(program: InverseProgram) -> Callable[[Array], JointMotion]:
     problem = program.problem
     if not problem.model.closures:
+        if isinstance(problem.scene.trajectory, TaskSpace):
+            way = motion_along(problem.scene, problem.model.q_names)
+            return lambda s: way.motion(s, problem.model.q_names, {})
         return lambda s: plan_motion(problem, s).motion
     from robodyn_cli.run.inverse.closed import ClosedLoops
     from robodyn_cli.run.mechanism.guided_motion import guided_motion
@@ -122,7 +127,7 @@ def special_points(trajectory: FastestTrajectory, program: InverseProgram, path:
     """Return where the path is not smooth, and where a joint with forces turns back."""
     way = trajectory.way
     fixed = np.array([x for x in getattr(way, "knots", None) or () if 0.0 < x < way.duration])
-    s = merged(np.linspace(0.0, way.duration, trajectory.intervals + 1), fixed)
+    s = merged(np.linspace(0.0, way.duration, LOOKS + 1), fixed)
     found = path.at(s)
     problem = program.problem
     _check_path(found, s, problem.model)
@@ -179,13 +184,18 @@ def _turns(path: LimitedPath, s: Array, way: JointMotion) -> Array:
 def fastest_on(
     path: LimitedPath,
     trajectory: FastestTrajectory,
-    intervals: int,
     fixed: Array,
     program: InverseProgram,
 ) -> Fastest:
+    """Return the fastest motion along the path.
+
+    Raises
+    ------
+    GeometryError : no motion keeps to the limits.
+    """
     limits = PathLimits(path)
     try:
-        return fastest(trajectory.way.duration, intervals, fixed, limits)
+        return fastest(trajectory.way.duration, trajectory.intervals, trajectory.tolerance, fixed, limits)
     except NoProfile as failure:
         assert limits.grid is not None
         raise _refusal(path, float(limits.grid[failure.place]), program.problem.model) from None

@@ -10,24 +10,21 @@ friction, and is replaced by its tangent at a profile x(s) then.
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 # places in a segment, in parts of it, at which limits are looked at; the ends count as inside of the segment
-PLACES = (0.0, 0.25, 0.5, 0.75, 1.0)
+PLACES = (0.0, 0.5, 1.0)
 FINE = tuple(k / 8 for k in range(9))  # and at which they are checked in the end
-SAMPLES = 17  # of the polynomials through the values there
 
 
 @record
 class Rows:
-    """Limits on K segments at the five ``PLACES`` of each.
+    """Limits on K segments at the three places ``PLACES`` of each.
 
-    A, B, C : (K, 5, n), of |A u + B x + C| <= 1. most : (K, 5), the largest x that the limits of speed allow.
+    A, B, C : (K, 3, n), of |A u + B x + C| <= 1. most : (K, 3), the largest x that the limits of speed allow.
     rest : (2, n), C at rest at both ends of the path, where friction does not act: it may help to brake until then.
     """
 
@@ -38,35 +35,53 @@ class Rows:
     rest: Array
 
     def values(self, u: Array, x: Array) -> Array:
-        """Return A u + B x + C (K, 5, n) for u and x (K, 5)."""
+        """Return A u + B x + C (K, 3, n) for u and x (K, 3)."""
         found: Array = self.A * u[..., None] + self.B * x[..., None] + self.C
         return found
 
-    def passed(self, u: Array, x: Array) -> tuple[Array, Array, Array]:
-        """Return by how much each limit is passed in each segment: both ways (K, n), and that of speed (K,)."""
-        values = self.values(u, x)
-        over, under = peak(values), peak(-values)
+    def passed(self, u: Array, x: Array) -> Passed:
+        """Return by how much the limits are passed for u and x (K, 3)."""
+        at_rest = self.A[[0, -1], [0, -1]] * u[[0, -1], [0, -1]][:, None] + self.rest
+        return Passed.of(self.values(u, x), (x / self.most)[..., None], at_rest)
+
+
+@record
+class Passed:
+    """By how much limits are passed in each segment, in parts of them; negative where they are not reached.
+
+    over, under : (K, n), in the positive and the negative direction. fast : (K,), x beyond what limits of speed allow.
+    """
+
+    over: Array
+    under: Array
+    fast: Array
+
+    @staticmethod
+    def of(values: Array, squares: Array, at_rest: Array) -> Passed:
+        """Return it for values (K, places, n), 1 on the limit, squared speeds (K, places, m), values at rest (2, n)."""
+        largest, smallest = _peaks(values)
         for k in (0, -1):
-            still = self.A[k, k] * u[k, k] + self.rest[k]
-            over[k], under[k] = np.maximum(over[k], still), np.maximum(under[k], -still)
-        return over - 1.0, under - 1.0, peak((x / self.most)[..., None])[:, 0] - 1.0
+            largest[k], smallest[k] = np.maximum(largest[k], at_rest[k]), np.minimum(smallest[k], at_rest[k])
+        fast = _peaks(squares)[0].max(axis=1, initial=0.0)
+        return Passed(largest - 1.0, -smallest - 1.0, fast - 1.0)
+
+    @property
+    def largest(self) -> float:
+        """The largest part by which any limit is passed."""
+        return float(max(x.max(initial=-1.0) for x in (self.over, self.under, self.fast)))
+
+    def positive(self) -> Passed:
+        """Return it with 0 where limits are not reached."""
+        return Passed(*(np.maximum(x, 0.0) for x in (self.over, self.under, self.fast)))
 
 
-@lru_cache(maxsize=2)
-def _interpolation(places: int) -> Array:
-    """Return the matrix from values at so many evenly spaced places to those at the ``SAMPLES``."""
-    vander = np.polynomial.chebyshev.chebvander
-    at, to = (vander(np.linspace(-1.0, 1.0, n), places - 1) for n in (places, SAMPLES))
-    return np.asarray(to @ np.linalg.inv(at))
-
-
-def peak(values: Array) -> Array:
-    """Return the largest value (K, n) of (K, places, n), of the polynomials through evenly spaced places."""
-    fine = np.matmul(_interpolation(values.shape[1]), values)
-    k = np.clip(fine.argmax(axis=1), 1, SAMPLES - 2)[:, None]
-    left, here, right = (np.take_along_axis(fine, k + i, axis=1)[:, 0] for i in (-1, 0, 1))
-    bend = np.maximum(
-        2.0 * here - left - right, 1e-300
-    )  # of the parabola through the largest and its neighbours
-    place = np.clip(0.5 * (right - left) / bend, -1.0, 1.0)
-    return np.asarray(here + 0.5 * place * (right - left - place * bend))
+def _peaks(values: Array) -> tuple[Array, Array]:
+    """Return the largest and the smallest value (K, n) of the parabolas through each three of values (K, places, n)."""
+    left, here, right = values[:, :-2:2], values[:, 1::2], values[:, 2::2]
+    slope, bend = 0.5 * (right - left), 2.0 * here - left - right
+    steep = np.abs(slope)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        turn = here + 0.5 * slope * slope / bend
+    largest = np.where(steep < bend, turn, np.maximum(left, right))
+    smallest = np.where(steep < -bend, turn, np.minimum(left, right))
+    return largest.max(axis=1), smallest.min(axis=1)

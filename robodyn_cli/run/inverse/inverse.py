@@ -98,16 +98,16 @@ def inverse(
 
 
 def program_of(scene: Scene) -> InverseProgram:
-    """Return the program of a scene, whose time law is found first where its motion is to be the fastest.
+    """Return the program of a scene, whose motion is found first where it follows from the dynamics or from paths.
 
     Raises
     ------
     RobodynError : see ``inverse``.
     """
-    if getattr(scene.trajectory, "type", None) == "fastest":
-        from robodyn_cli.run.fastest.resolve import with_time_law
+    if getattr(scene.trajectory, "to_be_found", False):
+        from robodyn_cli.run.mechanism.in_time import with_motion
 
-        scene = with_time_law(scene)
+        scene = with_motion(scene)
     return build_inverse(scene)
 
 
@@ -212,10 +212,11 @@ def summarise(
     """Return the summary of a run."""
     problem, loops = program.problem, sampled.loops
     fastest: FastestFigures | Absent = ABSENT
+    inexact: list[str] = []
     if program.scaling is not None:
-        from robodyn_cli.run.fastest.report import figures
+        from robodyn_cli.run.fastest.report import figures, warnings
 
-        fastest = figures(program.scaling, problem.model, sampled)
+        fastest, inexact = figures(program.scaling, problem.model, sampled), warnings(program.scaling)
     return InverseSummary(
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
@@ -224,6 +225,7 @@ def summarise(
             *half_turns(problem, sampled),
             *_rest_warnings(problem, planned),
             *_payload_warnings(problem, sampled),
+            *inexact,
         ]
         or ABSENT,
         mechanism=ABSENT if loops is None else _mechanism(loops),

@@ -72,7 +72,7 @@ def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) 
     """Return why torques do not depend on the keys directly, whether a point is led or not; nothing where they do."""
     reasons = {
         "closed loops share the load": not isinstance(program, OpenChain),
-        "limits of torques decide the motion": getattr(scene.trajectory, "type", None) == "fastest",
+        "limits of torques or paths decide the motion": bool(getattr(scene.trajectory, "to_be_found", False)),
         "parameters may change the motion": any(
             key.sort == NUMBER and key.place.startswith("parameters.") for key in keys
         ),

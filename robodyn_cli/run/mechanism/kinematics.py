@@ -82,10 +82,10 @@ def problem_of(scene: Scene) -> Problem:
     """Return the equations of a scene for its kinematics, with the points that are wanted."""
     if scene.kinematics.sweep is None:
         scene = without_following(scene)
-        if getattr(scene.trajectory, "type", None) == "fastest":
-            from robodyn_cli.run.fastest.resolve import with_time_law
+        if getattr(scene.trajectory, "to_be_found", False):
+            from robodyn_cli.run.mechanism.in_time import with_motion
 
-            scene = with_time_law(scene)
+            scene = with_motion(scene)
     return Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
 
 

@@ -32,11 +32,11 @@ class Inverse:
     redundant: tuple[str, ...] = ()
 
     def __init__(self, scene: sc.Scene) -> None:
-        self.fastest = getattr(scene.trajectory, "type", None) == "fastest"
-        if self.fastest:
-            from robodyn_cli.run.fastest.resolve import with_time_law
+        self.fastest = bool(getattr(scene.trajectory, "least_time", False))
+        if getattr(scene.trajectory, "to_be_found", False):
+            from robodyn_cli.run.mechanism.in_time import with_motion
 
-            scene = with_time_law(scene)
+            scene = with_motion(scene)
         self.program = build_inverse(scene)
         scene = self.program.problem.scene
         # equations of their own, for counts that the run does not need

@@ -31,8 +31,8 @@ class KinematicsSlopes:
     """
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
-        if getattr(scene.trajectory, "type", None) == "fastest":
-            raise CapabilityError("limits of torques and rates decide the motion")
+        if getattr(scene.trajectory, "to_be_found", False):
+            raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.led = Led(asked, scene, numbers, _course)
         self.problem = self.led.course.problem

@@ -93,7 +93,7 @@ class Responses:
         ------
         RobodynError : see ``inverse``. CapabilityError : the motion depends on the drives.
         """
-        if getattr(scene.trajectory, "type", None) == "fastest":
+        if getattr(scene.trajectory, "least_time", False):
             raise CapabilityError(
                 "the times of a path of type fastest follow from the torques, and these from the drives; give its "
                 "result as a trajectory of type table, and size that"

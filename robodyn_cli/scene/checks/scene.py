@@ -27,6 +27,7 @@ from robodyn_cli.scene.types import Robot, Scene, Torque
 from robodyn_cli.trajectories.led import (
     FOLLOW,
     follow_trajectory,
+    is_to_be_found,
     led_joints,
     position_columns,
     to_find,
@@ -151,7 +152,7 @@ def _following(scene: Scene, named: tuple[str, ...], check: Check) -> Scene:
             )
             check.fail(("prescribed",), message)
         _check_joints(scene, _keys(named, "prescribed"), check, at_key=True)
-        in_time = hasattr(trajectory, "expressions")
+        in_time = not is_to_be_found(trajectory)
         if not in_time and (scene.loops or scene.couplers):
             check.fail(
                 ("prescribed",),
@@ -191,6 +192,11 @@ def _columns_along(robot: Robot, trajectory: Any, given: tuple[str, ...]) -> tup
     given : the columns that move by formulas.
     """
     every = tuple(name for name in columns(robot) if name not in given)
+    if trajectory.type == "sequence":
+        led = {name for segment in trajectory.segments for name in _columns_along(robot, segment, given)}
+        return tuple(name for name in every if name in led)
+    if not is_to_be_found(trajectory):
+        return position_columns(trajectory.joints)
     if trajectory.type == "fastest":
         return every
     joints = joints_between(robot, trajectory.point, trajectory.relative_to or "base.origin")

@@ -72,7 +72,8 @@ class Stretch:
 
     def _derivatives(self, times: Array) -> tuple[list[Array], list[Array]]:
         """Return p and its derivatives up to the third; R, w and its derivatives up to the second, or none."""
-        s = self.size * series_of(self.law.course.at_rest_outside(), times, 3)[..., 0]
+        course = self.law.course.at_rest_outside() if self.law.rests else self.law.course
+        s = self.size * series_of(course, times, 3)[..., 0]
         p = self.position(s[0])
         along = taylor.composed(p, s)
         found = [taylor.derivative(along, i) for i in range(4)]
