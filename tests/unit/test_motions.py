@@ -491,7 +491,7 @@ def test_following_needs_a_trajectory() -> None:
 
 def test_inverse_needs_all_joints() -> None:
     move = "{type: trapezoid, points: [{q: {j: -0.5}}, {q: {j: 0.7}}]}"
-    with pytest.raises(RobodynError, match="does not lead joint 'slide'"):
+    with pytest.raises(RobodynError, match="leads joint 'slide'"):
         inverse(load_scene_text(ARM + f"trajectory: {move}\nprescribed: trajectory\n"))
 
 

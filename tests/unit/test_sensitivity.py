@@ -272,6 +272,22 @@ def test_figures_of_torques() -> None:
     compare_with_differences(asked(CONFIGS / "2r_circle.yaml", ["robot.links.link2.com.0", "gravity.1"], of))
 
 
+def test_a_number_of_a_prescribed_motion_changes_the_motion() -> None:
+    """``inverse`` takes it as given, so the torques themselves do not show it."""
+    question = asked(
+        CONFIGS / "double_pendulum.yaml",
+        ["prescribed.theta1#1", "robot.links.link1.mass"],
+        ["rms_torque.theta1"],
+        "command=inverse",
+        "prescribed={theta1: '0.4*sin(t)', theta2: '0.3*t'}",
+        "initial={}",
+        "expect={}",
+    )
+    found, why = exact_slopes(question)
+    assert list(found) == [("rms_torque.theta1", 1)]
+    assert "a prescribed motion changes" in why[0]
+
+
 # -- what has no exact derivative ------------------------------------------------------------------------------
 TURNED = random_scene(4)[0].replace("origin: {xyz", "origin: {rpy: [0, 20 deg, 0.3], xyz")
 

@@ -134,7 +134,7 @@ class Led:
     def moved(self, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the derivatives (T, n, K) of t, q, v and v-dot along a motion."""
         if self.motion is None and any(place.startswith("prescribed.") for place in self.places):
-            raise CapabilityError("prescribed motions are followed as a trajectory is")
+            raise CapabilityError("a prescribed motion changes, which the torques do not show")
         dt, *given = given_changes(self.asked, self.numbers, lambda scene: self.course_of(scene).arrays)
         if self.motion is None:
             return {"t": dt[:, None], **dict(zip(("q", "v", "a"), given))}
