@@ -56,6 +56,8 @@ class InverseSlopes:
     """
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
+        if getattr(scene.trajectory, "to_be_found", False):
+            raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.program = program_of(scene)
         self.problem = self.program.problem
@@ -179,8 +181,6 @@ def _refuse(program: InverseProgram) -> None:
     ------
     CapabilityError
     """
-    if program.scaling is not None:
-        raise CapabilityError("limits of torques and rates decide the motion")
     if program.problem.model.switched:
         raise CapabilityError("payloads are gripped or released on the way")
     if isinstance(program, ClosedLoops) and geared(program.problem.model):
