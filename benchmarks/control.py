@@ -1,4 +1,5 @@
-"""Time of a sampled controller: computed torque at 1 kHz for 10 s on a seven-joint arm.
+"""Time of a sampled controller: computed torque at 1 kHz for 10 s on a seven-joint arm, and what a function in Python
+costs, beside the same law in compiled code (a weak PD about the start, without gravity).
 
     python benchmarks/control.py [INTEGRATOR ...]
 
@@ -12,36 +13,63 @@ import sys
 from pathlib import Path
 from time import process_time
 
+from robodyn_cli.run.control.in_python import controlled_by
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.driver.driver import Driver
 from robodyn_cli.run.driver.second_run import grid_of
 from robodyn_cli.scene import load_scene_text
+from robodyn_cli.spatial.algebra import Array
 
 ROOT = Path(__file__).parents[1]
 RUNS = 7
-CONTROL = """
+SAMPLES = 10_000
+START = """
 initial:
   q: {q1: 0, q2: 0.55, q3: 0, q4: -1, q5: 0, q6: 1.4, q7: 0}
   qd: {q1: 0.56, q2: 0.43, q3: 0.3, q5: 0.77, q6: 0.3, q7: 1.56}
-control: {type: computed_torque, period: 0.001, gains: {kp: 100, kd: 20}}
 simulate: {duration: 10, samples: 1001}
-"""
+control: """
+LAWS = {
+    "computed torque": "{type: computed_torque, period: 0.001, gains: {kp: 100, kd: 20}}\n",
+    "pd": "{type: pd, period: 0.001, reference: {type: joint, duration: 10, q: {START}}, gains: {kp: 5, kd: 0.5}}\n",
+    "pd in Python": "{type: python, period: 0.001}\n",
+}
 
 
-def scene_text() -> str:
+def scene_text(law: str) -> str:
     """Return the arm of ``configs/seven_joint_arm.yaml`` without friction, under control."""
     text = (ROOT / "configs" / "seven_joint_arm.yaml").read_text("utf-8")
     text = re.sub(r", friction: \{.*\}\}", "}", text)
     left_out = ("friction:", "expect:", "command:")
     text = "\n".join(line for line in text.splitlines() if not line.strip().startswith(left_out))
-    return text + CONTROL
+    start = ", ".join(f"q{k + 1}: '{x}'" for k, x in enumerate((0, 0.55, 0, -1, 0, 1.4, 0)))
+    return text + START + LAWS[law].replace("START", start)
 
 
-def least_time(integrator: str) -> tuple[float, int]:
+class Pd:
+    """PD about the start as a function in Python."""
+
+    def __init__(self) -> None:
+        self.start: Array | None = None
+
+    def reset(self) -> None:
+        self.start = None
+
+    def __call__(self, t: float, q: Array, qd: Array) -> Array:
+        if self.start is None:
+            self.start = q.copy()
+        return 5.0 * (self.start - q) - 0.5 * qd
+
+
+def least_time(law: str, integrator: str) -> tuple[float, int]:
     """Return the time of a run [s], and its steps."""
-    scene = load_scene_text(
-        scene_text(), str(ROOT / "configs" / "arm.yaml"), [f"simulate.integrator={integrator}"]
-    )
+    settings = [
+        f"simulate.integrator={integrator}",
+        *(["gravity=[0, 0, 0]"] if law != "computed torque" else []),
+    ]
+    scene = load_scene_text(scene_text(law), str(ROOT / "configs" / "arm.yaml"), settings)
+    if law == "pd in Python":
+        scene = controlled_by(scene, Pd(), None)
     motion = build_motion(scene)
     driver = Driver.of(motion)
     times = []
@@ -55,5 +83,8 @@ def least_time(integrator: str) -> tuple[float, int]:
 
 if __name__ == "__main__":
     for name in sys.argv[1:] or ("auto", "gauss8", "dopri5"):
-        seconds, steps = least_time(name)
-        print(f"{name:8} {1e3 * seconds:7.1f} ms  {steps} steps, {1e6 * seconds / 10_000:.2f} us a sample")
+        for law in LAWS:
+            seconds, steps = least_time(law, name)
+            print(
+                f"{name:8} {law:16} {1e3 * seconds:7.1f} ms  {steps} steps, {1e6 * seconds / SAMPLES:.2f} us a sample"
+            )

@@ -27,7 +27,7 @@ from robodyn_cli.formulations.events import EventKind  # noqa: E402
 from robodyn_cli.run.deploy.deploy import build_deployment  # noqa: E402
 from robodyn_cli.run.deploy.scan import scan  # noqa: E402
 from robodyn_cli.run.many.keys import understand  # noqa: E402
-from robodyn_cli.run.sensitivity.motions import BLOCKS, Ending, MotionSlopes  # noqa: E402
+from robodyn_cli.run.sensitivity.motion.end import BLOCKS, Ending, MotionSlopes  # noqa: E402
 from robodyn_cli.run.stopwatch import Stopwatch  # noqa: E402
 from robodyn_cli.scene.load import Family  # noqa: E402
 
@@ -57,7 +57,9 @@ class Lock:
 
     def prepared(self) -> MotionSlopes:
         keys = [understand(self.family, name) for name in KEYS]
-        return MotionSlopes(self.motion, keys, Ending(self.time(), self.function))
+        return MotionSlopes(
+            self.motion, keys, [key.place for key in keys], Ending(self.time(), self.function)
+        )
 
     def once(self) -> np.ndarray:
         """Return the derivatives from one motion."""

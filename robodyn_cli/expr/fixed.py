@@ -143,6 +143,16 @@ def literal(value: float, place: str) -> float:
     return _made("literal", (place, float(value)), float(value)) if value else 0.0
 
 
+def free(value: float, place: str) -> Fixed:
+    """Return a number of the scene that is no structure whatever it is: zero, a default, an angle of an attitude."""
+    return _made("literal", (place, float(value), "free"), float(value))
+
+
+def is_free(x: Any) -> bool:
+    """Tell whether ``x`` is a number that ``free`` made."""
+    return isinstance(x, Fixed) and x.op == "literal" and len(x.args) > 2
+
+
 class _Inputs(list[float]):
     """What all results of one call of ``derived`` are computed from, and by which function."""
 
@@ -246,7 +256,7 @@ def _binary(op: str, a: Any, b: Any) -> Any:
         if is_negated(a):
             return b - a.args[0] if op == "add" else -(a.args[0] + b)
         total = _sum(op, a, b)
-        return total if total else 0.0
+        return total if total or not (x or y) else 0.0  # a sum of zeros does not cancel
     if op == "mul":
         if is_plain(a, 0.0) or is_plain(b, 0.0):
             return 0.0

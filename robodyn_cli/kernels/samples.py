@@ -8,7 +8,8 @@ enough.
 from __future__ import annotations
 
 import ctypes
-from collections.abc import Callable, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -69,7 +70,7 @@ class SampleKernel:
 
     Calling it takes arrays by group, shape (T, n) or (T,) for a group of one, and returns {output: (T, n)}.
     Arrays in column order (``order="F"``) are read in place; others are copied once. Parameters ``p`` have
-    shape (n,).
+    shape (n,), or (T, n) where they change a few times: the samples between changes are evaluated piece by piece.
     """
 
     compiled = True
@@ -124,9 +125,16 @@ class SampleKernel:
     ) -> dict[str, Array]:
         """Evaluate so many samples; a constant program needs no input.
 
-        memory : where the outputs (padded(samples), n) go, column-ordered; arrays of their own by default.
+        memory : where the outputs go, column-ordered arrays (T, n) with a row for each lane at least; by default
+        arrays of their own.
         """
-        padded = self.padded(samples)
+        if _varies(groups):
+            parts = [self.evaluate(n, part) for n, part in _pieces(groups)]
+            joined = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+            for name, array in (memory or {}).items():
+                array[:samples] = joined[name]
+            return {name: np.asfortranarray(array) for name, array in joined.items()}
+        padded = max(samples, self.lanes)
         inputs = self._inputs(samples, padded, groups)
         results = memory or {
             name: np.empty((padded, len(entries)), order="F")
@@ -136,13 +144,12 @@ class SampleKernel:
             self._run(inputs, results, padded, self.program.table)
         return {name: r[:samples] for name, r in results.items()}
 
-    def padded(self, samples: int) -> int:
-        """Return how many samples the code evaluates for so many: the lanes at least."""
-        return max(samples, self.lanes)
-
     def of_tables(self, tables: Array, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Evaluate so many samples with each row of tables (N, numbers) in place of its own: {output: (N, n, T)}."""
-        padded = self.padded(samples)
+        if _varies(groups):
+            parts = [self.of_tables(tables, n, part) for n, part in _pieces(groups)]
+            return {name: np.concatenate([part[name] for part in parts], axis=2) for name in parts[0]}
+        padded = max(samples, self.lanes)
         inputs = self._inputs(samples, padded, groups)
         results = {
             name: np.empty((len(tables), len(entries), padded))
@@ -170,9 +177,24 @@ class SampleKernel:
                     array = np.concatenate([array, np.repeat(array[-1:], padded - samples, axis=0)])
                 array = np.asfortranarray(array)
             else:
-                array = np.ascontiguousarray(array)
+                array = np.ascontiguousarray(array if array.ndim == 1 else array[:1].ravel())
             inputs[group] = array
         return inputs
+
+
+def _varies(groups: Mapping[str, Array]) -> bool:
+    """Tell whether parameters are given for each sample and are not always the same."""
+    p = groups.get(PARAMETERS)
+    return p is not None and np.ndim(p) == 2 and bool(np.any(p != p[:1]))
+
+
+def _pieces(groups: Mapping[str, Array]) -> Iterator[tuple[int, dict[str, Array]]]:
+    """Yield the samples between changes of the parameters: how many there are, and their groups."""
+    p = groups[PARAMETERS]
+    cuts = [0, *(np.flatnonzero(np.any(p[1:] != p[:-1], axis=1)) + 1).tolist(), len(p)]
+    for first, end in itertools.pairwise(cuts):
+        own = {group: array[first:end] for group, array in groups.items() if group != PARAMETERS}
+        yield end - first, {**own, PARAMETERS: p[first]}
 
 
 def of_one_sample(kernel: SampleKernel, **sizes: int) -> Callable[..., dict[str, Array]]:

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
-from robodyn_cli.expr.fixed import Fixed, literal
+from robodyn_cli.expr.fixed import Fixed, free, literal
 from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.formula_tree import Node, Num
 from robodyn_cli.scene.types import Orientation, Scene
@@ -35,6 +35,39 @@ def with_places(scene: Scene) -> Scene:
         }
         found["control"] = dataclasses.replace(scene.control, **numbers)
     return dataclasses.replace(scene, **found)
+
+
+def with_free(scene: Scene, places: Collection[str]) -> Scene:
+    """Return the scene with the values at some places as numbers that are no structure, as ``with_places`` leaves it.
+
+    Zeros, defaults and angles of attitudes can be such numbers; places that have none are passed over.
+    """
+    sections = {place.partition(".")[0] for place in places} & set(SECTIONS)
+    found = {name: _freed(getattr(scene, name), name, frozenset(places)) for name in sections}
+    return dataclasses.replace(scene, **found)
+
+
+def _freed(value: Any, place: str, places: frozenset[str]) -> Any:
+    """Return a value of the scene with the numbers at some places inside it free."""
+    if isinstance(value, float):
+        return free(value, place) if place in places else value
+    if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str):  # an element by its kind
+        return value[0], _freed(value[1], f"{place.rpartition('.')[0]}.{value[0]}", places)
+    if not any(wanted.startswith(f"{place}.") for wanted in places):
+        return value
+    if isinstance(value, dict):
+        return {name: _freed(x, f"{place}.{name}", places) for name, x in value.items()}
+    if isinstance(value, tuple):
+        return tuple(_freed(x, f"{place}.{getattr(x, 'name', k)}", places) for k, x in enumerate(value))
+    if not dataclasses.is_dataclass(value) or isinstance(value, type):
+        return value
+    changed = {}
+    for field in dataclasses.fields(value):
+        own = getattr(value, field.name)
+        found = _freed(own, f"{place}.{key_name(field)}", places)
+        if found is not own:
+            changed[field.name] = found
+    return dataclasses.replace(value, **changed) if changed else value
 
 
 def with_own_places(scene: Scene, keys: Sequence[str], prefix: str) -> Scene:
@@ -77,6 +110,8 @@ def numbers_at_places(scene: Scene) -> dict[str, float]:
     placed = with_places(scene)
     for name in SECTIONS:
         visit(getattr(placed, name))
+    for name in placed.control.numbers if placed.control is not None else ():
+        visit(getattr(placed.control, name))
     return found
 
 

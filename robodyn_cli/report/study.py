@@ -49,7 +49,7 @@ def runs_text(result: Result) -> str:
 def tornado(ax: Any, label: str, swings: dict[str, float], figures: bool = False) -> None:
     """Draw a bar for each key, the longest on top; its name stands inside the panel, above the bar.
 
-    figures : whether its number stands there too, on the right.
+    figures : whether its number stands there too.
     """
     y = np.arange(len(swings))[::-1]
     colours = [style.COLOURS[0] if swing >= 0.0 else style.COLOURS[1] for swing in swings.values()]
@@ -58,12 +58,17 @@ def tornado(ax: Any, label: str, swings: dict[str, float], figures: bool = False
     ax.set_yticks([])
     ax.set_ylim(-0.5, len(swings) - 0.3)
     ax.margins(x=0.08)
+    behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}  # or lines would cross the text
     for place, key in zip(y, swings):
-        ax.text(0.01, place + 0.24, key, transform=ax.get_yaxis_transform(), fontsize=7.5, va="bottom")
-        if figures:
-            ax.text(
-                0.99, place + 0.24, f"{swings[key]:+.3g}", transform=ax.get_yaxis_transform(), fontsize=7.5,
-                va="bottom", ha="right",
-            )  # fmt: skip
+        text = f"{key}:  {f'{swings[key]:+.3g}' if swings[key] else 0}" if figures else key
+        ax.text(
+            0.01,
+            place + 0.24,
+            text,
+            transform=ax.get_yaxis_transform(),
+            fontsize=7.5,
+            va="bottom",
+            bbox=behind,
+        )
     ax.set_xlabel(label)
     ax.locator_params(axis="x", nbins=6)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable
+from collections.abc import Mapping as TypingMapping
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.text.includes import child_kind, concrete
@@ -27,6 +28,26 @@ def unit_of(root: Node, key: str) -> str:
         kind = child_kind(kind, step)
         node = _child(node, step)
     return unit
+
+
+def in_joint(unit: str, key: str, joint_units: TypingMapping[str, str], driven: Iterable[str] = ()) -> str:
+    """Return the unit of a key, of two such as ``N m/rad or N/m`` the one of the joint that the key names.
+
+    joint_units : ``rad`` or ``m`` by joint. driven : joints that a key is for where it names none. The unit is left as
+    it is where the joints differ, or none is known.
+    """
+    *path, last = key.split(".")
+    columns = unit.split(", ")
+    if len(columns) == 2 and last in ("0", "1"):  # of rows of a table
+        unit = columns[int(last)]
+    named = [joint_units[step] for step in (*path, last) if step in joint_units]
+    of = set(named or [joint_units[name] for name in driven if name in joint_units])
+    forms = unit.split(" or ")
+    if len(forms) != 2 or len(of) != 1:
+        return unit
+    turning = [form for form in forms if "N m" in form or "rad" in form]
+    sliding = [form for form in forms if form not in turning]
+    return (turning if of == {"rad"} else sliding or forms)[0]
 
 
 def place_of(root: Node, key: str) -> tuple[str, ...]:

@@ -148,6 +148,48 @@ def _refuse_passing(psi: Array, columns: list[int], A: Array, N: Array) -> None:
         raise LostRank("actuators", sample, np.abs(N[sample] @ U[:, -1]), passed=True)
 
 
+def share_change(
+    psi: Array, actuated: Sequence[int], shared: Shared, psi_change: Array, load_change: Array
+) -> tuple[Array, Array]:
+    """Return how torques (T, nv) and multipliers (T, m) change with Psi and with the load, for one change of both.
+
+    With A = N^T B, of full row rank, and the load u = B tau + Psi^T lambda,
+
+        A dtau = N^T (du - dPsi^T lambda),   Psi^T dlambda = du - B dtau - dPsi^T lambda,
+
+    each of least norm like what changes, where the derivative of a pseudo-inverse of constant rank adds
+    (1 - P^+ P) dP^T P^+T x to the solution x of P x = b (Golub and Pereyra 1973, "The differentiation of
+    pseudo-inverses", SIAM J. Numer. Anal. 10).
+
+    Parameters
+    ----------
+    psi, psi_change : (T, m, nv). actuated : velocity coordinates. shared : how the load is shared. load_change : of the
+        load (T, nv).
+    """
+    columns, N = list(actuated), shared.N
+    lam, tau = shared.multipliers, shared.tau
+    rest = load_change - np.einsum("tmv,tm->tv", psi_change, lam)
+    dtau = np.zeros_like(load_change)
+    if N.shape[2]:
+        A = np.swapaxes(N, 1, 2)[:, :, columns]
+        # any N + dN will do: torques of least norm do not depend on the basis
+        dN = -np.linalg.pinv(psi, rcond=RANK) @ psi_change @ N if psi.shape[1] else np.zeros_like(N)
+        right = np.einsum("tvf,tv->tf", N, rest)
+        dtau[:, columns] = least_norm_change(A, tau[:, columns], np.swapaxes(dN, 1, 2)[:, :, columns], right)
+    back = rest - dtau
+    if not psi.shape[1]:
+        return dtau, np.zeros((len(psi), 0))
+    return dtau, least_norm_change(np.swapaxes(psi, 1, 2), lam, np.swapaxes(psi_change, 1, 2), back)
+
+
+def least_norm_change(P: Array, x: Array, dP: Array, right: Array) -> Array:
+    """Return the change of x = P^+ b (T, n) for P + dP, where P dx = ``right`` (T, m) holds."""
+    inverse = np.linalg.pinv(P, rcond=RANK)
+    free = np.einsum("tmn,tm->tn", dP, np.einsum("tnm,tn->tm", inverse, x))
+    found: Array = np.einsum("tnm,tm->tn", inverse, right)
+    return found + free - np.einsum("tnm,tm->tn", inverse, np.einsum("tmn,tn->tm", P, free))
+
+
 def accelerations(M: Array, f: Array, psi: Array, gamma: Array) -> Array:
     """Return v-dot (T, nv) of M v-dot = f + Psi^T lambda, Psi v-dot + gamma = 0, whatever the rank of Psi.
 

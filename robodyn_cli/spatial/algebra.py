@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.expr.fixed import Fixed
+from robodyn_cli.expr.fixed import Fixed, is_free
 from robodyn_cli.expr.functions import cos, sin
 from robodyn_cli.record import record
 
@@ -97,9 +97,10 @@ def snap(x: float) -> float:
 def rotation_about(axis: int, angle: Any) -> Matrix:
     """Return the rotation by ``angle`` [rad] about coordinate axis 0, 1 or 2: new axes as columns.
 
-    A known angle is structure: its sine and cosine are plain numbers, zeros and ones among them.
+    A known angle is structure, if it is not asked to be none: its sine and cosine are plain numbers, zeros and ones
+    among them.
     """
-    if isinstance(angle, (float, int)):
+    if isinstance(angle, (float, int)) and not is_free(angle):
         c, s = snap(math.cos(angle)), snap(math.sin(angle))
     else:
         c, s = cos(angle), sin(angle)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene_text, simulate
+from tests.proof import sensitivities
 from tests.proof.__main__ import BAD, words
 from tests.proof.equations import Equations, Modes
 from tests.proof.families import DEPLOYMENTS, FAMILIES, SECOND, make
@@ -80,6 +81,14 @@ def test_errors_that_both_integrations_share(seed: int) -> None:
     """Some of 12 settings end where both errors are the same, or take a pulse in one and the same step."""
     bad = [line(run) for run in try_seed(seed, 12) if run.verdict in BAD]
     assert not bad, "\n".join(bad)
+
+
+@pytest.mark.parametrize("seed", [2, 3, 4, 11])
+def test_exact_sensitivities_are_central_differences(seed: int) -> None:
+    """Of simulations, inverse dynamics, kinematics and statics of random mechanisms by random numbers of theirs."""
+    found = sensitivities.try_seed(seed)
+    assert not [one for one in found if one.verdict == "differ"]
+    assert any(one.verdict == "agree" for one in found)
 
 
 def test_an_error_that_is_hidden_is_found() -> None:

@@ -11,8 +11,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
-from robodyn_cli import simulate
+from robodyn_cli import Mechanism, simulate
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.run.driver.build import build_motion
 from robodyn_cli.run.inverse.inverse import inverse
@@ -498,3 +499,31 @@ def test_a_run_goes_on_with_the_states_of_its_controller(tmp_path: Path) -> None
     assert_close(rest["control/states"], first["control/states"][50:], 1e-10)
     with pytest.raises(SceneError, match="states of a controller"):
         simulate(made(whole.text, f"initial.from={tmp_path}", "control.delay=0"))
+
+
+def test_many_runs_have_controllers_one_by_one() -> None:
+    """Gains, the plant's mass and the model's vary; each run is that of the command."""
+    scene = arm(f"{{type: computed_torque, period: 0.01, reference: {MOTION}, gains: {{kp: 30, kd: 7}}, "
+                "model: {set: {robot.links.G.mass: 0.9}}}", 0.2)  # fmt: skip
+    keys = ["robot.links.G.mass", "control.gains.kp", "control.model.set.robot.links.G.mass"]
+    rows = np.array([[0.5, 30.0, 0.9], [0.7, 90.0, 0.4]])
+    found = Mechanism(scene, vary=keys).simulate_many(rows)
+    assert found.ok.all() and found.one_by_one.all()
+    for row, q in zip(rows.tolist(), found.q):
+        single = simulate(made(scene.text, *(f"{key}={x!r}" for key, x in zip(keys, row))))
+        assert_close(q, single["q"][-1], 1e-12)
+
+
+def test_a_model_with_another_mass_compiles_nothing() -> None:
+    """Also where the model's mass happens to be that of the mechanism."""
+    scene = arm(f"{{type: computed_torque, period: 0.01, reference: {MOTION}, gains: {{kp: 30, kd: 7}}, "
+                "model: {set: {robot.links.G.mass: 0.9}}}", 0.2)  # fmt: skip
+    simulate(scene)
+    before = REPORT.compiled, REPORT.cached
+    for value in (0.5, 0.7, 2.0):
+        simulate(
+            made(
+                scene.text, f"control.model.set.robot.links.G.mass={value}", f"control.period={0.01 * value}"
+            )
+        )
+    assert (REPORT.compiled, REPORT.cached) == before

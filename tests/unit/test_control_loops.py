@@ -255,6 +255,17 @@ def test_a_point_of_a_mechanism_is_led_by_the_driven_joints_or_by_a_force() -> N
     assert_close(found["points/tip"][-1, :2], [0.3 + 0.1 * np.cos(phi), 0.9 + 0.1 * np.sin(phi)], 1e-6)
 
 
+def test_a_platform_leads_the_arms_that_drive_it() -> None:
+    """The reference is the motion of the platform of a delta robot, whose arms are driven."""
+    motion = "{type: joint, duration: 3, q: {x: '0.02*sin(3*t)', y: '0.03*t', z: '-0.774 + 0.02*t^2'}}"
+    scene = DELTA.scene(f"{{type: computed_torque, reference: {motion}, gains: {{kp: 900, kd: 60}}}}", 0.6)
+    result = simulate(scene)
+    names, t = result.variables["q"].names, result.time[-1]
+    wanted = [0.02 * np.sin(3 * t), 0.03 * t, -0.774 + 0.02 * t**2]
+    assert np.abs(result["q"][-1, [names.index(x) for x in "xyz"]] - wanted).max() < 1e-5
+    assert {"arm1", "x", "elbow1.theta1"} <= set(result.variables["control/error"].names)
+
+
 def test_sampled_laws_use_the_rows_that_the_motion_uses() -> None:
     """Rows of a ring depend on each other; combinations of them are chosen anew while it turns."""
     control = f"{{type: computed_torque, period: 0.001, reference: {RING.reference()}, gains: {{kp: {KP}, kd: {KD}}}}}"

@@ -23,6 +23,7 @@ from robodyn_cli.run.many.integrate import JUDGED, Batch
 from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.run.many.simulate import Simulate
 from robodyn_cli.run.many.start import _least_steps
+from robodyn_cli.run.many.structure import Structure
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from tests.numeric import assert_close
@@ -240,6 +241,31 @@ def test_the_bits_depend_neither_on_threads_nor_on_order() -> None:
             np.testing.assert_array_equal(getattr(other, field), getattr(one, field)[order])
     alone = mechanism.simulate_many(values[7:8], q=q[7:8])
     np.testing.assert_array_equal(alone.q[0], one.q[7])
+
+
+@pytest.mark.parametrize("one_at_a_time", [False, True])
+def test_numbers_are_confirmed_along_each_key_and_then_no_more(one_at_a_time: bool, monkeypatch: Any) -> None:
+    scene = load_scene(PENDULUM, ["simulate.duration=0.1"])
+    keys = [MASS, LENGTH, "gravity.1", "robot.links.link2.mass"]
+    nominal = np.array([12.0, 1.0, -9.81, 13.0])
+    rows = nominal * np.random.default_rng(0).uniform(0.9, 1.1, (20, 4))
+    if one_at_a_time:
+        rows = nominal * (1.0 + 0.1 * np.vstack([np.zeros(4), np.eye(4), -np.eye(4)]))
+    built: list[np.ndarray] = []
+    build = Structure.__init__
+
+    def noted(self: Structure, family: Any, keys: Any, row: np.ndarray, command: Any) -> None:
+        built.append(row)
+        build(self, family, keys, row, command)
+
+    monkeypatch.setattr(Structure, "__init__", noted)
+    mechanism = Mechanism(scene, keys)
+    assert mechanism.simulate_many(rows).ok.all()
+    assert (np.ptp(built, axis=0) > 0).all() and len(built) <= 1 + len(keys)
+    count = len(built)
+    mechanism.simulate_many(rows[::-1])
+    mechanism.simulate_many(nominal + 0.9 * (rows - nominal))
+    assert len(built) == count
 
 
 def test_a_value_that_is_structure_makes_a_group_of_its_own() -> None:

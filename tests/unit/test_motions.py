@@ -491,7 +491,7 @@ def test_following_needs_a_trajectory() -> None:
 
 def test_inverse_needs_all_joints() -> None:
     move = "{type: trapezoid, points: [{q: {j: -0.5}}, {q: {j: 0.7}}]}"
-    with pytest.raises(RobodynError, match="does not lead joint 'slide'"):
+    with pytest.raises(RobodynError, match="leads joint 'slide'"):
         inverse(load_scene_text(ARM + f"trajectory: {move}\nprescribed: trajectory\n"))
 
 
@@ -540,3 +540,20 @@ def test_a_table_from_datasets_and_what_is_wrong_with_others(tmp_path: Path) -> 
         with pytest.raises(SceneError) as caught:
             table(name)
         assert message in caught.value.message and caught.value.details["line"] == 10
+
+
+def test_courses_on_more_knots_and_at_rest_outside() -> None:
+    rng = np.random.default_rng(5)
+    knots = np.array([0.5, 0.9, 2.0, 2.3])
+    course = Course(knots, rng.normal(size=(6, 3, 2)))
+    times = np.linspace(0.5, 2.3, 50)
+    more = course.refined(np.unique([*knots, *rng.uniform(0.5, 2.3, 7)]))
+    part = course.refined(np.array([0.6, 0.9, 1.1, 1.7]))
+    for order in range(4):
+        assert_close(more(times, order), course(times, order), 1e-12)
+        assert_close(part([0.6, 0.8, 1.3, 1.7], order), course([0.6, 0.8, 1.3, 1.7], order), 1e-12)
+    held = course.at_rest_outside()
+    assert_close(held(times), course(times), 1e-14)
+    first, last = course([0.5])[0], course([2.3])[0]
+    assert_close(held([-1e3, 0.1, 0.4999999, 2.3, 2.4, 1e3]), [first] * 3 + [last] * 3, 1e-14)
+    assert not np.any(held([-1e3, 0.1, 2.4, 1e3], 1)) and np.any(course([0.1, 2.4], 1))

@@ -14,8 +14,10 @@ from scipy.interpolate import CubicSpline
 from robodyn_cli import deploy, inverse, load_scene_text, simulate, statics
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
+from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.results.result import Result
+from robodyn_cli.run.inverse.inverse import program_of
 from robodyn_cli.scene.types import Scene
 
 ROOT = Path(__file__).parents[2]
@@ -368,6 +370,35 @@ def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
             assert joint["energy_net"] == pytest.approx(net[k], abs=near[1]), times
             assert joint["energy"] == pytest.approx(energy[k], abs=near[1]), times
         assert errors["rms_quadrature"] < (1e-6 if times[1] - times[0] > 0.1 else 0.1)
+
+
+def test_compiled_torques_of_a_given_motion_change_with_what_is_carried() -> None:
+    """Compiled code, bytecode and interpretation give the same torques, whatever the number of samples."""
+    base = {k: x for k, x in ARM.items() if k not in ("torques", "initial")}
+    base["robot"] = {**base["robot"], "joints": [
+        {**j, "type": "revolute", "axis": [0, 1, 0.3]} if j["name"] == "b" else j for j in base["robot"]["joints"]
+    ]}  # fmt: skip
+    motion = {
+        "type": "joint",
+        "duration": 1,
+        "q": {"a": "0.5*sin(2*t)", "c": "0.1*t", "d": "cos(3*t)", "b": "t^2"},
+    }
+    payload = {"name": "box", "at": "tool", **BOX, "from": {"time": 0.3}, "until": {"time": 0.7}}
+    scene = scene_of(base, trajectory=motion, payloads=[payload])
+    few, many = inverse(scene, samples=101), inverse(scene, samples=100001)
+    program = program_of(scene)
+    assert not program.compile(101).compiled and program.compile(100001).compiled
+    np.testing.assert_allclose(many["tau"][::1000], few["tau"], rtol=1e-9, atol=1e-9)
+    graph = program.problem.graph
+    p = graph.symbols(["s"], "p")[0]
+    t = graph.symbols(["t"], "t")[0]
+    kernel = SampleKernel({"x": [p * t, 1.0 - p]}, ("t", "p"))
+    times = np.linspace(0.0, 1.0, 37)
+    carried = ((times > 0.3) & (times < 0.6)).astype(float)
+    found = kernel(t=times[:, None], p=carried[:, None])["x"]
+    np.testing.assert_array_equal(found, np.column_stack([carried * times, 1.0 - carried]))
+    tables = kernel.of_tables(kernel.program.table[None], 37, {"t": times[:, None], "p": carried[:, None]})
+    np.testing.assert_array_equal(tables["x"][0].T, found)
 
 
 def test_a_run_goes_on_from_a_stored_one(tmp_path: Path) -> None:

@@ -17,12 +17,13 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.run.sensitivity.asked import Asked, prepare
-from robodyn_cli.run.sensitivity.blocks import NEW, nodes_of, transfers
 from robodyn_cli.run.sensitivity.differences import differences
 from robodyn_cli.run.sensitivity.exact import exact_slopes
+from robodyn_cli.run.sensitivity.motion.blocks import NEW, nodes_of, transfers
 from robodyn_cli.run.sensitivity.report import quotient
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.scene.load import Family, load_scene_text
+from robodyn_cli.scene.units import in_joint
 from tests.unit.test_latch_positions import AT, FOUR_BAR
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -271,34 +272,55 @@ def test_figures_of_torques() -> None:
     compare_with_differences(asked(CONFIGS / "2r_circle.yaml", ["robot.links.link2.com.0", "gravity.1"], of))
 
 
-def test_a_length_changes_the_motion_of_a_led_point() -> None:
+def test_a_number_of_a_prescribed_motion_changes_the_motion() -> None:
+    """``inverse`` takes it as given, so the torques themselves do not show it."""
     question = asked(
-        CONFIGS / "2r_circle.yaml",
-        ["robot.joints.theta1.a", "robot.links.link1.mass"],
-        ["peak_torque.theta1"],
+        CONFIGS / "double_pendulum.yaml",
+        ["prescribed.theta1#1", "robot.links.link1.mass"],
+        ["rms_torque.theta1"],
+        "command=inverse",
+        "prescribed={theta1: '0.4*sin(t)', theta2: '0.3*t'}",
+        "initial={}",
+        "expect={}",
     )
     found, why = exact_slopes(question)
-    assert list(found) == [("peak_torque.theta1", 1)]
-    assert "a point is led" in why[0]
+    assert list(found) == [("rms_torque.theta1", 1)]
+    assert "a prescribed motion changes" in why[0]
 
 
 # -- what has no exact derivative ------------------------------------------------------------------------------
-@pytest.mark.parametrize(
-    ("key", "reason"),
-    [
-        ("robot.joints.a.alpha", "structure"),
-        ("robot.joints.b.alpha", "zero"),
-        ("robot.joints.b.d", "zero"),
-        ("simulate.rtol", "structure"),
-    ],
-)
-def test_structure_is_never_taken_for_a_number(key: str, reason: str) -> None:
-    found, why = exact_slopes(asked(SWITCHING, [key], ["final.q.a"]))
-    assert not found and reason in why[0]
+TURNED = random_scene(4)[0].replace("origin: {xyz", "origin: {rpy: [0, 20 deg, 0.3], xyz")
+
+
+def test_zeros_and_angles_are_numbers_too() -> None:
+    compare_with_differences(asked(SWITCHING, ["robot.joints.a.alpha"], ["final.q.a", "final.qd.b"]))
+    to = ["robot.joints.j1.origin.rpy.0", "robot.joints.j2.origin.rpy.1", "gravity.0", "robot.links.l1.com.1"]
+    text = TURNED.replace("gravity: [1.0", "gravity: [0.0")
+    com = text.partition("name: l1, mass")[2].partition("com: [")[2].partition("]")[0]
+    own = com.split(", ")
+    text = text.replace(com, f"{own[0]}, 0.0, {own[2]}")
+    compare_with_differences(asked(text, to, ["final.q.j0", "final.qd.j2"]))
+
+
+@pytest.mark.parametrize("key", ["robot.joints.j1.axis.0", "simulate.rtol"])
+def test_structure_is_never_taken_for_a_number(key: str) -> None:
+    found, why = exact_slopes(asked(random_scene(0)[0], [key], ["final.q.j0"]))
+    assert not found and "structure" in why[0]
+
+
+def test_a_spring_and_a_damper_of_zero() -> None:
+    """What they would add to a fall z = t - g t^2 / 2: dz(1) = int (1 - s) force(s) ds / m."""
+    passive = "axis: [0, 0, 1], spring: {stiffness: 0, rest: 0.3}, damper: {damping: 0}}"
+    joint = "robot.joints.z"
+    to = [f"{joint}.spring.stiffness", f"{joint}.damper.damping"]
+    found = exact(asked(FALL.replace("axis: [0, 0, 1]}", passive), to, ["final.q.z"]))
+    truth = [0.5 * (0.3 / 2 - 1 / 6 + 9.81 / 24), 0.5 * (-1 / 2 + 9.81 / 6)]
+    for key, y in zip(to, truth):
+        assert found["final.q.z", key].value == pytest.approx(y, rel=1e-10)
 
 
 def test_one_key_does_not_stand_in_the_way_of_another() -> None:
-    found, why = exact_slopes(asked(SWITCHING, ["robot.joints.a.alpha", "parameters.k"], ["final.q.a"]))
+    found, why = exact_slopes(asked(SWITCHING, ["simulate.rtol", "parameters.k"], ["final.q.a"]))
     assert list(found) == [("final.q.a", 1)] and list(why) == [0]
 
 
@@ -308,23 +330,52 @@ def test_impacts_are_left_to_differences() -> None:
     assert not found and "stops" in why[0]
 
 
-@pytest.mark.parametrize("period", ["", "period: 0.01, "])
-def test_controllers_are_left_to_differences(period: str) -> None:
-    """m z'' = -8 z - 8 z' from the reference at 1 m/s, against the matrix exponential; sampled, nearly so."""
-    control = f"control: {{type: pd, {period}gains: {{kp: 8, kd: 8}}}}\n"
-    text = FALL.replace("-9.81]", "0]").replace("simulate:", control + "simulate:")
-    question = asked(text, ["robot.links.ball.mass"], ["final.q.z"])
-    found, why = exact_slopes(question)
-    assert not found and "controller" in why[0]
-    (slope,) = differences(question, [0], 1)[0]
-    step = 1e-4
+# two links in space that follow a motion; {} : what controls them
+CONTROLLED = (
+    SWITCHING[: SWITCHING.index("torques:")].replace(
+        "alpha: 0, d: 0, limits: {upper: 0.4, stop: {stiffness: 400}}", "alpha: 0, d: 0"
+    )
+    + """
+control: CONTROL
+trajectory: {type: quintic, points: [{t: 0, q: {a: -0.3, b: 0.1}}, {t: 0.5, q: {a: 0.2, b: 0.4}}]}
+initial: {q: {a: -0.3, b: 0.15}, qd: {a: 0.2, b: -0.4}}
+simulate: {duration: 0.7, samples: 3, rtol: 1e-11, atol: 1e-13}
+"""
+)
 
-    def end(mass: float) -> float:
-        A = np.array([[0.0, 1.0], [-8.0 / mass, -8.0 / mass]])
-        return float((scipy.linalg.expm(A) @ [0.0, 1.0])[0])
 
-    truth = (end(2.0 + step) - end(2.0 - step)) / (2.0 * step)
-    assert slope.value == pytest.approx(truth, abs=2e-9 if not period else 5e-3)
+@pytest.mark.parametrize(
+    ("control", "keys"),
+    [
+        ("type: pid, gains: {kp: 60, kd: 9, ki: 30}, limit: 14", ["control.gains.ki", "control.limit", "initial.q.b"]),
+        ("type: computed_torque, gains: {kp: 100, kd: 20}, model: {set: {robot.links.l1.mass: 1.8}}", ["control.gains.kp"]),
+        ("type: pd, period: 0.01, gains: {kp: 60, kd: 9}", ["control.gains.kd", "initial.q.b"]),
+        ("type: pid, period: 0.01, delay: 0.013, gains: {kp: 60, kd: 9, ki: 30}, limit: 14", ["control.gains.ki"]),
+        ("type: pd, period: 0.01, delay: 0.004, gains: {kp: 60, kd: 9}, sensors: {rates: differences, noise: 1e-3}",
+         ["control.gains.kd", "initial.qd.a"]),
+    ],
+)  # fmt: skip
+def test_controllers_and_their_updates(control: str, keys: list[str]) -> None:
+    """Continuous and sampled laws with limits, delays, integrators, noise, and rates from differences."""
+    text = CONTROLLED.replace("CONTROL", f"{{{control}}}")
+    compare_with_differences(asked(text, [*keys, "robot.links.l2.mass"], ["final.q.a", "final.qd.b"]))
+
+
+@pytest.mark.parametrize(
+    ("control", "reason"),
+    [
+        ("type: lqr, pose: {a: -0.3, b: 0.1}, gains: {q: 10, qd: 1, tau: 0.05}", "has no derivative"),
+        ("type: pd, period: 0.01, gains: {kp: 60, kd: 9}, sensors: {resolution: 1e-4}", "encoders"),
+        ("type: computed_torque, gains: {kp: 100, kd: 20}, model: {set: {robot.links.l2.mass: 1.0}}", "has no derivative"),
+    ],
+)  # fmt: skip
+def test_what_a_controller_leaves_to_differences(control: str, reason: str) -> None:
+    """Gains that follow from the model by an equation of their own, rounded measurements, a model's own numbers."""
+    text = CONTROLLED.replace("CONTROL", f"{{{control}}}")
+    if "lqr" in control:
+        text = text.replace(text[text.index("trajectory:") : text.index("initial:")], "")
+    found, why = exact_slopes(asked(text, ["robot.links.l2.mass"], ["final.q.a"]))
+    assert not found and reason in why[0]
 
 
 # -- bad input -------------------------------------------------------------------------------------------------
@@ -369,6 +420,20 @@ def test_units_of_derivatives() -> None:
     assert quotient("N m", "kg m^2") == "N m/(kg m^2)"
     assert quotient("rad", "1") == "rad"
     assert quotient("s", "") == "SI"
+
+
+def test_units_are_those_of_the_joint() -> None:
+    joints = {"turn": "rad", "slide": "m"}
+    assert in_joint("N m/rad or N/m", "robot.joints.slide.spring.stiffness", joints) == "N/m"
+    assert in_joint("N m s/rad or N s/m", "robot.joints.turn.damper.damping", joints) == "N m s/rad"
+    assert in_joint("rad or m", "control.sensors.noise.slide", joints) == "m"
+    assert in_joint("N m or N", "control.limit", joints, ["turn", "slide"]) == "N m or N"
+    assert in_joint("N m or N", "control.limit", joints, ["turn"]) == "N m"
+    assert in_joint("s, N m or N", "torques.slide.table.1.0", joints) == "s"
+    assert in_joint("s, N m or N", "torques.slide.table.1.1", joints) == "N"
+    question = asked(FALL.replace("axis: [0, 0, 1]}", "axis: [0, 0, 1], spring: {stiffness: 2, rest: 0}}"),
+                     ["robot.joints.0.spring.stiffness"], ["final.q.z"])  # fmt: skip
+    assert question.units == ("N/m",)
 
 
 # -- the command -----------------------------------------------------------------------------------------------

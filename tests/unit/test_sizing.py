@@ -264,6 +264,16 @@ def test_a_mechanism_with_loops() -> None:
     )
 
 
+def test_payloads_that_come_and_go() -> None:
+    """What drives bear changes with what is carried, in the search as in the run that follows it."""
+    load = "{name: box, at: tip, mass: 4, com: [0.1, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}, from: {time: 0.7}, until: {time: 1.9}}"
+    points = "  points: {tip: {link: B, at: [0.2, 0.1, 0]}}\n"
+    text = ARM.replace("trajectory:", f"{points}payloads: [{load}]\ntrajectory:", 1)
+    loaded, free = size(load_scene_text(text)).summary, size(load_scene_text(ARM)).summary
+    assert loaded["size"]["margin_difference"] < 1e-9
+    assert loaded["joints"]["s"]["peak_torque"] > 1.2 * free["joints"]["s"]["peak_torque"]
+
+
 def test_heavier_motors_further_out_make_the_inner_ones_bear_more() -> None:
     """The shoulder of the lecture's arm is sized with the elbow's drive on its link."""
     carried = size(load_scene(CONFIGS / "2r_circle.yaml"))

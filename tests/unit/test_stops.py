@@ -11,7 +11,7 @@ import pytest
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.contact.impact import Hit, impact
+from robodyn_cli.run.contact.impact import Impact
 from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from tests.mechanisms import SLIDER
@@ -193,16 +193,16 @@ def test_the_impulse_equations() -> None:
         M, psi = A @ A.T + 0.1 * np.eye(n), rng.normal(size=(m, n))
         v = rng.normal(size=n)
         v -= np.linalg.pinv(psi) @ psi @ v
-        new = impact(M, psi, v, Hit(3, 0.5), {})
+        new = Impact(M, psi, v, 3, {}).after(0.5)
         assert np.abs(psi @ new).max() < 1e-10 and new[3] == -0.5 * v[3]
         # what acts on the joint with the constraints kept
         S = np.linalg.inv(M) - np.linalg.inv(M) @ psi.T @ np.linalg.inv(
             psi @ np.linalg.inv(M) @ psi.T
         ) @ psi @ np.linalg.inv(M)
-        lost = 0.5 * (v @ M @ v - new @ M @ new)
+        lost = Impact(M, psi, v, 3, {}).lost(new)
         assert abs(lost - 0.75 / 2 * v[3] ** 2 / S[3, 3]) < 1e-9 * lost
         v[0] = 0.0
-        new = impact(M, np.zeros((0, n)), v, Hit(3, 0.5), {0: 1.0})
+        new = Impact(M, np.zeros((0, n)), v, 3, {0: 1.0}).after(0.5)
         impulse = M @ (new - v)
         assert np.abs(np.delete(impulse, [0, 3])).max() < 1e-9
         assert new[0] >= 0.0 and impulse[0] > -1e-9 and abs(new[0] * impulse[0]) < 1e-9

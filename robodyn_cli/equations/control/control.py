@@ -269,20 +269,32 @@ class Control:
 
         p : parameters of the equations. noise : random numbers of the first sample.
         """
-        z = np.array([*self._starts, *([0.0] * (len(self.names) - len(self.own)))])
+        z = self.before_start(q, v, p, noise)
         if self.period is None:
             return z
-        inputs: dict[str, Any] = {"t": [0.0], "q": q, "v": v, STATES: z, NOISE: noise}
-        inputs["p"] = np.pad(p, (0, 4 * len(v) + len(self.problem.model.parameters)))
-        last = [k for k, name in enumerate(self.names) if name.startswith("last.") and k >= len(self.own)]
-        if last:
-            z[last] = [float(x) for x in evaluate(self.measured.q, inputs)]
+        inputs = self._inputs(q, v, z, p, noise)
         if self.function is not None:
             if hasattr(self.controller.function, "reset"):
                 self.controller.function.reset()
             seen = [np.array(evaluate(x, inputs), dtype=float) for x in (self.measured.q, self.measured.v)]
             inputs[ASKED] = self.function(0.0, *seen)
         return np.array([float(x) for x in evaluate(self.phases[0], inputs)])
+
+    def before_start(self, q: Array, v: Array, p: Array, noise: Array) -> Array:
+        """Return the states (nc,) before the first update at t = 0: what was measured last is what is there."""
+        z = np.array([*self._starts, *([0.0] * (len(self.names) - len(self.own)))])
+        if self.last:
+            z[self.last] = [float(x) for x in evaluate(self.measured.q, self._inputs(q, v, z, p, noise))]
+        return z
+
+    @property
+    def last(self) -> list[int]:
+        """Numbers of the states that hold the last measurement of all positions, where the law keeps it."""
+        return [k for k, name in enumerate(self.names) if name.startswith("last.") and k >= len(self.own)]
+
+    def _inputs(self, q: Array, v: Array, z: Array, p: Array, noise: Array) -> dict[str, Any]:
+        p = np.pad(p, (0, 4 * len(v) + len(self.problem.model.parameters)))
+        return {"t": [0.0], "q": q, "v": v, STATES: z, NOISE: noise, "p": p}
 
     # -- where steps have to end ----------------------------------------------------------------------
     @cached_property

@@ -100,16 +100,30 @@ def held_by(
     return States(states.times, states.q, states.v, None, tau), left
 
 
-def multipliers(values: Mapping[str, Array], states: States, k: int) -> tuple[Array, Array]:
-    """Return accelerations (nv,) and multipliers (m,) of a state, by least norm where rows depend on each other."""
-    M, psi, load = values["M"][k], values["Psi"][k], values["load"][k] - states.tau[k]
-    if states.a is not None:
-        a: Array = states.a[k]
-        return a, np.linalg.lstsq(psi.T, M @ a + load, rcond=RANK)[0]
-    m = len(psi)
-    free = np.linalg.solve(M, np.concatenate([-load[:, None], psi.T], axis=1))
-    lam = np.linalg.lstsq(psi @ free[:, 1:], -values["gamma"][k] - psi @ free[:, 0], rcond=RANK)[0]
-    return free[:, 0] + free[:, 1:] @ lam, lam.reshape(m)
+def constrained(M: Array, psi: Array, f: Array, c: Array) -> tuple[Array, Array]:
+    """Return a (T, nv, k) and lambda (T, m, k) with M a - Psi^T lambda = f (T, nv, k) and Psi a = c (T, m, k).
+
+    lambda has the least norm where rows depend on each other; a is the same for all.
+    """
+    k = f.shape[2]
+    free = np.linalg.solve(M, np.concatenate([f, np.swapaxes(psi, 1, 2)], axis=2))
+    own, lever = free[:, :, :k], free[:, :, k:]
+    lam = np.linalg.pinv(psi @ lever, rcond=RANK, hermitian=True) @ (c - psi @ own)
+    return own + lever @ lam, lam
+
+
+def accelerations(values: Mapping[str, Array], tau: Array) -> tuple[Array, Array]:
+    """Return what torques tau (T, nv) cause, from ``Residuals.values``: a (T, nv) and multipliers (T, m)."""
+    force, gap = (tau - values["load"])[:, :, None], -values["gamma"][:, :, None]
+    a, lam = constrained(values["M"], values["Psi"], force, gap)
+    return a[:, :, 0], lam[:, :, 0]
+
+
+def multipliers(values: Mapping[str, Array], a: Array, tau: Array) -> Array:
+    """Return the multipliers (T, m) of least norm of a motion with accelerations a and torques tau (T, nv)."""
+    needed = values["M"] @ a[:, :, None] + (values["load"] - tau)[:, :, None]
+    found: Array = np.linalg.pinv(np.swapaxes(values["Psi"], 1, 2), rcond=RANK) @ needed
+    return found[:, :, 0]
 
 
 def linearise_states(
@@ -121,8 +135,10 @@ def linearise_states(
     """
     nv, n = equations.problem.model.nv, len(places)
     values = equations.values(states)
-    pairs = [multipliers(values, states, k) for k in range(len(states))]
-    a, lam = (np.array([pair[i] for pair in pairs]) for i in range(2))
+    if states.a is None:
+        a, lam = accelerations(values, states.tau)
+    else:
+        a, lam = states.a, multipliers(values, states.a, states.tau)
     found = equations.derivatives(states, a, lam)
     A, B = np.zeros((len(states), 2 * n, 2 * n)), np.zeros((len(states), 2 * n, len(inputs)))
     rounding = np.zeros_like(A)

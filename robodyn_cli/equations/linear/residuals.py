@@ -58,42 +58,49 @@ class Residuals:
         self.problem, self.f, self.parameters = problem, f, parameters
         self.rows = problem.constraints.rows
 
-    def values(self, states: States) -> dict[str, Array]:
-        """Return ``M`` (T, nv, nv), ``load`` = h - f (T, nv), ``Psi`` (T, m, nv) and ``gamma`` (T, m)."""
+    @property
+    def parts(self) -> dict[str, Any]:
+        """``M`` (nv, nv), ``load`` = h - f (nv,), ``Psi`` (m, nv) and ``gamma`` (m,) as expressions of q and v."""
         problem = self.problem
-        outputs = {
+        return {
             "M": problem.mass_matrix,
             "load": problem.bias - self.f,
             "Psi": problem.psi,
             "gamma": np.array(problem.constraints.gamma, dtype=object),
         }
-        return self._evaluate(outputs, states, {})
 
-    def derivatives(self, states: States, a: Array, lam: Array) -> dict[str, Array]:
-        """Return the derivatives at accelerations a (T, nv) and multipliers lam (T, m).
+    @property
+    def slopes(self) -> dict[str, Matrix]:
+        """Derivatives by steps dq along the joints' manifolds and by v, as expressions of q, v, a and lambda.
 
-        By steps dq along the joints' manifolds and by v: ``r_q``, ``r_v`` (T, nv, nv) of M a + h - f - Psi^T lambda,
-        ``g_q``, ``g_v`` (T, m, nv) of Psi a + gamma, and ``w_q`` (T, m, nv) of Psi v + eta_t. ``bracket`` and ``N``:
-        see ``drift``.
+        ``r_q``, ``r_v`` (nv, nv) of M a + h - f - Psi^T lambda, ``g_q``, ``g_v`` (m, nv) of Psi a + gamma.
         """
-        problem = self.problem
-        nv, psi = problem.model.nv, problem.psi
+        problem, psi = self.problem, self.problem.psi
         multipliers = problem.graph.symbols([row.name for row in self.rows], LAMBDA)
         needed = problem.mass_matrix @ np.array(problem.a, dtype=object) + problem.bias - self.f
         gap = np.array(problem.constraints.gamma, dtype=object)
         if self.rows:
             needed = needed - psi.T @ np.array(multipliers, dtype=object)
             gap = gap + psi @ np.array(problem.a, dtype=object)
-        rate = problem.constraints.velocity_residual(problem.v)
-        bracket, N = _brackets(problem)
-        outputs = {
+        return {
             "r_q": by_steps(problem, needed), "r_v": by_symbols(needed, problem.v),
             "g_q": by_steps(problem, gap), "g_v": by_symbols(gap, problem.v),
-            "w_q": by_steps(problem, rate), "bracket": bracket, "N": N,
         }  # fmt: skip
-        found = self._evaluate(outputs, states, {"a": a, LAMBDA: lam})
-        assert found["r_q"].shape[1:] == (nv, nv)
-        return found
+
+    def values(self, states: States) -> dict[str, Array]:
+        """Return the values of ``parts``: ``M`` (T, nv, nv) and so on."""
+        return self._evaluate(self.parts, states, {})
+
+    def derivatives(self, states: States, a: Array, lam: Array) -> dict[str, Array]:
+        """Return the values of ``slopes`` at accelerations a (T, nv) and multipliers lam (T, m).
+
+        With them ``w_q`` (T, m, nv) of Psi v + eta_t, and ``bracket`` and ``N``: see ``drift``.
+        """
+        problem = self.problem
+        rate = problem.constraints.velocity_residual(problem.v)
+        bracket, N = _brackets(problem)
+        outputs = {**self.slopes, "w_q": by_steps(problem, rate), "bracket": bracket, "N": N}
+        return self._evaluate(outputs, states, {"a": a, LAMBDA: lam})
 
     def _evaluate(
         self, outputs: Mapping[str, Any], states: States, more: Mapping[str, Array]

@@ -141,6 +141,8 @@ def _panel(ax: Any, motor: Motor, labels: list[str]) -> list[Any]:
         handles += ax.plot(*places, **LOOKS[label])
     ax.set_xlim(0.0, right or 1.0)
     ax.set_ylim(0.0, top or 1.0)
+    for axis in (ax.xaxis, ax.yaxis):  # a power of ten above the axis would be in the way of the title
+        axis.set_major_formatter(lambda x, _: number(x, 5))
     ax.set_xlabel("speed of the motor [rad/s]")
     ax.set_ylabel("torque [N·m]")
     ax.set_title(_title(motor.name, motor.facts), fontsize=style.FONT_SIZE, loc="left", pad=4)

@@ -33,7 +33,7 @@ def draw(result: Result) -> Any:
         figure.colorbar(dots, cax=figure.add_axes((0.86, 0.11, 0.022, 0.74))).set_label("time [s]")
     else:
         ax.plot(real, imaginary, "x", markersize=8.0, markeredgewidth=1.8)
-    size = max(float(np.hypot(real, imaginary).max()), 1e-9)
+    size = float(np.hypot(real, imaginary).max()) or 1.0
     # rounding beside the axes is not to fill the picture
     for part, limits in ((real, ax.set_xlim), (imaginary, ax.set_ylim)):
         reach = max(float(np.abs(part).max()), 0.05 * size) * 1.15

@@ -19,7 +19,7 @@ def applies(result: Result) -> bool:
 
 
 def draw(result: Result) -> Any:
-    """Return the figure: real parts above, oscillations below; dots, for poles meet and part."""
+    """Return the figure: real parts above, oscillations (if any) below; dots, for poles meet and part."""
     real, imaginary = result["linear/poles_real"], result["linear/poles_imaginary"]
     time = np.repeat(result.time[:, None], real.shape[1], axis=1)
     kinds = [
@@ -31,17 +31,19 @@ def draw(result: Result) -> Any:
     ]  # fmt: skip
     labels = [name for name, _, _ in kinds]
     text = "Poles of the linear model along the motion, each instant as if it stayed so"
-    sheet = TimeSheet(result, text, panels=2, height=2.1, labels=labels)
-    upper, lower = sheet.axes
+    swinging = imaginary > 0.0
+    sheet = TimeSheet(result, text, panels=2 if swinging.any() else 1, height=2.1, labels=labels)
+    upper, lower = sheet.axes[0], sheet.axes[-1]
     handles = []
     for _, colour, chosen in kinds:
         handles += upper.plot(time[chosen], real[chosen], ".", color=colour, markersize=2.6)
-        swings = chosen & (imaginary > 0.0)
+        swings = chosen & swinging
         lower.plot(time[swings], imaginary[swings] / (2.0 * np.pi), ".", color=colour, markersize=2.6)
     upper.axhline(0.0, color=GREY, linewidth=0.8)
     upper.set_ylabel("real part [1/s]")
-    lower.set_ylabel("oscillation [Hz]")
-    lower.set_ylim(bottom=0.0)
+    if lower is not upper:
+        lower.set_ylabel("oscillation [Hz]")
+        lower.set_ylim(bottom=0.0)
     for ax in sheet.axes:
         ax.set_xlim(float(result.time[0]), float(result.time[-1]))
     sheet.label_time()

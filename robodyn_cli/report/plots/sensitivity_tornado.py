@@ -21,9 +21,11 @@ def draw(result: Result) -> Any:
     bars = _bars(result)
     across = 1 if len(bars) == 1 else 2
     rows = max(len(found) for found in bars.values())
+    starred = any(key.endswith(" *") for found in bars.values() for key in found)
     sheet = Sheet(
         result,
-        f"Part by which an output of {result.summary['of']} changes, over the part by which a key does",
+        f"Part by which an output of {result.summary['of']} changes, over the part by which a key does"
+        + ("; * by differences" if starred else ""),
         panels=len(bars), across=across, height=0.5 + 0.24 * rows, gap=0.66,
     )  # fmt: skip
     for ax, (name, found) in zip(sheet.axes, bars.items()):
@@ -36,7 +38,7 @@ def _bars(result: Result) -> dict[str, dict[str, float]]:
     found: dict[str, dict[str, float]] = {}
     for name, slopes in list(result.summary["sensitivities"].items())[:MOST_PANELS]:
         own = {
-            key if slope["method"] == "exact" else f"{key} (differences)": slope["normalised"]
+            key if slope["method"] == "exact" else f"{key} *": slope["normalised"]
             for key, slope in slopes.items()
             if slope["normalised"] is not None
         }

@@ -14,61 +14,60 @@ LOWEST = 1e-14  # a bounce this low, relative to the joint's position or to 1, i
 
 
 @record
-class Hit:
-    """A joint that meets a stop. joint : velocity index. restitution : e in v+ = -e v-."""
+class Impact:
+    """A joint meets a stop.
 
-    joint: int
-    restitution: float
-
-
-def impact(
-    M: Array,
-    psi: Array,
-    v: Array,
-    hit: Hit,
-    resting: Mapping[int, float],
-    kept: Collection[int] = (),
-) -> Array:
-    """Return the velocities (nv,) after a joint j has met a stop.
-
-        M (v+ - v-) = Psi^T mu + e_j Lambda_j + sum e_k Lambda_k,   Psi (v+ - v-) = 0,   v+_j = -e v-_j
-
-    Joints that rest on stops already stay there, or leave them: v+_k and Lambda_k, both away from the stop, are not
-    negative, and one of them is zero. Friction is bounded and has no part in an impulse.
-
-    Parameters
-    ----------
-    M, psi : (nv, nv), (m, nv). v : before the impact, with Psi v as it has to be. hit : which joint, and how.
-    resting : push of the stop by velocity index, for joints that rest on one. kept : those of them that stay.
-
-    Raises
-    ------
-    numpy.linalg.LinAlgError : M is singular.
+    M, psi : (nv, nv), (m, nv). v : before the impact (nv,), with Psi v as it has to be. joint : its velocity index.
+    resting : push of the stop by velocity index, for joints that rest on one already.
     """
-    joint, restitution = hit.joint, hit.restitution
-    active = list(resting)
-    spread = np.linalg.inv(M)
-    out = v.copy()
-    for _ in range(ROUNDS):
-        rows = [joint, *active]
-        units = np.zeros((len(rows), len(v)))
-        units[np.arange(len(rows)), rows] = 1.0
-        G = np.concatenate([psi, units])
-        target = np.concatenate([np.zeros(len(psi)), [-(1.0 + restitution) * v[joint]], -v[active]])
-        impulse, *_ = np.linalg.lstsq(G @ spread @ G.T, target, rcond=1e-13)
-        out = v + spread @ G.T @ impulse
-        loads = impulse[len(psi) + 1 :]
-        pulled = [k for k, load in zip(active, loads) if resting[k] * load < 0.0 and k not in kept]
-        entering = [
-            k for k in resting if k not in active and resting[k] * out[k] < -1e-12 * np.abs(out).max()
-        ]
-        if not pulled and not entering:
-            break
-        active = [k for k in active if k not in pulled[:1]] if pulled else [*active, entering[0]]
-    out[joint] = -restitution * v[joint]
-    for k in active:
-        out[k] = 0.0
-    return out
+
+    M: Array
+    psi: Array
+    v: Array
+    joint: int
+    resting: Mapping[int, float]
+
+    def after(self, restitution: float, kept: Collection[int] = ()) -> Array:
+        """Return the velocities (nv,) after the impact of joint j, with e the ``restitution``.
+
+            M (v+ - v-) = Psi^T mu + e_j Lambda_j + sum e_k Lambda_k,   Psi (v+ - v-) = 0,   v+_j = -e v-_j
+
+        Joints that rest on stops stay there, or leave them: v+_k and Lambda_k, both away from the stop, are not
+        negative, and one of them is zero; those ``kept`` stay in any case. Friction is bounded and has no part in an
+        impulse.
+
+        Raises
+        ------
+        numpy.linalg.LinAlgError : M is singular.
+        """
+        psi, v, joint, resting = self.psi, self.v, self.joint, self.resting
+        active = list(resting)
+        spread = np.linalg.inv(self.M)
+        out = v.copy()
+        for _ in range(ROUNDS):
+            rows = [joint, *active]
+            units = np.zeros((len(rows), len(v)))
+            units[np.arange(len(rows)), rows] = 1.0
+            G = np.concatenate([psi, units])
+            target = np.concatenate([np.zeros(len(psi)), [-(1.0 + restitution) * v[joint]], -v[active]])
+            impulse, *_ = np.linalg.lstsq(G @ spread @ G.T, target, rcond=1e-13)
+            out = v + spread @ G.T @ impulse
+            loads = impulse[len(psi) + 1 :]
+            pulled = [k for k, load in zip(active, loads) if resting[k] * load < 0.0 and k not in kept]
+            entering = [
+                k for k in resting if k not in active and resting[k] * out[k] < -1e-12 * np.abs(out).max()
+            ]
+            if not pulled and not entering:
+                break
+            active = [k for k in active if k not in pulled[:1]] if pulled else [*active, entering[0]]
+        out[joint] = -restitution * v[joint]
+        for k in active:
+            out[k] = 0.0
+        return out
+
+    def lost(self, after: Array) -> float:
+        """Return the energy that an impact takes which leaves the velocities ``after`` (nv,) [J]."""
+        return 0.5 * float(self.v @ self.M @ self.v - after @ self.M @ after)
 
 
 def joined(before: Array, after: Array, psi: Array, v: Array, momentum: Array) -> Array:

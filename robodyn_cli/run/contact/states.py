@@ -30,7 +30,7 @@ from robodyn_cli.run.contact.events import (
     contact_functions,
     known_sides,
 )
-from robodyn_cli.run.contact.impact import Hit, halted, impact, is_lost
+from robodyn_cli.run.contact.impact import Impact, halted, is_lost
 from robodyn_cli.run.driver.motion import Motion, Watcher
 from robodyn_cli.spatial.algebra import Array
 
@@ -322,49 +322,50 @@ class ContactStates(Watcher):
             self.contact[k] = push
             self.rest.add(k)
             return x
-        M, psi = self._mass_matrix_and_psi(t, x)
         places = list(s.v_places)
-        v = x[places]
         resting = {self.joints[j].v: side for j, side in self.contact.items() if j != k}
-
-        def after(e: float, kept: Collection[int] = ()) -> Array:
-            new = impact(M, psi, v, Hit(joint.v, e), resting, kept)
-            y = x.copy()
-            y[places] = new
-            if s.work_place is not None:
-                y[s.work_place] += 0.5 * float(new @ M @ new - v @ M @ v)
-            return y
-
-        leaves = push * v[joint.v] > 0.0
-        bounced = x.copy() if leaves else after(joint.restitution)
+        met = Impact(*self._mass_matrix_and_psi(t, x), x[places], joint.v, resting)
+        leaves = push * met.v[joint.v] > 0.0
+        bounced = x.copy() if leaves else self._struck(x, met, joint.restitution)
         speed = push * bounced[self._v(joint)]
-        refuse_blocked(joint, t, psi, v, bounced[places])
+        refuse_blocked(joint, t, met.psi, met.v, bounced[places])
         saved = set(self.rest), dict(self.contact), list(self.state)
         self._settle_speeds(bounced)
         self._write()
         a = self.rates(t, bounced)[0]
         toward = -push * float(a[joint.v])
-        height = self.slowest**2 * (self.options.atol + self.options.rtol * abs(at))
-        # a method of fixed step cannot follow flights that are short beside it
-        briefest = self.slowest * FLIGHT * (self.options.step or 0.0)
-        slow = self.slowest * (self.options.atol + self.options.rtol * self._fastest)
+        height, slow, briefest = self._least_bounce(at)
         low = is_lost(speed, toward, at, height, slow) or speed < briefest * toward
         if speed <= 0.0 or (toward > 0.0 and low):
             self.rest, self.contact, self.state = saved
             # joints that would leave their stops by less than this height rest on, or they would hit each other off
             most = float(np.abs(a).max())
             low_rate = max(np.sqrt(2.0 * height * most), briefest * most)
-            bounced = after(0.0)
-            bounced = after(0.0, [j for j in resting if abs(bounced[places[j]]) <= low_rate])
+            free = met.after(0.0)
+            bounced = self._struck(x, met, 0.0, [j for j in resting if abs(free[j]) <= low_rate])
             bounced[self._v(joint)] = 0.0
             self.contact[k] = push
             self._settle_speeds(bounced)
         elif toward > 0.0:
             self._flight = FLIGHT * 2.0 * speed / toward
         if not leaves:
-            lost = 0.5 * float(v @ M @ v - bounced[places] @ M @ bounced[places])
-            self._note(t, "impact", k, speed=float(abs(v[joint.v])), energy_lost=lost)
+            lost = met.lost(bounced[places])
+            self._note(t, "impact", k, speed=float(abs(met.v[joint.v])), energy_lost=lost)
         return bounced
+
+    def _struck(self, x: Array, met: Impact, restitution: float, kept: Collection[int] = ()) -> Array:
+        """Return the state x (nx,) after an impact: velocities jump, and what energy is lost is work done."""
+        y = x.copy()
+        y[list(self.system.v_places)] = after = met.after(restitution, kept)
+        if self.system.work_place is not None:
+            y[self.system.work_place] -= met.lost(after)
+        return y
+
+    def _least_bounce(self, at: float) -> tuple[float, float, float]:
+        """Return height [rad or m], speed and flight [s] of the least bounce that tolerances or fixed steps resolve."""
+        height = self.slowest**2 * (self.options.atol + self.options.rtol * abs(at))
+        slow = self.slowest * (self.options.atol + self.options.rtol * self._fastest)
+        return height, slow, self.slowest * FLIGHT * (self.options.step or 0.0)
 
     def _strike_others(self, t: float, x: Array, last: int) -> Array:
         """Return the state after the impacts that an impact of joint ``last`` sets off at the same instant.

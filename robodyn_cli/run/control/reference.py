@@ -19,7 +19,8 @@ from robodyn_cli.trajectories.motion import JointMotion
 def with_joint_reference(scene: Scene) -> Scene:
     """Return the scene whose controller follows a motion in joint space, where it follows any.
 
-    That is a motion of all joints where the law needs one in a mechanism with loops: these give the other joints.
+    In a mechanism with loops that is a motion of all joints where the law needs one, or where other joints than the
+    driven ones lead: the loops give the rest.
 
     Raises
     ------
@@ -36,8 +37,9 @@ def with_joint_reference(scene: Scene) -> Scene:
         from robodyn_cli.run.mechanism.in_time import with_motion
 
         followed = with_motion(followed)
-    reference = followed.trajectory
-    if ahead or (hasattr(reference, "target") and not controller.at_point):
+    reference: Any = followed.trajectory
+    of_others = loops and any(name not in getattr(reference, "joints", ()) for name in controller.joints)
+    if not controller.at_point and (ahead or of_others or hasattr(reference, "target")):
         reference = joint_motion(followed)
     return _with_reference(scene, reference)
 

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.equations.linear.residuals import LAMBDA
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
-from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 # symbol groups of the arrays that functions take
-GROUPS = {"q": "q", "qd": "v", "qdd": "a", "tau": "tau"}
+GROUPS = {"q": "q", "qd": "v", "qdd": "a", "tau": "tau", LAMBDA: LAMBDA}
 OUT = "out"  # the output of a kernel
 LINE = 8  # numbers in a line of the cache, or in the widest vector
 
@@ -28,9 +28,12 @@ class Arguments:
     columns: Mapping[str, tuple[str, ...]]
 
     @staticmethod
-    def of(model: Model, names: Sequence[str]) -> Arguments:
-        """Return the arguments ``names``, of ``q``, ``qd``, ``qdd`` and ``tau``."""
-        return Arguments({name: model.q_names if name == "q" else model.v_names for name in names})
+    def of(problem: Problem, names: Sequence[str]) -> Arguments:
+        """Return the arguments ``names``, of ``q``, ``qd``, ``qdd``, ``tau`` and ``lam``, the multipliers."""
+        others = {"q": problem.model.q_names}
+        if LAMBDA in names:
+            others[LAMBDA] = problem.constraints.names
+        return Arguments({name: others.get(name, problem.model.v_names) for name in names})
 
     def rows(self, arrays: Sequence[Any]) -> tuple[dict[str, Array], bool]:
         """Return arrays (T, n) by name, and whether one state was given, as arrays (n,).
@@ -96,7 +99,7 @@ class StateFunction:
             raise CapabilityError(
                 "a point that moves by a formula of t has no place at a state; allowed: points fixed to links"
             )
-        self.arguments = Arguments.of(problem.model, names)
+        self.arguments = Arguments.of(problem, names)
         self.shapes = {name: array.shape for name, array in entries.items()}
         known = [GROUPS[name] for name in names]
         # a program for each: compiling takes more than twice as long for one that is twice as long
@@ -115,7 +118,7 @@ class StateFunction:
         groups = {GROUPS[name]: array for name, array in rows.items()}
         samples = len(next(iter(rows.values())))
         sizes = [math.prod(shape) for shape in self.shapes.values()]
-        padded = max(kernel.padded(samples) for kernel in self.kernels.values())
+        padded = max(samples, *(kernel.lanes for kernel in self.kernels.values()))
         parts = np.split(_block(padded, sum(sizes)), np.cumsum(sizes)[:-1], axis=1)
         found: dict[str, Array] = {}
         for (name, kernel), part in zip(self.kernels.items(), parts):

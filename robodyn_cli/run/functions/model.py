@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from robodyn_cli.run.functions.function import StateFunction
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
+    from robodyn_cli.run.functions.constrained import ConstrainedDynamics
     from robodyn_cli.run.functions.derivatives import AccelerationDerivatives, TorqueDerivatives
     from robodyn_cli.run.functions.regressor import InertialParameters, Regressor
     from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
@@ -32,7 +33,8 @@ class ModelFunctions:
     (``order="F"``) are read in place.
 
     M, C, G, regressor and kinematics of a mechanism with loops are those of its tree, the loops opened: its motion also
-    obeys Psi(q) qd = 0, with Psi from ``constraint_jacobian``. Inverse and forward dynamics take open chains.
+    obeys Psi(q) qd = 0, with Psi from ``constraint_jacobian``. Its forward dynamics has the forces of the loops in it;
+    inverse dynamics takes open chains, for loops share the load.
 
     Raises
     ------
@@ -122,8 +124,15 @@ class ModelFunctions:
         return InverseDynamics(self._problem)
 
     @cached_property
-    def forward_dynamics(self) -> ForwardDynamics:
-        """Accelerations qdd (T, nv) of samples (q, qd, tau), the inverse of ``inverse_dynamics``."""
+    def forward_dynamics(self) -> ForwardDynamics | ConstrainedDynamics:
+        """Accelerations qdd (T, nv) of samples (q, qd, tau), the inverse of ``inverse_dynamics``.
+
+        Of a mechanism with loops those under the forces of the loops, which q and qd must satisfy.
+        """
+        if self._problem.model.closures:
+            from robodyn_cli.run.functions.constrained import ConstrainedDynamics
+
+            return ConstrainedDynamics(self._problem)
         from robodyn_cli.run.inverse.dynamics import ForwardDynamics
 
         return ForwardDynamics(self._problem)
@@ -143,7 +152,11 @@ class ModelFunctions:
         """Return the exact derivatives of ``forward_dynamics``: dq, dqd and dtau = M^-1, each (T, nv, nv).
 
         dqdd/dx = -M^-1 dtau/dx at qdd (Carpentier and Mansard 2018); otherwise as ``inverse_dynamics_derivatives``.
+        With loops exact for changes that keep them closed, Psi dq = 0 and Psi dqd + d(Psi qd)/dq dq = 0; dtau is
+        what the loops leave of M^-1.
         """
+        if self._problem.model.closures:
+            return cast("ConstrainedDynamics", self.forward_dynamics).derivatives(q, qd, tau)
         from robodyn_cli.run.functions.derivatives import AccelerationDerivatives, acceleration_derivatives
 
         function = self._function("dFD", ("q", "qd", "tau"), lambda: acceleration_derivatives(self._problem))

@@ -110,7 +110,7 @@ class _Samples:
 
     def _open(self, problem: Problem) -> None:
         self.joints = problem.model.v_names
-        self._arguments = Arguments.of(problem.model, self.names)
+        self._arguments = Arguments.of(problem, self.names)
 
     def _evaluate(self, *arrays: Any) -> Array:
         """Return the function's result (T, nv), or (nv,) of one state.

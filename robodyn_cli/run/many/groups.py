@@ -16,6 +16,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
 
 FARTHER = 2.0
+ALONG = 0.01  # of the largest distance along a key: a row as far as this was away along it
 TRIES = 5  # rows, the farthest first, until something can be built with one
 MOST_PATTERNS = 64  # whose structures are kept
 ALIKE = 1e-9  # relative difference of numbers that were computed in two ways
@@ -61,23 +62,41 @@ class Built:
     def is_confirmed(self, values: Array, build: Callable[[Array], Built]) -> bool:
         """Tell whether what is built for other rows (N, keys) has the numbers that this structure gives.
 
-        Asked at the farthest row with which something can be built, and again where rows are more than FARTHER times
-        as far.
+        Asked at far rows with which something can be built, until one of them was away along each key, and again where
+        rows are more than FARTHER times as far along a key.
         """
         away = np.abs(values - self.row)
-        if not self._varying or (away <= FARTHER * self._confirmed).all():
+        if not self._varying:
             return True
-        farthest = np.argsort(-(away / np.maximum(away.max(axis=0), 1e-300)).sum(axis=1))
-        for row in farthest[:TRIES]:
+        farthest = None
+        while not (near := (away <= FARTHER * self._confirmed).all(axis=0)).all():
+            if farthest is None:
+                farthest = away.max(axis=0)
+            share = np.where(near, 0.0, away / np.maximum(farthest, 1e-300))
+            found = self._built_elsewhere(values, share, build)
+            if found is None:
+                return False
+            along = share[found] >= min(ALONG, 1.0 / len(farthest))
+            if not along.any():  # nothing farther can be built
+                return True
+            self._confirmed = np.where(along, np.maximum(self._confirmed, farthest), self._confirmed)
+        return True
+
+    def _built_elsewhere(
+        self, values: Array, share: Array, build: Callable[[Array], Built]
+    ) -> np.intp | None:
+        """Return a row far away that has the numbers that this structure gives; None where it has others.
+
+        share : of the largest distance along each key (N, keys).
+        """
+        for row in np.argsort(-share.sum(axis=1), kind="stable")[:TRIES]:
             try:
                 other = build(values[row])
             except RobodynError:
                 continue
-            alike = self._has_numbers_of(other)
-            if alike:
-                self._confirmed = np.maximum(self._confirmed, away[row])
-            return alike
-        return False
+            found: np.intp = row
+            return found if self._has_numbers_of(other) else None
+        return None
 
     def _has_numbers_of(self, other: Built) -> bool:
         """Tell whether the numbers of another structure, for its own row, are those that this one gives for it."""

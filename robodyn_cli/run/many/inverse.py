@@ -76,6 +76,7 @@ def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) 
         "parameters may change the motion": any(
             key.sort == NUMBER and key.place.startswith("parameters.") for key in keys
         ),
+        "a prescribed motion changes": any(key.place.startswith("prescribed.") for key in keys),
         "payloads are gripped or released": bool(program.problem.model.switched),
         "forces in the joints' bearings are wanted": bool(scene.outputs.reactions),
     }

@@ -30,7 +30,7 @@ class _RestForces:
     def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
         model = self.model = problem.model
         self.parameters = moving_freely(problem.contact_joints)  # no joint sticks or rests on a stop
-        load = list(problem.bias - problem.applied)
+        load = load_at_rest(problem)
         lam = problem.graph.symbols(list(conditions.names), "lam")
         rows = problem.constraints.rows
         held: list[Scalar] = list(load)
@@ -64,7 +64,12 @@ class _RestForces:
         return found.reshape(self.model.nv, self.model.nv).T
 
 
-def _stay(problem: Problem, q: Array) -> Lead:
+def load_at_rest(problem: Problem) -> list[Scalar]:
+    """Return r = h - tau_passive - tau_a (nv,), the forces that constraints must give where nothing moves."""
+    return list(problem.bias - problem.applied)
+
+
+def staying(problem: Problem, q: Array) -> Lead:
     """Return a lead that keeps the held joints where they are."""
     model = problem.model
     prescribed = position_columns(problem.scene.prescribed)
@@ -79,7 +84,7 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     ------
     NumericalError : none is found.
     """
-    conditions = LoopConditions(problem, _stay(problem, q), np.zeros(1))
+    conditions = LoopConditions(problem, staying(problem, q), np.zeros(1))
     found = balance(conditions, _RestForces(problem, conditions), q)
     if not found.converged:
         raise NumericalError(

@@ -32,14 +32,14 @@ def held(problem: Problem, q: Array) -> AtRest:
     needed = needed or {"gravity": np.zeros((1, model.nv))}
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
     _, J = conditions.at(q, 0.0)
-    names = _holding(problem)
+    names = holding_joints(problem)
     shared = _shared(problem, J[problem.constraints.of_loops], names, needed, q)
     facts = Held(list(names), *shared.uniqueness, shared.residual)
     split = {name: term[0] for name, term in shared.terms.items()}
     return AtRest(problem, q, shared.tau[0], shared.multipliers[0], facts, split)
 
 
-def _holding(problem: Problem) -> tuple[str, ...]:
+def holding_joints(problem: Problem) -> tuple[str, ...]:
     """Return the joints with an actuator: those in ``actuated``, else those with torques or prescribed or held ones,
     or all."""
     scene, model = problem.scene, problem.model

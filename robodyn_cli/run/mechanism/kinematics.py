@@ -61,14 +61,8 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     singular configuration; attribute ``result`` then holds what was reached.
     """
     watch = watch or Stopwatch()
-    if scene.kinematics.sweep is None:
-        scene = without_following(scene)
-        if getattr(scene.trajectory, "to_be_found", False):
-            from robodyn_cli.run.mechanism.in_time import with_motion
-
-            scene = with_motion(scene)
     with watch.stage("equations"):
-        problem = Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
+        problem = problem_of(scene)
     with watch.stage("solve"):
         planned, led = plan(problem)
     times = planned.times
@@ -84,6 +78,17 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     return result.unless(planned.stopped)
 
 
+def problem_of(scene: Scene) -> Problem:
+    """Return the equations of a scene for its kinematics, with the points that are wanted."""
+    if scene.kinematics.sweep is None:
+        scene = without_following(scene)
+        if getattr(scene.trajectory, "to_be_found", False):
+            from robodyn_cli.run.mechanism.in_time import with_motion
+
+            scene = with_motion(scene)
+    return Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
+
+
 def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
     """Return the motion and the velocity coordinates that lead it.
 
@@ -91,23 +96,31 @@ def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
     ------
     SceneError : nothing moves. Others as ``plan_motion`` and ``guided_motion``.
     """
-    scene, model = problem.scene, problem.model
-    samples = scene.kinematics.samples
+    lead, times = leading(problem)
+    if lead is None:
+        return plan_motion(problem, times), problem.model.v_names
+    return guided_motion(problem, lead, times), (*lead.joints, *velocity_columns(problem.scene.prescribed))
+
+
+def leading(problem: Problem) -> tuple[Lead | None, Array]:
+    """Return what leads the mechanism, and times (T,); None in an open chain that a trajectory leads.
+
+    Raises
+    ------
+    SceneError : nothing moves.
+    """
+    scene, samples = problem.scene, problem.scene.kinematics.samples
     sweep = scene.kinematics.sweep
-    if sweep is None and scene.trajectory is None and not scene.prescribed:
+    if sweep is not None:
+        duration = abs(sweep.stop - sweep.start) / sweep.rate
+        return _swept(problem), np.linspace(0.0, duration, samples)
+    if scene.trajectory is None and not scene.prescribed:
         raise SceneError(
             f"{scene.path}: nothing moves: kinematics needs `kinematics.sweep`, `trajectory` or `prescribed`",
             key="kinematics",
         )
-    if sweep is None:
-        duration = motion_duration(scene)
-        if not model.closures:
-            return plan_motion(problem, np.linspace(0.0, duration, samples)), model.v_names
-        lead = lead_of(problem)
-    else:
-        lead, duration = _swept(problem), abs(sweep.stop - sweep.start) / sweep.rate
-    found = guided_motion(problem, lead, np.linspace(0.0, duration, samples))
-    return found, (*lead.joints, *velocity_columns(scene.prescribed))
+    times = np.linspace(0.0, motion_duration(scene), samples)
+    return (lead_of(problem) if problem.model.closures else None), times
 
 
 def _swept(problem: Problem) -> Lead:

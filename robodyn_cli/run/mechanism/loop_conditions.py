@@ -144,6 +144,7 @@ class LoopConditions:
                 lengths.append(len(axis) == 1)
         self.names = tuple(names)
         self.led = len(names) - len(rows)
+        self._expressions = problem, values, J, [*(row.eta_t for row in rows), *bias]
         self._values = len(values)  # none of led joints; of a pose its axes, in the place of three rows
         self.prescribed = problem.constraints.prescribed
         self.sizes = np.where(lengths, self.size, 1.0)
@@ -184,6 +185,20 @@ class LoopConditions:
         b = -found[rows:]
         b[rows:] += acceleration
         return c, b
+
+    def levels(self) -> tuple[list[Scalar], list[Scalar], list[Scalar], list[Scalar]]:
+        """Return expressions of the loops' rows, which are zero, and of what is led.
+
+        Values (none of led joints; of a pose its axes, in the place of three rows), rates J v + eta_t (m,),
+        accelerations J v-dot + gamma (m,), and J (m nv,).
+        """
+        problem, values, J, others = self._expressions
+        m, nv = len(self.names), self.model.nv
+        eta_t, bias = [*others[: m - self.led], *[0.0] * self.led], others[m - self.led :]
+        rows = [J[i * nv : (i + 1) * nv] for i in range(m)]
+        rates = [dot(row, problem.v) + x for row, x in zip(rows, eta_t)]
+        accelerations = [dot(row, problem.a) + x for row, x in zip(rows, bias)]
+        return values, rates, accelerations, J
 
     def step(self, q: Array, dq: Array) -> Array:
         return self.manifold.normalise(self.manifold.integrate(q, dq))

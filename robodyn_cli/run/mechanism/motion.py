@@ -128,8 +128,8 @@ def _refuse_some(model: Model, trajectory: JointSpace | Together) -> None:
     missing = [name for name in model.q_names if name not in led]
     if missing:
         raise CapabilityError(
-            f"the trajectory does not lead joint {missing[0]!r}, and the motion of all joints is needed here; only "
-            "`simulate` leaves others to the forces"
+            f"neither `trajectory` nor `prescribed` leads joint {missing[0]!r}, and the motion of all joints is needed "
+            "here; only `simulate` leaves others to the forces"
         )
 
 

@@ -119,13 +119,15 @@ class Inverse:
 
     def _motion(self) -> Term:
         """Return how the motion of all joints is found."""
-        name, rows = "inverse kinematics", self.program.problem.constraints.rows
-        if rows:
+        problem = self.program.problem
+        name, rows = "inverse kinematics", problem.constraints.rows
+        if problem.model.closures:
             work = count_operations([x for row in rows for x in (row.eta, *row.psi, row.gamma, row.eta_t)])
             reason = "the loops decide about the joints that are not led: by Newton's method"
             return Term(name, True, reason, work)
         if self.task is None:
-            return Term(name, False, "the trajectory gives the joints' motion itself")
+            gives = "the trajectory gives" if problem.scene.trajectory is not None else "formulas give"
+            return Term(name, False, f"{gives} the joints' motion itself")
         leads = f"the trajectory leads {self.task.trajectory.point}"
         if self.task.method == "analytic":
             return Term(name, True, f"{leads}: in closed form, a planar 2R arm")

@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
-from robodyn_cli.model.places import numbers_at_places
+from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.record import record
-from robodyn_cli.run.many.keys import NUMBER, START, Key, setting, understand, value_of
+from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
 from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.study import COMMANDS, run_nominal
 from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.nodes import Scalar, located
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.units import node_at, refuse_doubles, unit_of
+from robodyn_cli.scene.units import in_joint, node_at, refuse_doubles, unit_of
 
 NEARBY = 1e-3  # part of a key's value by which it is changed to see whether the scene takes other numbers
 
@@ -37,9 +37,18 @@ class Asked:
     units: tuple[str, ...]
     output_units: tuple[str, ...]
 
-    @property
+    @cached_property
     def scene(self) -> Scene:
-        return self.task.family.own
+        """The scene as it stands, whose keys are numbers even where they are zero, a default or an angle."""
+        return self._free(self.task.family.own)
+
+    def _free(self, scene: Scene) -> Scene:
+        return with_free(scene, self.freed)
+
+    @property
+    def freed(self) -> frozenset[str]:
+        """Places of the keys that may be numbers of the equations."""
+        return frozenset(key.place or key.name for key in self.keys if key.sort in (NUMBER, STRUCTURE))
 
     @property
     def outputs(self) -> list[float]:
@@ -52,6 +61,17 @@ class Asked:
         """Their estimated errors, nan where the run tells none."""
         found: list[float] = self.nominal.rows["errors"][0].tolist()
         return found
+
+    def changed(self, numbers: Iterable[int], part: float) -> Scene:
+        """Return the scene with some keys, by number, changed by a part of their values; numbers of formulas stay."""
+        values = {self.task.keys[k]: self.values[k] + part * (abs(self.values[k]) or 1.0) for k in numbers}
+        settable = {name: value for name, value in values.items() if "#" not in name}
+        return self._free(self.task.family.scene(settings(list(settable), settable.values())))
+
+    def places(self, numbers: Iterable[int]) -> list[str]:
+        """Return the places of some keys, empty of keys that are no numbers of the equations."""
+        found = [self.keys[k].place or self.keys[k].name for k in numbers]
+        return [place if place in self.placed else "" for place in found]
 
     @cached_property
     def placed(self) -> dict[str, float]:
@@ -103,7 +123,20 @@ def _unit(family: Family, key: Key, model: Model) -> str:
             (model.q_names, model.q_units, "") if group == "q" else (model.v_names, model.v_units, "/s")
         )
         return units[names.index(column)] + rate
-    return "" if "#" in key.name else unit_of(family.root, key.name)
+    if "#" in key.name:
+        return ""
+    scene = family.own
+    named = ".".join(_joint_names(scene, key.name.split(".")))
+    driven = scene.control.joints if scene.control is not None and named.startswith("control.") else ()
+    return in_joint(unit_of(family.root, key.name), named, dict(zip(model.v_names, model.v_units)), driven)
+
+
+def _joint_names(scene: Scene, steps: Sequence[str]) -> list[str]:
+    """Return the steps of a key with joints by name."""
+    found = list(steps)
+    if found[:2] == ["robot", "joints"] and len(found) > 2 and found[2].isdecimal():
+        found[2] = scene.robot.joints[int(found[2])].name
+    return found
 
 
 def _of_key(family: Family, name: str) -> tuple[Key, float]:

@@ -85,23 +85,25 @@ class Sides:
             return Slope(math.nan, math.nan, DIFFERENCES, self.reason or "the output is no number nearby")
         steps = self.values[first:, 0] - self.values[first:, 1]
         noise = np.maximum(np.nan_to_num(told[first:]), ROUNDING * np.abs(y[first:])).sum(axis=1)
-        value, error = _ridders((y[first:, 0] - y[first:, 1]) / steps, noise / steps)
-        return Slope(value, error, DIFFERENCES)
+        value, error = extrapolated((y[first:, 0] - y[first:, 1]) / steps, noise / steps)
+        return Slope(float(value), float(error), DIFFERENCES)
 
 
-def _ridders(raw: Array, noise: Array) -> tuple[float, float]:
+def extrapolated(raw: Array, noise: Array) -> tuple[Array, Array]:
     """Return the best entry of the table that begins with central differences, and its estimated error.
 
-    noise : what the errors of the runs leave in each difference.
+    Parameters
+    ----------
+    raw : differences (levels, ...), each with a step ``NARROWER`` times smaller than the one before. noise : what the
+        errors of the values leave in each.
     """
-    best, least, column = float(raw[-1]), math.inf, raw
+    best, least, column = raw[-1], np.full(raw.shape[1:], np.inf), raw
     for power in range(1, len(raw)):
         factor = NARROWER ** (2 * power)
         finer = (factor * column[1:] - column[:-1]) / (factor - 1.0)
         for k, value in enumerate(finer):
-            apart = max(abs(value - column[k]), abs(value - column[k + 1]))
+            apart = np.maximum(np.abs(value - column[k]), np.abs(value - column[k + 1]))
             error = apart + noise[k + power] * factor / (factor - 1.0)
-            if error < least:
-                best, least = float(value), float(error)
+            best, least = np.where(error < least, value, best), np.minimum(error, least)
         column = finer
     return best, least

@@ -4,20 +4,28 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.expr.by_keys import ByKeys
 from robodyn_cli.formulations.events import EventKind
-from robodyn_cli.model.build import build_model
+from robodyn_cli.kernels.program import Program
+from robodyn_cli.registry import Registry
 from robodyn_cli.run.driver.motion import Motion
-from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key, settings
+from robodyn_cli.run.many.keys import NUMBER, STRUCTURE, Key
 from robodyn_cli.run.sensitivity.asked import Asked
-from robodyn_cli.run.sensitivity.motions import Ending, MotionSlopes
+from robodyn_cli.run.sensitivity.motion.end import Ending, MotionSlopes
+from robodyn_cli.run.sensitivity.motion.variational import programs_of
 from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.run.stopwatch import Stopwatch
-from robodyn_cli.scene.types import Scene
 
+Programs = Sequence[Program]
 Found = dict[str, list[Slope]]  # by output, a derivative for each key
-Work = Callable[[Asked, Sequence[Key]], Found]
+Work = Callable[[Asked, Sequence[int]], Found]  # of keys by their numbers
+# keys of what a motion is asked to be, which are no numbers of the equations
+GIVEN = {"inverse": ("trajectory.",), "kinematics": ("trajectory.", "kinematics.")}
+FOLLOWS = 1e-2  # part of a small change of a number by which its derivatives may miss it
+ROUNDING = 1e-11  # of numbers that are computed, far below NEARBY
 NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equations are compared
 
 
@@ -31,7 +39,7 @@ def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, 
 
     def attempt(numbers: Sequence[int]) -> None:
         try:
-            slopes = work(asked, [asked.keys[k] for k in numbers])
+            slopes = work(asked, numbers)
         except RobodynError as obstacle:
             if len(numbers) == 1:
                 why[numbers[0]] = obstacle.message
@@ -47,45 +55,46 @@ def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, 
 
 def _obstacle(asked: Asked, key: Key) -> str:
     """Return why a key has no exact derivatives; nothing where it may have them."""
-    if key.name.startswith("control."):
-        return "a controller acts"
-    if key.sort == STRUCTURE:
+    if key.name.startswith(GIVEN.get(asked.task.command, ())):
+        return ""
+    if key.sort in (NUMBER, STRUCTURE) and (key.place or key.name) not in asked.placed:
         return "the key is part of the code (structure), not a number that it reads"
-    if key.sort == NUMBER and key.place not in asked.placed:
-        return "the key is zero or has its default, so that its terms are left out"
     return ""
 
 
-def changed(asked: Asked, keys: Sequence[Key]) -> Scene:
-    """Return the scene with other numbers at the keys, so near to its own that it does the same."""
-    values = dict(zip(asked.task.keys, asked.values))
-    others = {
-        key.name: values[key.name] + NEARBY * (abs(values[key.name]) or 1.0)
-        for key in keys
-        if "#" not in key.name
-    }
-    return asked.task.family.scene(settings(list(others), others.values()))
-
-
-def refuse_structure(own: str, other: str) -> None:
-    """Refuse keys whose values are part of the code, which derivatives would not see.
+def refuse_structure(asked: Asked, numbers: Sequence[int], own: Programs, other: Programs) -> None:
+    """Refuse keys whose values are part of the code, or of numbers that do not know it: derivatives would not see them.
 
     Parameters
     ----------
-    own, other : digests of the equations with the scene's numbers and with others.
+    own, other : of the scene as it stands, and with the keys changed by ``NEARBY``.
 
     Raises
     ------
     CapabilityError
     """
-    if own != other:
+    if [x.digest for x in own] != [x.digest for x in other]:
         raise CapabilityError(
             "the key is structure: an axis, an attitude, or what decides which terms there are"
         )
+    by_keys = ByKeys({place: k for k, place in enumerate(asked.places(numbers)) if place})
+    names = asked.task.keys  # of which no option sets a number of a formula, which stays
+    steps = [0.0 if "#" in names[k] else NEARBY * (abs(asked.values[k]) or 1.0) for k in numbers]
+    pairs = zip(
+        (x for program in own for x in program.numbers), (y for program in other for y in program.numbers)
+    )
+    for x, y in pairs:
+        slopes: Mapping[int, Any] = by_keys(x)
+        expected = math.fsum(float(slope) * steps[k] for k, slope in slopes.items())
+        found, size = float(y) - float(x), abs(float(x)) + abs(float(y))
+        if abs(found - expected) > FOLLOWS * max(abs(found), abs(expected)) + ROUNDING * size:
+            raise CapabilityError(
+                "numbers of the equations follow from the key in a way that has no derivative"
+            )
 
 
 # -- what motions end with ------------------------------------------------------------------------------------
-def _simulate(asked: Asked, keys: Sequence[Key]) -> Found:
+def _simulate(asked: Asked, numbers: Sequence[int]) -> Found:
     from robodyn_cli.run.driver.build import build_motion
 
     outputs, scene = asked.task.outputs, asked.scene
@@ -94,12 +103,15 @@ def _simulate(asked: Asked, keys: Sequence[Key]) -> Found:
     if scene.initial.source is not None:
         raise CapabilityError("the run goes on from a stored one")
     motion = build_motion(scene)
-    refuse_structure(motion.system.digest, build_motion(changed(asked, keys)).system.digest)
-    slopes = MotionSlopes(motion, keys, Ending(scene.simulate.duration))
+    other = build_motion(asked.changed(numbers, NEARBY))
+    refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
+    slopes = MotionSlopes(
+        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(scene.simulate.duration)
+    )
     return _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
 
 
-def _deploy(asked: Asked, keys: Sequence[Key]) -> Found:
+def _deploy(asked: Asked, numbers: Sequence[int]) -> Found:
     from robodyn_cli.run.deploy.deploy import build_deployment
     from robodyn_cli.run.deploy.scan import decide, scan
 
@@ -107,7 +119,8 @@ def _deploy(asked: Asked, keys: Sequence[Key]) -> Found:
     if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
         return {}
     motion = build_deployment(scene, Stopwatch())
-    refuse_structure(motion.system.digest, build_deployment(changed(asked, keys), Stopwatch()).system.digest)
+    other = build_deployment(asked.changed(numbers, NEARBY), Stopwatch())
+    refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
     criterion = scene.deploy.criterion
     found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
     end = decide(motion, found)
@@ -115,7 +128,9 @@ def _deploy(asked: Asked, keys: Sequence[Key]) -> Found:
     if found.driven or end.time is None or end.criterion not in kinds:
         raise CapabilityError("no event of the motion's state gives the time of the lock")
     function = next(e.value for e in motion.system.events if e.kind is kinds[end.criterion])
-    slopes = MotionSlopes(motion, keys, Ending(end.time, function))
+    slopes = MotionSlopes(
+        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(end.time, function)
+    )
     times = ("lock.time", "termination.time", f"criteria.{end.criterion}")
     return _of_end(motion, outputs, slopes, times, ("lock.angles.", "lock.angles_deg.", "lock.rates."))
 
@@ -148,15 +163,22 @@ def _of_end(
     }
 
 
-def _inverse(asked: Asked, keys: Sequence[Key]) -> Found:
-    from robodyn_cli.run.sensitivity.inverse import TorqueFigures, figures_among
+def _directly(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of a command without any integration."""
+    kind = DIRECT[asked.task.command]
+    found = kind(asked, asked.scene, numbers)
+    other = kind(asked, asked.changed(numbers, NEARBY), numbers)
+    refuse_structure(asked, numbers, found.programs, other.programs)
+    slopes: Found = found.slopes()
+    return slopes
 
-    figures = figures_among(asked.task.outputs, build_model(asked.scene).v_names)
-    if not figures:
-        return {}
-    found = TorqueFigures(asked.scene, keys)
-    refuse_structure(found.digest, TorqueFigures(changed(asked, keys), keys).digest)
-    return {name: found.slopes(figure, joint) for name, (figure, joint) in figures.items()}
 
-
-WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, "inverse": _inverse}
+DIRECT: Registry[Any] = Registry(
+    "robodyn_cli.run.sensitivity",
+    {
+        "inverse": "inverse:InverseSlopes",
+        "kinematics": "kinematics:KinematicsSlopes",
+        "statics": "statics:StaticsSlopes",
+    },
+)
+WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, **dict.fromkeys(DIRECT, _directly)}

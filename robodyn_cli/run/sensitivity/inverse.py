@@ -1,120 +1,187 @@
-"""Exact derivatives of the figures of ``inverse`` in open chains: its torques depend on numbers of the scene directly.
+"""Exact derivatives of the figures of ``inverse``: of the motion, of the torques along it, and of how loops share them.
 
-    d figure / dk = d figure(tau + s tau_k) / ds at s = 0,  tau_k = d tau / dk along the motion
+    d tau / dk = tau_k + tau_t dt + tau_q dq + tau_v dv + tau_a da
 
-The figures are those of ``run/inverse/checks.py``; their slope along tau_k is a central difference, which is exact for
-peaks and ranges, and for integrals up to rounding.
+in an open chain; with loops it is the change of the load B tau + Psi^T lambda, which actuators and loops share.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 
 import numpy as np
 
+from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.by_keys import ByKeys
-from robodyn_cli.expr.calculus import jacobian
-from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.run.inverse.checks import FIGURES, Loaded
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.program import Program
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent, Termination
+from robodyn_cli.run.inverse.checks import joint_figures
+from robodyn_cli.run.inverse.closed import ClosedLoops
 from robodyn_cli.run.inverse.inverse import at_rest, program_of
-from robodyn_cli.run.inverse.program import InverseProgram
-from robodyn_cli.run.many.inverse import motion_obstacle
-from robodyn_cli.run.many.keys import NUMBER, Key
-from robodyn_cli.run.sensitivity.slope import EXACT, Slope
+from robodyn_cli.run.inverse.program import InverseProgram, Sampled
+from robodyn_cli.run.inverse.summary import JointFigures
+from robodyn_cli.run.observation.reactions import ReactionSamples
+from robodyn_cli.run.observation.reactions import figures as largest_loads
+from robodyn_cli.run.sensitivity.asked import Asked
+from robodyn_cli.run.sensitivity.figures import every_second, slopes_along
+from robodyn_cli.run.sensitivity.gradients import MotionGradients
+from robodyn_cli.run.sensitivity.led import Course, Led
+from robodyn_cli.run.sensitivity.slope import Slope
+from robodyn_cli.run.sizing.figures import DriveFigures
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.load_sharing import share_change
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import TaskSpace
-
-SMALL = 1e-5  # part of the largest torque by which torques are changed
-ROUNDING = 1e-11  # of a difference over so small a change
 
 
-def figures_among(outputs: Sequence[str], joints: Sequence[str]) -> dict[str, tuple[str, int]]:
-    """Return the outputs that are figures of joints: the figure, and the number of the joint."""
-    return {
-        key: (name, k)
-        for key in outputs
-        for k, joint in enumerate(joints)
-        for name in FIGURES
-        if key in (f"joints.{joint}.{name}", f"{name}.{joint}")
-    }
+@record
+class Figures:
+    """The keys of the summary of ``inverse`` that are figures of its samples."""
+
+    termination: Termination
+    joints: dict[str, JointFigures]
+    reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
+    drives: dict[str, DriveFigures] | Absent = ABSENT
 
 
-class TorqueFigures:
-    """The torques of a motion, and their derivatives by numbers of the scene.
+class InverseSlopes:
+    """The samples of an inverse run, and their derivatives by some keys, which are named by their numbers.
 
     Raises
     ------
-    CapabilityError : keys change the motion, or loops share the load.
+    CapabilityError : they cannot be computed exactly.
     """
 
-    def __init__(self, scene: Scene, keys: Sequence[Key]) -> None:
-        self.program, self.keys = program_of(scene), keys
-        if why := motion_obstacle(self.program, scene, keys) or _change_of_motion(self.program, scene, keys):
-            raise CapabilityError(why)
-        terms = [self.program.outputs[f"torque_terms/{name}"] for name in self.program.terms]
-        total = [sum(parts) for parts in zip(*terms)]
-        rows = jacobian(total, [], _by_keys(keys))
-        self._places = [(i, k) for i, row in enumerate(rows) for k in row]
-        outputs = {"tau": total, "by_key": [x for row in rows for x in row.values()]}
-        self.kernel = SampleKernel({name: x for name, x in outputs.items() if x}, MOTION_GROUPS)
+    def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
+        if getattr(scene.trajectory, "to_be_found", False):
+            raise CapabilityError("limits of torques or paths decide the motion")
+        self.asked, self.numbers = asked, numbers
+        self.program = program_of(scene)
+        self.problem = self.program.problem
+        _refuse(self.program)
+        self.samples = scene.inverse.samples
+        self.led = Led(asked, scene, numbers, self._course)
+        self.loads = ReactionSamples(self.problem, self.samples) if scene.outputs.reactions else None
+        self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
+
+    def _outputs(self) -> dict[str, Sequence[Scalar]]:
+        terms = self.program.terms.values()
+        found: dict[str, Sequence[Scalar]] = {"load": [sum(parts) for parts in zip(*terms)]}
+        if isinstance(self.program, ClosedLoops):
+            found["psi"] = self.program.others["psi"]
+        if self.loads is not None:
+            found |= self.loads.function.outputs
+        return found
 
     @property
-    def digest(self) -> str:
-        """Key of everything that decides the code of torques and derivatives."""
-        return self.kernel.program.digest
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [self.gradients.program, *self.led.programs]
+
+    def slopes(self) -> dict[str, list[Slope]]:
+        """Return the derivatives of those outputs that are figures of the samples."""
+        sampled, moved = self.sampled, self.moved
+        arrays = [
+            (sampled.motion.qd, moved["v"]),
+            (sampled.motion.qdd, moved["a"]),
+            (sampled.tau, moved["tau"]),
+        ]
+        arrays += [(wrench, moved[path]) for path, wrench in self.wrenches.items()]
+        return slopes_along(self.asked, self.numbers, self._figures, arrays)
 
     @cached_property
-    def _sampled(self) -> tuple[Loaded, Array]:
-        """The motion with its torques (T, nv), and their derivatives by keys (T, nv, K)."""
-        problem = self.program.problem
-        planned = at_rest(problem, self.program.plan(problem.scene.inverse.samples))
-        motion, times = planned.motion, planned.times
-        groups = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
-        found = self.kernel.evaluate(len(times), groups)
-        slopes = np.zeros((*found["tau"].shape, len(self.keys)))
-        if self._places:
-            joints, keys = np.array(self._places).T
-            slopes[:, joints, keys] = found["by_key"]
-        return Loaded(times, found["tau"], motion.qd), slopes
+    def sampled(self) -> Sampled:
+        """The run of the scene as it stands."""
+        planned = at_rest(self.problem, self.program.plan(self.samples))
+        return self.program.evaluate(planned, self.program.compile(self.samples))
 
-    def slopes(self, figure: str, joint: int) -> list[Slope]:
-        """Return the derivatives of a figure of one joint, one for each key."""
-        loaded, slopes = self._sampled
-        own = Loaded(loaded.times, loaded.tau[:, [joint]], loaded.qd[:, [joint]])
-        return [_along(figure, own, slopes[:, [joint], k]) for k in range(len(self.keys))]
+    @cached_property
+    def moved(self) -> dict[str, Array]:
+        """Derivatives (T, n, K) of t, q, v, v-dot, of the torques, and of the wrenches that are wanted by path."""
+        sampled, motion = self.sampled, self.sampled.motion
+        groups = {"t": sampled.times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
+        moved = self.led.moved(groups)
+        lam = self.program.row_multipliers(sampled)
+        groups["lam"] = (
+            np.zeros((len(sampled.times), len(self.problem.constraints.rows))) if lam is None else lam
+        )
+        along = self.gradients(groups)
+        tau = along.change("load", moved)
+        if sampled.loops is not None:
+            tau, moved["lam"] = self._shared(along.change("psi", moved), tau)
+        paths = self.loads.names if self.loads is not None else ()
+        return {**moved, "tau": tau, **{path: along.change(path, moved) for path in paths}}
+
+    def _shared(self, psi_change: Array, load_change: Array) -> tuple[Array, Array]:
+        """Return the change of torques (T, nv, K), and of the multipliers of all rows (T, m, K)."""
+        loops, constraints = self.sampled.loops, self.problem.constraints
+        assert loops is not None
+        tau = np.zeros_like(load_change)
+        lam = np.zeros((len(tau), len(constraints.rows), len(self.numbers)))
+        for k in range(len(self.numbers)):
+            psi = psi_change[:, :, k].reshape(loops.psi.shape)
+            tau[:, :, k], lam[:, constraints.of_loops, k] = share_change(
+                loops.psi, loops.driven, loops.shared, psi, load_change[:, :, k]
+            )
+        return tau, lam
+
+    @staticmethod
+    def _course(scene: Scene) -> Course:
+        program = program_of(scene)
+        lead = program.lead if isinstance(program, ClosedLoops) else None
+        return Course.of(program.problem, program.times(scene.inverse.samples), lead)
+
+    def _figures(self, k: int, step: float, every: int) -> Figures:
+        """Return the figures for a key changed by so much, along the derivatives of the samples."""
+        sampled, moved = self.sampled, self.moved
+        motion, part = sampled.motion, every_second(len(sampled.times), every)
+        arrays = {"q": motion.q, "v": motion.qd, "a": motion.qdd, "tau": sampled.tau, **self.wrenches}
+        there = {name: (x + step * moved[name][:, :, k])[part] for name, x in arrays.items()}
+        times = (sampled.times + step * moved["t"][:, 0, k])[part]
+        motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
+        sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
+        found = Figures(
+            Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem, sampled)
+        )
+        if self.loads is not None:
+            data = {path: there[path] for path in self.loads.names}
+            found = dataclasses.replace(found, reactions={"largest": largest_loads(data, self.loads.names)})
+        if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
+            found = dataclasses.replace(found, drives=self._drives(sampled, step, k))
+        return found
+
+    @cached_property
+    def wrenches(self) -> Mapping[str, Array]:
+        """Forces and moments (T, n) by path, where they are wanted."""
+        if self.loads is None:
+            return {}
+        sampled, motion = self.sampled, self.sampled.motion
+        lam = self.program.row_multipliers(sampled)
+        return self.loads(sampled.times, motion.q, motion.qd, motion.qdd, lam, sampled.p)
+
+    def _drives(self, sampled: Sampled, step: float, k: int) -> dict[str, DriveFigures]:
+        """Return the figures of the drives along samples, for a key changed by so much."""
+        from robodyn_cli.run.sizing.report import Drives, Moved
+
+        number = self.numbers[k]
+        part = step / (abs(self.asked.values[number]) or 1.0)
+        scene = self.asked.changed([number], part) if step else self.asked.scene
+        motion = sampled.motion
+        moved = Moved(sampled.times, motion.q, motion.qd, motion.qdd, sampled.tau)
+        return Drives.of(scene, program_of(scene).problem if step else self.problem, moved).figures()
 
 
-def _change_of_motion(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
-    """Return why keys change the motion itself; nothing where they do not."""
-    if any(key.sort != NUMBER for key in keys):
-        return "the key is no number of the equations"
-    if not isinstance(scene.trajectory, TaskSpace):
-        return ""
-    problem = program.problem
-    points = [x for frame in problem.model.points.values() for x in problem.world_point(frame)]
-    frames = [x for pose in problem.pose.values() for x in (*pose.p, *pose.R.flat)]
-    moved = jacobian([*points, *frames], [], _by_keys(keys))
-    return "a point is led, and the key changes the joints that lead it there" if any(moved) else ""
+def _refuse(program: InverseProgram) -> None:
+    """Refuse runs whose torques do not follow from t, q, v and v-dot alone.
 
-
-def _by_keys(keys: Sequence[Key]) -> ByKeys:
-    return ByKeys({key.place: k for k, key in enumerate(keys)})
-
-
-def _along(figure: str, own: Loaded, slope: Array) -> Slope:
-    """Return the derivative of a figure of one joint whose torques change with such a slope (T, 1)."""
-    largest = float(np.abs(slope).max())
-    if largest == 0.0:
-        return Slope(0.0, 0.0, EXACT)
-
-    def difference(s: float) -> float:
-        ends = [FIGURES[figure](Loaded(own.times, own.tau + way * slope, own.qd))[0] for way in (s, -s)]
-        return float((ends[0] - ends[1]) / (2.0 * s))
-
-    step = SMALL * max(float(np.abs(own.tau).max()), 1e-300) / largest
-    value, wide = difference(step), difference(2.0 * step)
-    return Slope(value, abs(value - wide) + ROUNDING * max(abs(value), largest), EXACT)
+    Raises
+    ------
+    CapabilityError
+    """
+    if program.problem.model.switched:
+        raise CapabilityError("payloads are gripped or released on the way")
+    if isinstance(program, ClosedLoops) and geared(program.problem.model):
+        raise CapabilityError("the losses of gears depend on how loops share the load")

@@ -11,7 +11,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent
-from robodyn_cli.run.sensitivity.slope import EXACT, Slope
+from robodyn_cli.run.sensitivity.slope import EXACT, Slope, why_not
 from robodyn_cli.run.sensitivity.slopes import Sensitivities
 
 
@@ -105,10 +105,10 @@ MEANINGS = {
 def _ranked(found: Sensitivities, output: int, slopes: Sequence[Slope]) -> dict[str, SlopeKeys]:
     """Return the derivatives of one output by key, those first that move it most."""
     asked = found.asked
-    value = asked.outputs[output]
+    value, name_of = asked.outputs[output], asked.task.outputs[output]
     keys = {}
     for k, (name, slope) in enumerate(zip(asked.task.keys, slopes)):
-        reason = slope.reason or ("" if slope.method == EXACT else found.obstacles.get(k, NOT_OF_OUTPUT))
+        reason = slope.reason or ("" if slope.method == EXACT else found.obstacles.get(k, why_not(name_of)))
         keys[name] = SlopeKeys(
             derivative=_finite(slope.value),
             error=_finite(slope.error),
@@ -118,9 +118,6 @@ def _ranked(found: Sensitivities, output: int, slopes: Sequence[Slope]) -> dict[
             reason=reason or ABSENT,
         )
     return dict(sorted(keys.items(), key=lambda item: _weight(item[1]), reverse=True))
-
-
-NOT_OF_OUTPUT = "this output has no exact derivatives"
 
 
 def _weight(slope: SlopeKeys) -> tuple[float, float]:

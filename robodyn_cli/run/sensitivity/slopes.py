@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import math
+
 from robodyn_cli.record import record
 from robodyn_cli.run.sensitivity.asked import Asked
 from robodyn_cli.run.sensitivity.differences import differences
 from robodyn_cli.run.sensitivity.exact import exact_slopes
-from robodyn_cli.run.sensitivity.slope import Slope
+from robodyn_cli.run.sensitivity.slope import DIFFERENCES, Slope, is_time_of_sample
+
+JUMPS = Slope(
+    math.nan,
+    math.nan,
+    DIFFERENCES,
+    "it is the time of one of the samples, which stays or jumps to another one",
+)
 
 
 @record
@@ -27,6 +36,7 @@ def sensitivities(asked: Asked, jobs: int = 1) -> Sensitivities:
     """
     exact, obstacles = exact_slopes(asked)
     outputs, count = asked.task.outputs, len(asked.keys)
+    exact |= {(name, k): JUMPS for name in outputs if is_time_of_sample(name) for k in range(count)}
     rest = [k for k in range(count) if any((name, k) not in exact for name in outputs)]
     others = differences(asked, rest, jobs)
     slopes = tuple(

@@ -44,6 +44,10 @@ def with_drives(summary: Summary, result: Result, scene: Scene, problem: Problem
         if one.train.brake is not None and "brake" not in one.uses:
             what = "data, payloads or loops leave open what holds it at rest"
             summary = _warned(summary, f"the brake of joint {name!r} is not checked: {what}")
+    for name, drive in figures.items():
+        if drive.errors is not ABSENT and abs(drive.margin - drive.least_margin) <= drive.errors.margin:
+            what = f"the margin of joint {name!r} is as near to what is asked for as its error; take more samples"
+            summary = _warned(summary, what)
     title = scene.catalogue.title or ABSENT
     return dataclasses.replace(summary, drives=figures, catalogue=title)  # type: ignore[type-var]
 

@@ -45,6 +45,8 @@ def unit_of_output(key: str, model: Model) -> str:
     if key.startswith("torques_of_joints."):
         return TORQUE.get(joints.get(key.partition(".")[2], ""), UNKNOWN)
     figure, _, name = key.partition(".")
+    if figure == "singular_ratio":
+        return "s" if name == "time" else "1"
     if figure in ("drives", "control"):
         return (_of_drive if figure == "drives" else _of_control)(name, joints)
     if figure == "joints":

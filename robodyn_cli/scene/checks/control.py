@@ -149,25 +149,31 @@ def _maps(controller: Any) -> Iterator[tuple[Path, dict[str, Any]]]:
 
 
 def _reference(scene: Scene, names: SceneNames, joints: tuple[str, ...], check: Check) -> Any:
-    """Return the motion to follow: the controller's own, completed, or that of the scene."""
+    """Return the motion to follow: the controller's own, completed, or that of the scene.
+
+    Where loops close the mechanism, other joints than the driven ones may lead it.
+    """
     own = scene.control.reference
     if own is None:
         _check_pose(scene, joints, check)
+        _check_led(scene.trajectory, ("trajectory",), names, joints, check)
         return scene.trajectory
     some = dataclasses.replace(names, some=True)  # type: ignore[type-var]
     for path, message in own.problems(some):
         with check:
             check.fail(("control", "reference", *path), message)
-    with check:
-        led = getattr(own, "joints", None)
-        missing = [name for name in joints if led is not None and name not in led]
-        if missing:
-            check.fail(
-                ("control", "reference"), f"does not lead joint {missing[0]!r}, which the controller drives"
-            )
+    _check_led(own, ("control", "reference"), names, joints, check)
     if hasattr(own, "completed") and not check.found:
         return own.completed(some)
     return own
+
+
+def _check_led(motion: Any, path: Path, names: SceneNames, joints: tuple[str, ...], check: Check) -> None:
+    led = getattr(motion, "joints", None)
+    missing = [name for name in joints if led is not None and name not in led]
+    with check:
+        if missing and not names.closed:
+            check.fail(path, f"does not lead joint {missing[0]!r}, which the controller drives")
 
 
 def _check_pose(scene: Scene, joints: tuple[str, ...], check: Check) -> None:

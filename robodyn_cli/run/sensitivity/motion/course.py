@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -18,7 +19,7 @@ from robodyn_cli.run.driver.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.run.driver.method import supervisor_for
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import watched_again
-from robodyn_cli.run.sensitivity.blocks import NEW
+from robodyn_cli.run.sensitivity.motion.blocks import NEW
 from robodyn_cli.spatial.algebra import Array
 
 # part of the time by which samples stay on their own side of a switch; S changes by about as little over it
@@ -30,12 +31,14 @@ SHORTEST = 1e-3  # part of the way between switches: a shorter step is no part o
 class Switch:
     """A time [s] at which the rates may jump, and the functions that may be zero there, in the integrator's symbols.
 
-    of_state : whether the motion comes to the switch, or the clock.
+    of_state : whether the motion comes to the switch, or the clock. update : number and phase of the update of a
+    sampled controller at that time, None where there is none.
     """
 
     time: float
     functions: tuple[Scalar, ...]
     of_state: bool
+    update: tuple[int, int] | None = None
 
 
 @record
@@ -52,7 +55,7 @@ class Course:
 
 
 def refuse(motion: Motion) -> None:
-    """Refuse motions whose state is more than positions and rates, or jumps.
+    """Refuse motions that jump, or whose controller has no derivative.
 
     Raises
     ------
@@ -60,8 +63,13 @@ def refuse(motion: Motion) -> None:
     """
     if motion.problem.contact_joints:
         raise CapabilityError("joints stick, slip or meet rigid stops")
-    if motion.problem.control is not None:
-        raise CapabilityError("a controller acts")
+    control = motion.problem.control
+    if control is None:
+        return
+    if control.function is not None:
+        raise CapabilityError("a function in Python controls the motion")
+    if control.controller.sensors.resolution:
+        raise CapabilityError("encoders round what the controller sees")
 
 
 def switches_of(motion: Motion, end: float) -> list[Switch]:
@@ -74,7 +82,36 @@ def switches_of(motion: Motion, end: float) -> list[Switch]:
     switching, t = motion.problem.switching, motion.problem.t
     of_time = tuple(g for _, g in switching.switches if is_of_time(g, t)) if motion.system.breakpoints else ()
     found = [Switch(time, of_time, False) for time in motion.system.breakpoints if 0.0 < time < end]
-    return sorted([*found, *_met(motion, end)], key=lambda switch: switch.time)
+    found = sorted([*found, *_met(motion, end), *_updates(motion, end)], key=lambda switch: switch.time)
+    return _together(found, 4.0 * BESIDE * end)
+
+
+def _updates(motion: Motion, end: float) -> list[Switch]:
+    """Return the updates of a sampled controller behind t = 0, whose first belongs to the start."""
+    updates = motion.system.updates
+    found: list[Switch] = []
+    time = 0.0
+    while updates is not None:
+        number, phase, time = updates.after(time)
+        if time >= end * (1.0 - 4.0 * BESIDE):
+            break
+        found.append(Switch(time, (), False, (number, phase)))
+    return found
+
+
+def _together(switches: Sequence[Switch], near: float) -> list[Switch]:
+    """Return switches with those by the clock that come at one time as one."""
+    found: list[Switch] = []
+    for switch in switches:
+        last = found[-1] if found else None
+        if last is None or switch.time - last.time > near or last.of_state or switch.of_state:
+            found.append(switch)
+            continue
+        if last.update is not None and switch.update is not None:
+            raise CapabilityError("two updates of the controller come at one time")
+        both = last.functions + switch.functions
+        found[-1] = dataclasses.replace(last, functions=both, update=last.update or switch.update)
+    return found
 
 
 def _met(motion: Motion, end: float) -> list[Switch]:
@@ -201,7 +238,13 @@ def parts_of(
 
 def plain_states(system: System, plain: System, x: Array) -> Array:
     """Return states x (T, nx) of a motion's system as states of the same equations without work."""
-    q, v, _ = system.split(x)
+    q, v, z = system.split(x)
     found = np.zeros((len(x), plain.size))
     found[:, list(plain.q_places)], found[:, list(plain.v_places)] = q, v
+    found[:, list(further_places(plain))] = z[:, : plain.further]
     return found
+
+
+def further_places(plain: System) -> Sequence[int]:
+    """Return the places in x of the states beside q and v: those of a controller."""
+    return range(plain.nq + plain.nv, plain.size) if plain.layout is None else plain.layout.z

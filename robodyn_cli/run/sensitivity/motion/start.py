@@ -11,11 +11,12 @@ from collections.abc import Collection, Sequence
 
 import numpy as np
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.prepare import held_columns, initial_positions
 from robodyn_cli.run.many.keys import START, Key
-from robodyn_cli.run.sensitivity.variational import Variational
+from robodyn_cli.run.sensitivity.motion.variational import Variational
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
@@ -33,12 +34,12 @@ def start_slopes(motion: Motion, variational: Variational, keys: Sequence[Key]) 
     CapabilityError : the start does not depend smoothly on the keys, or the way that closes the loops decides about it.
     """
     model, system = motion.problem.model, variational.system
-    given_q, given_v = (_given(names, group, keys)
+    given_q, given_v = (given_slopes(names, group, keys)
                         for names, group in ((model.q_names, "q"), (model.v_names, "qd")))  # fmt: skip
     if motion.problem.constraints.rows:
         if system.layout is not None:
             raise CapabilityError("loops of joints with quaternions are closed by differences")
-        return _Closed(motion, variational).slopes(given_q, given_v)
+        return _closed(motion, variational, given_q, given_v)
     S = np.zeros((system.size, len(keys)))
     S[list(system.q_places)], S[list(system.v_places)] = given_q, given_v
     if system.layout is not None and np.any(given_q):
@@ -46,7 +47,18 @@ def start_slopes(motion: Motion, variational: Variational, keys: Sequence[Key]) 
     return S
 
 
-def _given(names: Sequence[str], group: str, keys: Sequence[Key]) -> Array:
+def _closed(motion: Motion, variational: Variational, given_q: Array, given_v: Array) -> Array:
+    """Return dx/dk (nx, K) at a start with closed loops."""
+    problem, start, system = motion.problem, motion.assembled, variational.system
+    closing = Closing(problem, start.q, start.v)
+    x = system.join(start.q, start.v)
+    dq = closing.positions(given_q, variational.slopes(closing.rows.eta, 0.0, x).keys)
+    rate = variational.slopes(closing.rows.velocity_residual(problem.v), 0.0, x)
+    dv = closing.rates(given_v, rate.keys + rate.state[:, : system.nq] @ dq)
+    return np.concatenate([dq, dv, np.zeros((system.size - 2 * system.nq, dq.shape[1]))])
+
+
+def given_slopes(names: Sequence[str], group: str, keys: Sequence[Key]) -> Array:
     """Return the derivatives of what is given of the start (n, K), by its own keys."""
     found = np.zeros((len(names), len(keys)))
     for k, key in enumerate(keys):
@@ -55,24 +67,21 @@ def _given(names: Sequence[str], group: str, keys: Sequence[Key]) -> Array:
     return found
 
 
-class _Closed:
-    """The closed start of a mechanism, whose joints have q-dot = v."""
+class Closing:
+    """How a closed state q, v (nv,) of a mechanism whose joints have q-dot = v follows from what is given of it."""
 
-    def __init__(self, motion: Motion, variational: Variational) -> None:
-        self.motion, self.variational = motion, variational
-        self.problem, self.start = motion.problem, motion.assembled
-        self.rows = self.problem.all_constraints
-        self.psi = self.problem.numbers(self.rows.psi(self.problem.model.nv), self.start.q)
+    def __init__(self, problem: Problem, q: Array, v: Array) -> None:
+        self.problem, self.scene, self.q, self.v = problem, problem.scene, q, v
+        self.rows = problem.all_constraints
+        self.psi = problem.numbers(self.rows.psi(problem.model.nv), q)
 
-    def slopes(self, given_q: Array, given_v: Array) -> Array:
-        system, variational = self.variational.system, self.variational
-        x = system.join(self.start.q, self.start.v)
-        eta = variational.slopes(self.rows.eta, 0.0, x)
-        dq = self._solved(given_q, eta.keys, self._unknown_positions())
-        rate = variational.slopes(self.rows.velocity_residual(self.problem.v), 0.0, x)
-        residual = rate.keys + rate.state[:, : system.nq] @ dq
-        dv = self._solved(given_v, residual, self._unknown_rates())
-        return np.concatenate([dq, dv])
+    def positions(self, given: Array, eta_change: Array) -> Array:
+        """Return dq (nv, K) from the changes of what is given of it, and those of eta (m, K) with the keys alone."""
+        return self._solved(given, eta_change, self._unknown_positions())
+
+    def rates(self, given: Array, change: Array) -> Array:
+        """Return dv (nv, K); ``change`` : of Psi v + eta_t (m, K) with keys and positions."""
+        return self._solved(given, change, self._unknown_rates())
 
     def _solved(self, given: Array, change: Array, unknown: Sequence[int]) -> Array:
         """Return the change (nv, K) of all coordinates: the given one, and what takes up the change of the rows."""
@@ -89,7 +98,7 @@ class _Closed:
 
     def _unknown_positions(self) -> list[int]:
         """Return the coordinates that close the loops, where they do it in one way."""
-        model, scene = self.problem.model, self.motion.scene
+        model, scene = self.problem.model, self.scene
         led = set(position_columns(scene.prescribed))
         held = set(held_columns(scene, self.problem)) - led
         given = initial_positions(scene, self.problem)
@@ -97,16 +106,16 @@ class _Closed:
         if self._is_unique(free):
             return free
         missing = [k for k, name in enumerate(model.q_names) if name not in given or name in led]
-        moved = [
-            abs(self.start.q[k] - given[name]) for k, name in enumerate(model.q_names) if k not in missing
-        ]
+        moved = [abs(self.q[k] - given[name]) for k, name in enumerate(model.q_names) if k not in missing]
         if max(moved, default=0.0) <= STAYED and missing and self._is_unique(missing):
             return missing
-        raise CapabilityError("how the loops are closed at the start is a choice among many")
+        raise CapabilityError(
+            "nothing decides which coordinates close the loops; hold the others (initial.hold)"
+        )
 
     def _unknown_rates(self) -> list[int]:
         """Return the coordinates whose rates follow from the others, where they do in one way or all is at rest."""
-        model, scene = self.problem.model, self.motion.scene
+        model, scene = self.problem.model, self.scene
         led = set(velocity_columns(scene.prescribed))
         given = set(scene.initial.qd)
         hold = set(held_columns(scene, self.problem))
@@ -114,11 +123,13 @@ class _Closed:
         for fixed in (given | (hold - led), given, set[str]()):
             unknown = [k for k, name in enumerate(model.v_names) if name not in fixed]
             kept = [k for k in range(model.nv) if k not in unknown]
-            if np.any(np.abs(self.start.v[kept] - v[kept]) > STAYED * (1.0 + np.abs(v[kept]))):
+            if np.any(np.abs(self.v[kept] - v[kept]) > STAYED * (1.0 + np.abs(v[kept]))):
                 continue
-            if self._is_unique(unknown) or not np.any(self.start.v):
+            if self._is_unique(unknown) or not np.any(self.v):
                 return unknown
-        raise CapabilityError("how rates at the start are made to fit the loops is a choice among many")
+        raise CapabilityError(
+            "nothing decides which rates follow from the loops at the start; give the others (initial.qd)"
+        )
 
     def _is_unique(self, unknown: Collection[int]) -> bool:
         """Tell whether the rows determine these coordinates."""

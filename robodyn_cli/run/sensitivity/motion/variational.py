@@ -15,16 +15,14 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.by_keys import ByKeys
-from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Scalar, free_symbols
-from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.system import System
-from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion
+from robodyn_cli.run.sensitivity.gradients import Columns, Gradients, at_one_point
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -95,27 +93,17 @@ class Variational:
     def __init__(self, motion: Motion, places: Sequence[str]) -> None:
         self.system = _plain(motion)
         self.keys = len(places)
-        self._by_keys = ByKeys({place: k for k, place in enumerate(places) if place})
+        self._places = tuple(places)
         self._known: dict[tuple[int, ...], tuple[Any, ...]] = {}  # gradients, by the identity of expressions
         rates = self.system.rates
-        rows = self._gradients(rates)
-        self._entries = [(i, k) for i, row in enumerate(rows) for k in row]
-        outputs = {"f": rates, "J": [x for row in rows for x in row.values()]}
-        self.kernel = SampleKernel({name: x for name, x in outputs.items() if x}, STATE_GROUPS)
+        self._rates = Gradients({"f": rates}, self._columns(rates), STATE_GROUPS)
 
-    def _gradients(self, outputs: Sequence[Scalar]) -> list[dict[int, Scalar]]:
-        """Return the derivatives of expressions: columns are the state's, those of keys, then time."""
+    def _columns(self, outputs: Sequence[Scalar]) -> Columns:
+        """Return what expressions are differentiated by: the state, time, then the keys."""
         system, n = self.system, self.system.size
-        first = {"q": 0, "v": system.nq, "z": system.nq + system.nv, "t": n + self.keys}
+        first = {"q": 0, "v": system.nq, "z": system.nq + system.nv, "t": n}
         symbols = [e for e in free_symbols(outputs) if e.value[1] in first]
-        columns = [first[e.value[1]] + e.value[2] for e in symbols]
-        many = len(symbols)
-
-        def slopes(x: float) -> dict[int, Scalar]:
-            return {many + k: slope for k, slope in self._by_keys(x).items()}
-
-        found = jacobian(outputs, symbols, slopes)
-        return [{columns[k] if k < many else n + k - many: x for k, x in row.items()} for row in found]
+        return Columns({e.index: first[e.value[1]] + e.value[2] for e in symbols}, n + 1, self._places)
 
     def along(self, t: Array, x: Array) -> Linearised:
         """Return the equations linearised at times t (T,) and states x (T, nx).
@@ -125,46 +113,44 @@ class Variational:
         CapabilityError : something there is not finite.
         """
         system, n = self.system, self.system.size
-        found = self._evaluate(t, x)
-        J = np.zeros((len(t), n - system.nq, n + self.keys + 1))
-        if self._entries:
-            rows, columns = np.array(self._entries).T
-            J[:, rows, columns] = found["J"]
-        rate = np.concatenate([x[:, system.nq : system.nq + system.nv], found["f"]], axis=1)
+        f, J = self._evaluate(t, x)
+        rate = np.concatenate([x[:, system.nq : system.nq + system.nv], f], axis=1)
         if not (np.isfinite(J).all() and np.isfinite(rate).all()):
             raise CapabilityError("derivatives along the motion are not finite")
-        return Linearised(t, x, rate, J[:, :, :n], J[:, :, n:-1], J[:, :, -1], system.nq)
+        return Linearised(t, x, rate, J[:, :, :n], J[:, :, n + 1 :], J[:, :, n], system.nq)
 
-    def _evaluate(self, t: Array, x: Array) -> dict[str, Array]:
+    def _evaluate(self, t: Array, x: Array) -> tuple[Array, Array]:
+        """Return the rates of v and z (T, nr), and their derivatives."""
         partition = self.system.partition
         if partition is None:
-            return self.kernel.evaluate(len(t), self.system.own_groups(t, x, np.zeros(0)))
+            return self._rates(len(t), self.system.own_groups(t, x, np.zeros(0)))["f"]
         # accelerations on the constraints do not depend on the combination of dependent rows, if only it has full rank
         parts = []
         for k in range(len(t)):
             p = np.zeros(partition.first + partition.count)
             p[partition.first :] = partition.choose(float(t[k]), self.system.split(x[k])[0], None)
-            parts.append(self.kernel.evaluate(1, self.system.own_groups(t[k : k + 1], x[k : k + 1], p)))
-        return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+            parts.append(self._rates(1, self.system.own_groups(t[k : k + 1], x[k : k + 1], p))["f"])
+        return np.concatenate([f for f, _ in parts]), np.concatenate([J for _, J in parts])
 
-    def slopes(self, outputs: Sequence[Scalar], t: float, x: Array) -> Slopes:
-        """Return the derivatives of expressions of the integrator's symbols at time t and state x (nx,)."""
+    def slopes(self, outputs: Sequence[Scalar], t: float, x: Array, **more: Array) -> Slopes:
+        """Return the derivatives of expressions of the integrator's symbols at time t and state x (nx,).
+
+        more : values of symbols that nothing is differentiated by, by group.
+        """
         n = self.system.size
         identity = tuple(map(id, outputs))
         if identity not in self._known:
-            rows = self._gradients(outputs)
-            places = [(i, k) for i, row in enumerate(rows) for k in row]
-            self._known[identity] = (
-                outputs,
-                places,
-                Evaluator([*outputs, *(e for row in rows for e in row.values())]),
-            )
-        _, places, evaluate = self._known[identity]
-        values = evaluate(self.system.own_groups([t], x, np.zeros(0)))
-        found = np.zeros((len(outputs), n + self.keys + 1))
-        for place, value in zip(places, values[len(outputs) :]):
-            found[place] = value
-        return Slopes(np.array(values[: len(outputs)]), found[:, :n], found[:, n:-1], found[:, -1])
+            self._known[identity] = outputs, at_one_point(outputs, self._columns(outputs))
+        _, function = self._known[identity]
+        values, J = function({**self.system.own_groups([t], x, np.zeros(0)), **more})
+        return Slopes(values, J[:, :n], J[:, n + 1 :], J[:, n])
+
+
+def programs_of(motion: Motion) -> list[Program]:
+    """Return the code of the rates of a motion, and of what a sampled controller sets."""
+    system = _plain(motion)
+    updates = () if system.updates is None else system.updates.programs
+    return [make_program({"f": system.rates}, STATE_GROUPS), *updates]
 
 
 def _plain(motion: Motion) -> System:

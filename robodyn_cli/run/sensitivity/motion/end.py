@@ -21,9 +21,10 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.record import record
 from robodyn_cli.run.driver.motion import Motion
 from robodyn_cli.run.driver.second_run import tighter
-from robodyn_cli.run.many.keys import NUMBER, OPTION, Key
-from robodyn_cli.run.sensitivity.blocks import nodes_of, transfers
-from robodyn_cli.run.sensitivity.course import (
+from robodyn_cli.run.many.keys import OPTION, Key
+from robodyn_cli.run.sensitivity.motion.blocks import nodes_of, transfers
+from robodyn_cli.run.sensitivity.motion.course import (
+    BESIDE,
     Switch,
     follow,
     parts_of,
@@ -32,8 +33,9 @@ from robodyn_cli.run.sensitivity.course import (
     step_times,
     switches_of,
 )
-from robodyn_cli.run.sensitivity.start import start_slopes
-from robodyn_cli.run.sensitivity.variational import Linearised, Point, Slopes, Variational
+from robodyn_cli.run.sensitivity.motion.start import start_slopes
+from robodyn_cli.run.sensitivity.motion.updates import Updated
+from robodyn_cli.run.sensitivity.motion.variational import Linearised, Point, Slopes, Variational
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
@@ -80,18 +82,22 @@ class Ending:
 
 
 class MotionSlopes:
-    """The derivatives of a motion's end by keys.
+    """The derivatives of a motion's end by keys, whose numbers are at ``places``, empty of keys that have none.
 
     Raises
     ------
     CapabilityError : the motion, or its start, has no derivatives that can be computed exactly.
     """
 
-    def __init__(self, motion: Motion, keys: Sequence[Key], ending: Ending) -> None:
+    def __init__(self, motion: Motion, keys: Sequence[Key], places: Sequence[str], ending: Ending) -> None:
         refuse(motion)
-        self.motion, self.keys, self.ending = motion, keys, ending
-        self.variational = Variational(motion, [key.place if key.sort == NUMBER else "" for key in keys])
-        self.start = start_slopes(motion, self.variational, keys)
+        self.motion, self.places, self.ending = motion, places, ending
+        self.lasting = np.array(
+            [float(key.sort == OPTION) for key in keys]
+        )  # keys that are the time of the end
+        self.variational = Variational(motion, places)
+        self.updates = Updated(motion, self.variational)
+        self.start = self.updates.begun(start_slopes(motion, self.variational, keys))
         self.follow()
 
     def follow(self) -> None:
@@ -100,7 +106,9 @@ class MotionSlopes:
         self.switches = switches_of(motion, end)
         steps = step_times(motion, end)
         self.mean_step = end / (len(steps) + 1)
-        self.parts = parts_of(end, self.switches, steps)
+        # a sample at the end of a sampled motion would show what an update at the end has set
+        last = end if motion.system.updates is None else end * (1.0 - BESIDE)
+        self.parts = parts_of(last, self.switches, steps)
 
     def found(self) -> tuple[EndSlopes, EndSlopes]:
         """Return the derivatives and their estimated errors.
@@ -155,10 +163,12 @@ class MotionSlopes:
         """Return S (nx, K) at the sample behind a switch, from that at the ``last`` sample before it."""
         before = along.point(last, S)
         before = before.moved(switch.time - before.t)
-        behind = along.point(last + 1, before.S)
+        S = before.S if switch.update is None else self.updates.over(switch.update, before)
+        behind = along.point(last + 1, S)
         away = behind.t - switch.time
-        jump = before.rate - behind.moved(-away).rate
-        S = before.S + np.outer(jump, self._shift(switch, before, jump))
+        if switch.functions or switch.update is None:
+            jump = before.rate - behind.moved(-away).rate
+            S = S + np.outer(jump, self._shift(switch, before, jump))
         return along.point(last + 1, S).moved(away).S
 
     def _shift(self, switch: Switch, before: Point, jump: Array) -> Array:
@@ -169,14 +179,14 @@ class MotionSlopes:
         CapabilityError : it is not known what they are.
         """
         if np.abs(jump).max() <= JUMPS * max(np.abs(before.rate).max(), 1e-300):
-            return np.zeros(len(self.keys))
+            return np.zeros(len(self.places))
         for function in switch.functions:
             at = self.variational.slopes([function], before.t, before.x)
             if switch.of_state or self._is_zero(at):
                 return -(at.keys[0] + at.state[0] @ before.S) / self._pace(at, before.rate)
-        if any(key.sort == NUMBER and key.place.startswith(FORMULAS) for key in self.keys):
+        if any(place.startswith(FORMULAS) for place in self.places):
             raise CapabilityError("rates jump at a time of which it is not known how it depends on the keys")
-        return np.zeros(len(self.keys))
+        return np.zeros(len(self.places))
 
     def _is_zero(self, at: Slopes) -> bool:
         """Tell whether a function of time is zero at a breakpoint."""
@@ -187,8 +197,10 @@ class MotionSlopes:
         one.
         """
         plain, function = self.variational.system, self.ending.function
-        shift = np.array([float(key.sort == OPTION) for key in self.keys])
-        if function is not None:
+        shift = self.lasting
+        if function is None:
+            end = end.moved(self.ending.time - end.t)
+        else:
             at = self.variational.slopes([function], end.t, end.x)
             end = end.moved(-float(at.values[0]) / self._pace(at, end.rate))
         (S, sizes), terms = self._on_constraints(end), np.abs(shift)
