@@ -115,8 +115,6 @@ def test_refused(joint: str, text: str, message: str) -> None:
         ("trajectory: {type: joint, duration: 1, q: {}}", "joint 'j' is missing"),
         ("trajectory: {type: quintic, points: [{t: 0, q: {j: [1, 0, 0, 0]}}, {t: 1, q: {j: [1, 1, 0, 0]}}]}",
          "the quaternion (w, x, y, z) has length 1.41421"),
-        ("trajectory: {type: circle, point: body.com, center: [0, 0], radius: 1, duration: 1}",
-         "a path of a point cannot lead joint 'j'"),
     ],
 )  # fmt: skip
 def test_refused_of_spherical_joints(rest: str, message: str) -> None:

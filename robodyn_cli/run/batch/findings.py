@@ -18,7 +18,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.run.commands import execute
-from robodyn_cli.run.driver.build import payload_watchers
+from robodyn_cli.run.driver.build import payload_watchers, ready
 from robodyn_cli.run.driver.mass_matrix import refuse_indefinite
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.run.inverse.build import build_inverse
@@ -147,7 +147,7 @@ def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
 
         refuse_open_chain(scene)
         refuse_changes(scene, command)
-    problem = prepare(scene).problem
+    problem = prepare(ready(scene, Stopwatch())).problem
     payload_watchers(problem)
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem))

@@ -73,6 +73,27 @@ def limit_watchers(problem: Problem) -> list[Watcher]:
     return [watcher] if watcher.limits else []
 
 
+def ready(scene: Scene, watch: Stopwatch) -> Scene:
+    """Return the scene with what is found before its equations are built: the motion of joints along a path, and what
+    a controller follows, with the numbers of its law.
+
+    Raises
+    ------
+    RobodynError : see ``with_motion_found`` and ``with_controller_ready``.
+    """
+    if is_to_find(scene.prescribed):
+        from robodyn_cli.run.mechanism.in_time import with_motion_found
+
+        with watch.stage("solve"):
+            scene = with_motion_found(scene)
+    if scene.control is not None:
+        from robodyn_cli.run.control.ready import with_controller_ready
+
+        with watch.stage("solve"):
+            scene = with_controller_ready(scene)
+    return scene
+
+
 def build_motion(
     scene: Scene,
     watch: Stopwatch | None = None,
@@ -94,16 +115,7 @@ def build_motion(
     RobodynError : the scene cannot be started; see ``prepare``.
     """
     watch = watch or Stopwatch()
-    if is_to_find(scene.prescribed):
-        from robodyn_cli.run.mechanism.in_time import with_motion_found
-
-        with watch.stage("solve"):
-            scene = with_motion_found(scene)
-    if scene.control is not None:
-        from robodyn_cli.run.control.ready import with_controller_ready
-
-        with watch.stage("solve"):
-            scene = with_controller_ready(scene)
+    scene = ready(scene, watch)
     scene, gains = with_gains(scene, watch)
     setup = prepare(scene, watch, neutral=plan)
     problem = setup.problem

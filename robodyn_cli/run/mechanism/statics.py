@@ -9,7 +9,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination
-from robodyn_cli.run.driver.prepare import held_columns, initial_positions
+from robodyn_cli.run.driver.prepare import held_columns, initial_positions, plant_of
 from robodyn_cli.run.mechanism.at_rest import AtRest
 from robodyn_cli.run.mechanism.balance import balanced
 from robodyn_cli.run.mechanism.formulas import check_formulas
@@ -51,7 +51,7 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     """
     watch = watch or Stopwatch()
     with watch.stage("equations"):
-        problem = Problem(scene)
+        problem = problem_of(scene)
     with watch.stage("assemble"):
         q = closed_configuration(problem)
     with watch.stage("solve"):
@@ -64,6 +64,21 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     result.summarise(summarise(state, loads), seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def problem_of(scene: Scene) -> Problem:
+    """Return the equations of a scene for its statics: a configuration is held without its controller.
+
+    Raises
+    ------
+    CapabilityError : a balance under a controller, whose torques may depend on more than the configuration.
+    """
+    if scene.control is not None and scene.statics.find == "balance":
+        raise CapabilityError(
+            "statics knows no controller, whose torques may depend on more than the configuration; take "
+            "'control' away, or simulate until the motion comes to rest"
+        )
+    return Problem(plant_of(scene))
 
 
 def closed_configuration(problem: Problem) -> Array:

@@ -18,7 +18,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.run.driver.baumgarte import GainStudy
-from robodyn_cli.run.driver.build import projected_motion
+from robodyn_cli.run.driver.build import projected_motion, ready
 from robodyn_cli.run.driver.prepare import Setup, prepare, refuse_changes
 from robodyn_cli.run.numerics import stability_store as store
 from robodyn_cli.run.numerics.energy_growth import PERIODS, growths, period
@@ -88,6 +88,7 @@ def stability(
     refuse_changes(scene, "stability")
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
+    scene = ready(scene, watch)
     setup = prepare(scene, watch)
     stages = 4
     with watch.stage("reference"):

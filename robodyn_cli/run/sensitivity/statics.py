@@ -15,7 +15,6 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.contact_joints import moving_freely
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.program import Program
@@ -25,7 +24,7 @@ from robodyn_cli.run.inverse.terms import torque_terms
 from robodyn_cli.run.mechanism.balance import balanced, load_at_rest, staying
 from robodyn_cli.run.mechanism.holding import holding_joints
 from robodyn_cli.run.mechanism.loop_conditions import LoopConditions, nothing_led, velocity_places
-from robodyn_cli.run.mechanism.statics import closed_configuration
+from robodyn_cli.run.mechanism.statics import closed_configuration, problem_of
 from robodyn_cli.run.observation.reactions import ReactionSamples
 from robodyn_cli.run.observation.reactions import figures as largest_loads
 from robodyn_cli.run.sensitivity.asked import Asked
@@ -72,7 +71,7 @@ class StaticsSlopes:
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
         self.asked, self.numbers = asked, numbers
-        self.problem = problem = Problem(scene)
+        self.problem = problem = problem_of(scene)
         self.balances = scene.statics.find == "balance"
         self.start = closed_configuration(problem)
         self.lead = staying(problem, self.start) if self.balances else nothing_led()
