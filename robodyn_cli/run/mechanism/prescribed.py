@@ -10,12 +10,11 @@ import numpy as np
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
-from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.expr.rebuild import Interpreter, evaluate
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import zeros
+from robodyn_cli.spatial.algebra import Array, zeros
 from robodyn_cli.trajectories.attitudes import FORMS, evaluated, joint_expressions
 from robodyn_cli.trajectories.formulas import time_symbol
 from robodyn_cli.trajectories.joint_space import attitude_places
@@ -23,6 +22,7 @@ from robodyn_cli.trajectories.led import Follows, position_columns
 
 BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration: distances from a jump at which both sides are evaluated
 JUMP = 1e-6  # rad, rad/s, m or m/s
+START = np.zeros(1)  # s
 
 
 def prescribed_starts(scene: Scene) -> dict[str, float]:
@@ -83,8 +83,8 @@ def check_prescribed(problem: Problem) -> None:
         if i in constraints.prescribed:
             formula = _formula(problem.scene.prescribed, name)
             where = f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r}"
-        for what, value in (("rate", row.rate), ("acceleration", row.acceleration)):
-            if not np.isfinite(value(0.0)):
+        for what, (value,) in zip(("rate", "acceleration"), row.at(START)[1:]):
+            if not np.isfinite(value):
                 raise NumericalError(
                     f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
                 )
@@ -99,17 +99,21 @@ def _refuse_jumps(problem: Problem, row: _Course, where: str, prescribed: bool, 
     SceneError : with the time and both values.
     """
     name = row.name.partition(".")[2] if prescribed else row.name.rpartition(".")[0]
-    for time in _doubtful_times(problem, row.row, prescribed):
-        step = _beside(row, time, problem.scene.simulate.duration)
-        slack = JUMP + 10.0 * step * max(abs(row.acceleration(t)) for t in (time - step, time + step))
-        for what, value in (("position", row.position), ("rate", row.rate))[: 1 + rates]:
-            before, after = value(time - step), value(time + step)
-            if abs(after - before) > slack + 10.0 * step * abs(row.rate(time + step)):
-                raise SceneError(
-                    f"{where} jumps at t = {time:.9g} s: its {what} goes from {before:.6g} to {after:.6g}, which "
-                    "takes an infinite torque; let it go there in finite time",
-                    joint=name, time=time,
-                )  # fmt: skip
+    times = _doubtful_times(problem, row.row, prescribed)
+    if not times.size:
+        return
+    step = _beside(row, times, problem.scene.simulate.duration)
+    before, after = row.at(times - step), row.at(times + step)
+    slack = JUMP + 10.0 * step * (np.maximum(np.abs(before[2]), np.abs(after[2])) + np.abs(after[1]))
+    for k, what in enumerate(("position", "rate")[: 1 + rates]):
+        jumps = np.flatnonzero(np.abs(after[k] - before[k]) > slack)
+        if jumps.size:
+            first = jumps[0]
+            raise SceneError(
+                f"{where} jumps at t = {times[first]:.9g} s: its {what} goes from {before[k][first]:.6g} to "
+                f"{after[k][first]:.6g}, which takes an infinite torque; let it go there in finite time",
+                joint=name, time=float(times[first]),
+            )  # fmt: skip
 
 
 def _check_moving_ends(problem: Problem) -> None:
@@ -123,7 +127,7 @@ def _check_moving_ends(problem: Problem) -> None:
         for x, v in zip(place, rate):
             where = f"the motion of the place {key!r}"
             row = _Course(problem, Row(key, -x, zeros(0), 0.0, -v))
-            if not (np.isfinite(row.position(0.0)) and np.isfinite(row.rate(0.0))):
+            if not np.all(np.isfinite(row.at(START)[:2])):
                 raise NumericalError(
                     f"{where} has no finite place or rate at t = 0", time=0.0, status="not_finite"
                 )
@@ -135,23 +139,17 @@ class _Course:
 
     def __init__(self, problem: Problem, row: Row) -> None:
         self.row, self.name = row, row.name
-        self._pose = Manifold(problem.model).neutral().tolist()
-        self._rest = [0.0] * problem.model.nv
+        self._values = Interpreter([row.eta, row.eta_t, row.gamma])
+        self._state = {"q": Manifold(problem.model).neutral(), "v": np.zeros(problem.model.nv)}
 
-    def _at(self, entry: Scalar, time: float) -> float:
+    def at(self, times: Array) -> Array:
+        """Return position, rate and acceleration (3, T) at times (T,); not finite where there is none."""
         try:
-            return -float(evaluate([entry], {"t": [time], "q": self._pose, "v": self._rest})[0])
-        except (ArithmeticError, ValueError):
-            return float("nan")
-
-    def position(self, time: float) -> float:
-        return self._at(self.row.eta, time)
-
-    def rate(self, time: float) -> float:
-        return self._at(self.row.eta_t, time)
-
-    def acceleration(self, time: float) -> float:
-        return self._at(self.row.gamma, time)
+            with np.errstate(all="ignore"):
+                found = self._values({"t": times[None], **self._state})
+        except (ArithmeticError, ValueError):  # of numbers that do not depend on time
+            return np.full((3, len(times)), np.nan)
+        return -np.array([np.broadcast_to(x, times.shape) for x in found], dtype=float)
 
 
 def _formula(prescribed: Mapping[str, Any], column: str) -> Any:
@@ -163,23 +161,23 @@ def _formula(prescribed: Mapping[str, Any], column: str) -> Any:
     return found[0] if isinstance(found, tuple) else found
 
 
-def _beside(row: _Course, time: float, duration: float) -> float:
-    """Return the smallest distance from a time [s] at which the motion has values on both sides."""
-    for part in BESIDE:
-        there = [value(time + s * part * duration) for value in (row.rate, row.acceleration) for s in (-1, 1)]
-        if np.all(np.isfinite(there)):
-            break
-    return part * duration
+def _beside(row: _Course, times: Array, duration: float) -> Array:
+    """Return the smallest distance from each time [s] at which the motion has values on both sides."""
+    found = np.full(len(times), BESIDE[-1] * duration)
+    for part in reversed(BESIDE):
+        sides = [row.at(times + side * part * duration)[1:] for side in (-1, 1)]
+        found[np.all(np.isfinite(sides), axis=(0, 1))] = part * duration
+    return found
 
 
-def _doubtful_times(problem: Problem, row: Row, prescribed: bool) -> list[float]:
+def _doubtful_times(problem: Problem, row: Row, prescribed: bool) -> Array:
     """Return the times at which the motion may jump: formulas switch there, or are not smooth."""
     duration = problem.scene.simulate.duration
     formula = _formula(problem.scene.prescribed, row.name.partition(".")[2]) if prescribed else None
     if isinstance(formula, Follows) and formula.followed.breakpoints is not None:
-        return sorted({x for x in formula.followed.breakpoints if 0.0 < x < duration})
+        return np.unique([x for x in formula.followed.breakpoints if 0.0 < x < duration])
     found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     times = {x for s in found for x in switching_times(s, problem.t, duration) if 0.0 < x < duration}
     keys = (row.name, row.closure)  # those of an attitude have one key
     hidden = [x for key, found in problem.switching.time_structures if key in keys for x in found.points]
-    return sorted(times.union(hidden))
+    return np.unique([*times, *hidden])
