@@ -44,12 +44,6 @@ class Course:
             c = np.arange(1, len(c))[:, None, None] * c[1:] if len(c) > 1 else 0.0 * c
         return Course(self.knots, c)
 
-    def combined(self, matrix: Any, offset: Any) -> Course:
-        """Return the functions (m,) offset + matrix (m, n) f."""
-        c = self.c @ np.asarray(matrix, dtype=float).T
-        c[0] += offset
-        return Course(self.knots, c)
-
     def stretched(self, duration: float) -> Course:
         """Return the same course, from time 0, in another time."""
         factor = duration / self.duration

@@ -24,6 +24,7 @@ from robodyn_cli.equations.discontinuities import switches
 from robodyn_cli.expr.functions import maximum, minimum, nearest
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.model.model import TORQUE
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
 
@@ -67,7 +68,7 @@ class Control:
         self.joints: tuple[str, ...] = self.controller.joints
         model = problem.model
         self.places = [model.v_names.index(name) for name in self.joints]
-        self.units = tuple("N m" if model.v_units[k].startswith("rad") else "N" for k in self.places)
+        self.units = tuple(TORQUE[model.v_units[k]] for k in self.places)
         self.period: float | None = self.controller.period
         self.function = getattr(self.controller, "call", None)
         own = self.controller.states(self.joints)

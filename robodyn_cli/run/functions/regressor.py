@@ -51,7 +51,7 @@ class Regressor:
     @staticmethod
     def of(problem: Problem) -> Regressor:
         """Return the regressor: the torques of a tree with symbols for parameters, differentiated by them."""
-        columns = [c for k, body in enumerate(problem.model.bodies) for c in _of_body(problem, k, body)]
+        columns = [c for body in problem.model.bodies for c in _of_body(problem, body)]
         symbols = problem.graph.symbols([name for name, _, _ in columns], GROUP)
         rest = iter(symbols)
         bodies = tuple(_with_symbols(body, rest) for body in problem.model.bodies)
@@ -75,7 +75,7 @@ class Regressor:
         return InertialParameters(self.names, values, self.units)
 
 
-def _of_body(problem: Problem, place: int, body: Body) -> Iterator[tuple[str, str, Any]]:
+def _of_body(problem: Problem, body: Body) -> Iterator[tuple[str, str, Any]]:
     """Give name, unit and value of a body's parameters."""
     I = body.inertia
     values = (I.m, *I.h, *(I.I[i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))))

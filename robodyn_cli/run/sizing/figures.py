@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.model.model import TORQUE
 from robodyn_cli.motors.drive import Train
 from robodyn_cli.motors.electric import Curves
 from robodyn_cli.record import record
@@ -181,7 +182,7 @@ class Evaluated:
         train, duty, cycle = self.train, self.duty, self.cycle
         decides, margin = self.decides, self.margin
         limits = {name: self._limit(use) for name, use in self.uses.items()}
-        force = "N m" if unit == "rad" else "N"
+        force = TORQUE[unit]
         return DriveFigures(
             passes=bool(margin >= train.drive.margin),
             margin=margin,

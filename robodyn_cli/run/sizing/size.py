@@ -25,7 +25,6 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.catalogue import EXAMPLE
 from robodyn_cli.scene.types import Scene
 
-BY = ("cost", "mass")
 # combinations times samples that are evaluated for combinations of all joints together: a blink, some minutes
 FEW, MANY = 2e6, 4e9
 _DEFAULTS = {"gear_ratio": 1.0, "rotor_inertia": 0.0}
