@@ -204,6 +204,7 @@ def main() -> None:
     measure.print_machine()
     print(measure.table(named(given.quick)), flush=True)
     if given.random:
+        print()
         print(measure.table(random(given.random, given.quick)))
 
 
