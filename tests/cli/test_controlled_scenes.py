@@ -55,3 +55,12 @@ def test_motions_are_looked_at_without_their_controller(tmp_path: Path) -> None:
     for command in ("inverse", "kinematics"):
         done = invoke(command, CONFIGS / "controlled_arm.yaml", "--no-plots", "--out", tmp_path / command)
         assert done.code == 0, done.err
+
+
+@pytest.mark.parametrize("key", ["pose", "gains.q", "gains.qd", "gains.tau"])
+def test_a_regulator_knows_its_joints(key: str, tmp_path: Path) -> None:
+    path = tmp_path / "scene.yaml"
+    path.write_text(f"{PENDULUM}control: {LAWS['lqr']}\n", encoding="utf-8")
+    done = invoke("plan", path, "--set", f"control.{key}={{j3: 1}}")
+    assert done.code == 2
+    assert f"control.{key}.j3: unknown joint" in done.err

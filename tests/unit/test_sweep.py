@@ -446,6 +446,8 @@ def test_the_yield_that_is_asked_for_decides_the_exit_code(fall: Path, tmp_path:
     assert sweep(*words, "--yield", 0.6).exit_code == 0
     low = sweep(*words, "--yield", 0.7)
     assert low.exit_code == 1 and "yield is 0.6667" in low.output
+    nothing = sweep(*words, "--set", "expect={}", "--yield", 0.6)
+    assert nothing.exit_code == 2 and "'expect' is missing" in nothing.output
 
 
 def test_a_grid_has_extremes_and_samples_a_spread(fall: Path, tmp_path: Path) -> None:

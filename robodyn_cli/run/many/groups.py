@@ -69,7 +69,7 @@ class Built:
         if not self._varying:
             return True
         farthest = None
-        while not (near := (away <= FARTHER * self._confirmed).all(axis=0)).all():
+        while not (near := (away / FARTHER <= self._confirmed).all(axis=0)).all():
             if farthest is None:
                 farthest = away.max(axis=0)
             share = np.where(near, 0.0, away / np.maximum(farthest, 1e-300))

@@ -150,6 +150,7 @@ class Mechanism(ModelFunctions):
         samples: int,
         threads: int | None,
     ) -> ManyRuns:
+        self._refuse_impossible(command.name, of)
         rows = self._rows(values, start)
         q, qd = (self._start(x, names, len(rows)) for x, names in zip(start, (self.q_names, self.qd_names)))
         result = ManyRuns.empty(
@@ -166,6 +167,21 @@ class Mechanism(ModelFunctions):
         result = ManyRuns.empty(self._key_names, rows, (self.q_names, self.qd_names), of)
         making, allowed = self._making(command, result, (None, None), 0, threads)
         return result, making.compiled(allowed)
+
+    def _refuse_impossible(self, command: str, of: Sequence[str]) -> None:
+        """Refuse outputs that no run can have.
+
+        Raises
+        ------
+        CapabilityError
+        """
+        if not of:
+            return
+        from robodyn_cli.run.possible import is_possible
+
+        for key in of:
+            if not is_possible(command, key, self.scene.text):
+                raise CapabilityError(f"of: {key!r}: no run of {command} has a number of this name")
 
     @property
     def _key_names(self) -> list[str]:

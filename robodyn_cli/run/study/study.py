@@ -18,8 +18,8 @@ from robodyn_cli.results.provenance import sha256
 from robodyn_cli.run.batch.criteria import lookup, lookup_number, refuse_unknown
 from robodyn_cli.run.many.keys import Allowed, setting, understand
 from robodyn_cli.run.many.single import number_of
+from robodyn_cli.run.possible import is_possible
 from robodyn_cli.run.study.design import Design, make_design
-from robodyn_cli.run.study.possible import is_possible
 from robodyn_cli.run.study.row import Rows, Task
 from robodyn_cli.run.study.rows import RowFile
 from robodyn_cli.run.study.runs import make_one
@@ -108,6 +108,11 @@ def prepare(asked: Asked) -> Study:
         what = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
             f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(COMMANDS)}"
+        )
+    if options.least_yield is not None and not scene.expect:
+        raise SceneError(
+            f"{family.path}: key 'expect' is missing: a yield is the share of runs that hold what it says",
+            key="expect",
         )
     design = make_design(options, asked.indices)
     for key, variation in options.vary.items():

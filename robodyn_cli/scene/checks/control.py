@@ -39,7 +39,7 @@ def check_control(scene: Scene, names: SceneNames, check: Check) -> Scene:
     for path, message in controller.problems():
         with check:
             check.fail(("control", *path), message)
-    _check_gains(controller, joints, check)
+    _check_maps(scene, joints, check)
     _check_signals(scene, joints, check)
     found = dataclasses.replace(controller, joints=joints)
     if isinstance(found, Follower):
@@ -116,19 +116,21 @@ def _check_times(scene: Scene, check: Check) -> None:
             )
 
 
-def _check_gains(controller: Any, joints: tuple[str, ...], check: Check) -> None:
-    """Maps by joint name joints that are driven, and all of them."""
+def _check_maps(scene: Scene, joints: tuple[str, ...], check: Check) -> None:
+    """Maps by joint name joints that are driven, and all of them; a pose, and weights of positions and rates, any."""
+    controller = scene.control
+    single = columns(scene.robot, quasi=False)
     for path, value in _maps(controller):
-        weighs = controller.type == "lqr" and path in (("gains", "q"), ("gains", "qd"))
+        any_joint = path == ("pose",) or (
+            controller.type == "lqr" and path in (("gains", "q"), ("gains", "qd"))
+        )
+        names, what = (single, "joint") if any_joint else (joints, "joint of this controller")
         for name in value:
             with check:
-                if not weighs:
-                    check.known(
-                        name, joints, "joint of this controller", ("control", *path, name), at_key=True
-                    )
-        known = weighs or all(name in joints for name in value)
+                check.known(name, names, what, ("control", *path, name), at_key=True)
+        known = all(name in names for name in value)
         missing = [name for name in joints if known and name not in value]
-        partial = weighs or path[0] in ("limit", "rate_limit", "sensors") or path[-1] == "anti_windup"
+        partial = any_joint or path[0] in ("limit", "rate_limit", "sensors") or path[-1] == "anti_windup"
         with check:
             if missing and not partial:
                 check.fail(
@@ -137,7 +139,7 @@ def _check_gains(controller: Any, joints: tuple[str, ...], check: Check) -> None
 
 
 def _maps(controller: Any) -> Iterator[tuple[Path, dict[str, Any]]]:
-    for name in ("limit", "rate_limit", "gains", "sensors"):
+    for name in ("limit", "rate_limit", "gains", "sensors", "pose"):
         value = getattr(controller, name, None)
         if isinstance(value, dict):
             yield (name,), value
