@@ -330,8 +330,8 @@ def test_torques_of_a_given_motion() -> None:
     assert [event["kind"] for event in found.events] == ["grip", "let_go"]
 
 
-def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
-    """Energies and RMS torques of 201 samples are those of the motions with and without the box, each in its time."""
+def led_arm() -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the arm with joints of one coordinate, and a motion of them."""
     base = {k: x for k, x in ARM.items() if k not in ("torques", "initial")}
     base["robot"] = {**base["robot"], "joints": [
         {**j, "type": "revolute", "axis": [0, 1, 0.3]} if j["name"] == "b" else j for j in base["robot"]["joints"]
@@ -341,6 +341,12 @@ def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
         "duration": 1,
         "q": {"a": "0.5*sin(2*t)", "c": "0.1*t", "d": "cos(3*t)", "b": "t^2"},
     }
+    return base, motion
+
+
+def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
+    """Energies and RMS torques of 201 samples are those of the motions with and without the box, each in its time."""
+    base, motion = led_arm()
     fine = {"trajectory": motion, "inverse": {"samples": 20001}}
     light, heavy = inverse(scene_of(base, **fine)), inverse(scene_of(with_box(base), **fine))
     t, qd = light["time"], light["qd"]
@@ -374,15 +380,7 @@ def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
 
 def test_compiled_torques_of_a_given_motion_change_with_what_is_carried() -> None:
     """Compiled code, bytecode and interpretation give the same torques, whatever the number of samples."""
-    base = {k: x for k, x in ARM.items() if k not in ("torques", "initial")}
-    base["robot"] = {**base["robot"], "joints": [
-        {**j, "type": "revolute", "axis": [0, 1, 0.3]} if j["name"] == "b" else j for j in base["robot"]["joints"]
-    ]}  # fmt: skip
-    motion = {
-        "type": "joint",
-        "duration": 1,
-        "q": {"a": "0.5*sin(2*t)", "c": "0.1*t", "d": "cos(3*t)", "b": "t^2"},
-    }
+    base, motion = led_arm()
     payload = {"name": "box", "at": "tool", **BOX, "from": {"time": 0.3}, "until": {"time": 0.7}}
     scene = scene_of(base, trajectory=motion, payloads=[payload])
     few, many = inverse(scene, samples=101), inverse(scene, samples=100001)

@@ -21,7 +21,7 @@ from robodyn_cli.run.commands import execute
 from robodyn_cli.run.driver.build import payload_watchers, ready
 from robodyn_cli.run.driver.mass_matrix import refuse_indefinite
 from robodyn_cli.run.driver.prepare import passive_coordinates, prepare, refuse_changes
-from robodyn_cli.run.inverse.build import build_inverse
+from robodyn_cli.run.inverse.inverse import program_of
 from robodyn_cli.run.observation.rounding import few
 from robodyn_cli.run.placing import owners, place
 from robodyn_cli.run.plan.data import unknown_data
@@ -126,11 +126,7 @@ def _missing(root: Node, command: str, names: Sequence[str]) -> list[RobodynErro
 
 
 def _inverse(scene: Scene) -> tuple[Model, list[Scalar]]:
-    if getattr(scene.trajectory, "to_be_found", False):
-        from robodyn_cli.run.mechanism.in_time import with_motion
-
-        scene = with_motion(scene)
-    program = build_inverse(scene)
+    program = program_of(scene)
     planned = program.plan(min(TRIED, scene.inverse.samples))
     refuse_indefinite(program.problem.scene, planned.motion.q[few(len(planned.times))])
     model, outputs = program.problem.model, [x for term in program.terms.values() for x in term]
