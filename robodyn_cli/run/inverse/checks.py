@@ -12,8 +12,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.run.inverse.figures import ErrorEstimate, JointFigures
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
-from robodyn_cli.run.inverse.summary import ErrorEstimate, JointFigures
 from robodyn_cli.run.mechanism.motion import Planned
 from robodyn_cli.run.observation.rounding import largest_difference
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square

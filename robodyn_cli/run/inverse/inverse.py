@@ -16,11 +16,11 @@ from robodyn_cli.run.inverse.checks import (
     joint_figures,
     path_error,
 )
+from robodyn_cli.run.inverse.figures import ErrorEstimate
 from robodyn_cli.run.inverse.program import InverseProgram, Loops, Sampled
 from robodyn_cli.run.inverse.summary import (
     CLOSED_DEFINITIONS,
     DEFINITIONS,
-    ErrorEstimate,
     InverseSummary,
     Mechanism,
 )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
+from robodyn_cli.run.inverse.figures import ErrorEstimate, JointFigures
 
 if TYPE_CHECKING:
     from robodyn_cli.run.fastest.report import FastestFigures
@@ -29,37 +30,6 @@ CLOSED_DEFINITIONS = {
     "round_trip": "accelerations of forward dynamics with loops under the computed torques, relative",
     "virtual_work_residual": "what of the generalised force neither actuators nor loops hold [N m or N]",
 }
-
-
-@record
-class JointFigures:
-    """Figures that size the actuator of a joint: torque [N m or N], speed [rad/s or m/s], power [W], energy [J]."""
-
-    peak_torque: float
-    peak_torque_time: float
-    rms_torque: float
-    torque_range: list[float]
-    peak_speed: float
-    peak_power: float
-    energy: float
-    energy_net: float
-    units: dict[str, str]
-
-
-@record
-class ErrorEstimate:
-    """Errors of the figures; see ``checks.error_estimate``."""
-
-    ik_residual: float | Absent
-    attitude_residual: float | Absent
-    round_trip: float | None
-    energy_balance: float
-    energy_balance_relative: float
-    torque_rounding: float | None
-    energy_quadrature: float | Absent = ABSENT
-    rms_quadrature: float | Absent = ABSENT
-    closure: dict[str, float] | Absent = ABSENT
-    virtual_work_residual: float | Absent = ABSENT
 
 
 @record

@@ -21,9 +21,9 @@ from robodyn_cli.record import record
 from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.run.inverse.checks import joint_figures
 from robodyn_cli.run.inverse.closed import ClosedLoops
+from robodyn_cli.run.inverse.figures import JointFigures
 from robodyn_cli.run.inverse.inverse import at_rest, program_of
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
-from robodyn_cli.run.inverse.summary import JointFigures
 from robodyn_cli.run.observation.reactions import ReactionSamples
 from robodyn_cli.run.observation.reactions import figures as largest_loads
 from robodyn_cli.run.sensitivity.asked import Asked

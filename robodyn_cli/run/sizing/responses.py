@@ -18,7 +18,6 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.many import ManyNumbers, Recipe
-from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
@@ -29,7 +28,6 @@ from robodyn_cli.record import record
 from robodyn_cli.run.inverse.checks import jumps
 from robodyn_cli.run.inverse.inverse import at_rest, program_of
 from robodyn_cli.run.inverse.program import InverseProgram, Sampled
-from robodyn_cli.run.many.groups import table_rows
 from robodyn_cli.run.sizing.report import following
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -173,7 +171,7 @@ class _Variants:
         numbers = ManyNumbers(Recipe(list(own)), dict(zip(own, rows.T)), len(rows))
         count = np.array([drive.count for drive in drives], dtype=float)
         masses = count * [own[f"drives.{n}.mass"] for n in joints]
-        tables = table_rows(Tables([kernel.program]), numbers)
+        tables = numbers.table(kernel.program.numbers or (0.0,))
         return _Variants(kernel, tuple(outputs), tables, masses, count)
 
     def loads(self, program: InverseProgram, sampled: Sampled, still: bool = False) -> Loads | None:
