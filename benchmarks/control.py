@@ -13,12 +13,12 @@ import sys
 from pathlib import Path
 from time import process_time
 
-from robodyn_cli.run.control.in_python import controlled_by
-from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.driver.driver import Driver
-from robodyn_cli.run.driver.second_run import grid_of
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.second_run import grid_of
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.works.in_python import controlled_by
 
 ROOT = Path(__file__).parents[1]
 RUNS = 7

@@ -31,7 +31,7 @@ from robodyn_cli.formulations.build import build_system  # noqa: E402
 from robodyn_cli.formulations.system import System  # noqa: E402
 from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
 from robodyn_cli.integrators.runtime.options import Options  # noqa: E402
-from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
+from robodyn_cli.ready.prepare import prepare  # noqa: E402
 
 CONFIGS = measure.ROOT / "configs"
 PENDULUM, FOUR_BAR = "double pendulum, 10 s", "four-bar to lock"

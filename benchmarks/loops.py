@@ -28,11 +28,11 @@ from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError  # 
 from robodyn_cli.integrators.runtime.grid import Grid  # noqa: E402
 from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
 from robodyn_cli.integrators.runtime.options import Options  # noqa: E402
-from robodyn_cli.run.driver.build import projected_motion  # noqa: E402
-from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
-from robodyn_cli.run.numerics.entries import LONGEST  # noqa: E402
-from robodyn_cli.run.numerics.trial import Reference, agreed  # noqa: E402
-from robodyn_cli.run.numerics.work_precision import formulations, reference  # noqa: E402
+from robodyn_cli.motion.build import projected_motion  # noqa: E402
+from robodyn_cli.over.numerics.entries import LONGEST  # noqa: E402
+from robodyn_cli.over.numerics.trial import Reference, agreed  # noqa: E402
+from robodyn_cli.over.numerics.work_precision import formulations, reference  # noqa: E402
+from robodyn_cli.ready.prepare import prepare  # noqa: E402
 
 FOLDER = measure.ROOT / "configs" / "benchmarks"
 TOLERANCES = (1e-4, 1e-7, 1e-10, 1e-13)

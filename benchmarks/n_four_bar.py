@@ -71,7 +71,7 @@ def measure(n: int) -> dict[str, Any]:
     from robodyn_cli.formulations.build import build_system
     from robodyn_cli.integrators.runtime.integrator import Integrator
     from robodyn_cli.integrators.runtime.options import Options
-    from robodyn_cli.run.driver.prepare import prepare
+    from robodyn_cli.ready.prepare import prepare
 
     start = time.process_time()
     setup = prepare(load_scene_text(scene(n)))

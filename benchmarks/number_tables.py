@@ -27,7 +27,7 @@ from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
 from robodyn_cli.integrators.runtime.options import Options  # noqa: E402
 from robodyn_cli.kernels.samples import SampleKernel  # noqa: E402
 from robodyn_cli.model import build as models  # noqa: E402
-from robodyn_cli.run.driver.prepare import prepare  # noqa: E402
+from robodyn_cli.ready.prepare import prepare  # noqa: E402
 
 CONFIGS = measure.ROOT / "configs"
 SAMPLES = 1000

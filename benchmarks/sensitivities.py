@@ -24,12 +24,12 @@ from lock_time import NUMBERS, SLOPES  # noqa: E402
 
 from robodyn_cli import Mechanism  # noqa: E402
 from robodyn_cli.formulations.events import EventKind  # noqa: E402
-from robodyn_cli.run.deploy.deploy import build_deployment  # noqa: E402
-from robodyn_cli.run.deploy.scan import scan  # noqa: E402
-from robodyn_cli.run.many.keys import understand  # noqa: E402
-from robodyn_cli.run.sensitivity.motion.end import BLOCKS, Ending, MotionSlopes  # noqa: E402
-from robodyn_cli.run.stopwatch import Stopwatch  # noqa: E402
+from robodyn_cli.over.many.keys import understand  # noqa: E402
+from robodyn_cli.over.sensitivity.motion.end import BLOCKS, Ending, MotionSlopes  # noqa: E402
 from robodyn_cli.scene.load import Family  # noqa: E402
+from robodyn_cli.tools.stopwatch import Stopwatch  # noqa: E402
+from robodyn_cli.works.deploy.deploy import build_deployment  # noqa: E402
+from robodyn_cli.works.deploy.scan import scan  # noqa: E402
 
 SCENE = Path(__file__).parents[1] / "configs" / "four_bar_deploy.yaml"
 KEYS = [key for key in NUMBERS if "#" not in key]

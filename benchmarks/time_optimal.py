@@ -29,8 +29,8 @@ measure.single_thread()
 import numpy as np  # noqa: E402
 
 from robodyn_cli import load_scene, load_scene_text  # noqa: E402
-from robodyn_cli.run.fastest.resolve import fastest_on, limited_path, special_points  # noqa: E402
-from robodyn_cli.run.inverse.build import build_inverse  # noqa: E402
+from robodyn_cli.fastest.resolve import fastest_on, limited_path, special_points  # noqa: E402
+from robodyn_cli.torques.build import build_inverse  # noqa: E402
 
 MASS = """
 schema: 1

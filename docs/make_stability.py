@@ -16,9 +16,9 @@ from typing import Any
 
 from PIL import Image
 
-from robodyn_cli.run.numerics.stability_cases import CASES
-from robodyn_cli.run.numerics.stability_suite import judge
-from robodyn_cli.run.numerics.trial import Reference, Trial
+from robodyn_cli.over.numerics.stability_cases import CASES
+from robodyn_cli.over.numerics.stability_suite import judge
+from robodyn_cli.over.numerics.trial import Reference, Trial
 
 DOCS = Path(__file__).resolve().parent
 SHOWN = ("auto", "gauss", "implicit_midpoint", "dop853", "dopri5", "rk4", "rodas5p", "radau", "radau13")

@@ -17,20 +17,20 @@ from robodyn_cli.version import __version__
 _HOME = {
     "load_scene": "robodyn_cli.scene.load",
     "load_scene_text": "robodyn_cli.scene.load",
-    "inverse": "robodyn_cli.run.inverse.inverse",
-    "simulate": "robodyn_cli.run.control.in_python",
-    "deploy": "robodyn_cli.run.deploy.deploy",
-    "kinematics": "robodyn_cli.run.mechanism.kinematics",
-    "statics": "robodyn_cli.run.mechanism.statics",
-    "assemble": "robodyn_cli.run.mechanism.assemble",
-    "linearise": "robodyn_cli.run.linear.linearise",
-    "reach": "robodyn_cli.run.poses.reach",
-    "InverseKinematics": "robodyn_cli.run.poses.inverse_kinematics",
-    "sensitivity": "robodyn_cli.run.sensitivity.sensitivity",
-    "plan": "robodyn_cli.run.plan.plan",
-    "Mechanism": "robodyn_cli.run.many.mechanism",
-    "InverseDynamics": "robodyn_cli.run.inverse.dynamics",
-    "ForwardDynamics": "robodyn_cli.run.inverse.dynamics",
+    "inverse": "robodyn_cli.works.inverse",
+    "simulate": "robodyn_cli.works.in_python",
+    "deploy": "robodyn_cli.works.deploy.deploy",
+    "kinematics": "robodyn_cli.works.kinematics",
+    "statics": "robodyn_cli.works.statics",
+    "assemble": "robodyn_cli.works.assemble",
+    "linearise": "robodyn_cli.works.linearise.linearise",
+    "reach": "robodyn_cli.works.reach",
+    "InverseKinematics": "robodyn_cli.given.poses.inverse_kinematics",
+    "sensitivity": "robodyn_cli.over.sensitivity.sensitivity",
+    "plan": "robodyn_cli.over.plan.plan",
+    "Mechanism": "robodyn_cli.over.many.mechanism",
+    "InverseDynamics": "robodyn_cli.torques.dynamics",
+    "ForwardDynamics": "robodyn_cli.torques.dynamics",
     "Result": "robodyn_cli.results.result",
     "read_result": "robodyn_cli.results.hdf5",
     "write_result": "robodyn_cli.results.hdf5",
@@ -49,25 +49,25 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.errors import NumericalError as NumericalError
     from robodyn_cli.errors import RobodynError as RobodynError
     from robodyn_cli.errors import SceneError as SceneError
+    from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics as InverseKinematics
+    from robodyn_cli.over.many.mechanism import Mechanism as Mechanism
+    from robodyn_cli.over.plan.plan import plan as plan
+    from robodyn_cli.over.sensitivity.sensitivity import sensitivity as sensitivity
     from robodyn_cli.report import draw_all as draw_all
     from robodyn_cli.results import hdf5
     from robodyn_cli.results.result import Result as Result
-    from robodyn_cli.run.control.in_python import simulate as simulate
-    from robodyn_cli.run.deploy.deploy import deploy as deploy
-    from robodyn_cli.run.inverse.dynamics import ForwardDynamics as ForwardDynamics
-    from robodyn_cli.run.inverse.dynamics import InverseDynamics as InverseDynamics
-    from robodyn_cli.run.inverse.inverse import inverse as inverse
-    from robodyn_cli.run.linear.linearise import linearise as linearise
-    from robodyn_cli.run.many.mechanism import Mechanism as Mechanism
-    from robodyn_cli.run.mechanism.assemble import assemble as assemble
-    from robodyn_cli.run.mechanism.kinematics import kinematics as kinematics
-    from robodyn_cli.run.mechanism.statics import statics as statics
-    from robodyn_cli.run.plan.plan import plan as plan
-    from robodyn_cli.run.poses.inverse_kinematics import InverseKinematics as InverseKinematics
-    from robodyn_cli.run.poses.reach import reach as reach
-    from robodyn_cli.run.sensitivity.sensitivity import sensitivity as sensitivity
     from robodyn_cli.scene.load import load_scene as load_scene
     from robodyn_cli.scene.load import load_scene_text as load_scene_text
+    from robodyn_cli.torques.dynamics import ForwardDynamics as ForwardDynamics
+    from robodyn_cli.torques.dynamics import InverseDynamics as InverseDynamics
+    from robodyn_cli.works.assemble import assemble as assemble
+    from robodyn_cli.works.deploy.deploy import deploy as deploy
+    from robodyn_cli.works.in_python import simulate as simulate
+    from robodyn_cli.works.inverse import inverse as inverse
+    from robodyn_cli.works.kinematics import kinematics as kinematics
+    from robodyn_cli.works.linearise.linearise import linearise as linearise
+    from robodyn_cli.works.reach import reach as reach
+    from robodyn_cli.works.statics import statics as statics
 
     read_result, write_result = hdf5.read, hdf5.write
 

@@ -10,8 +10,8 @@ class Command:
     """One command.
 
     help : one line for ``--help``.
-    run : for a command that a scene may name under ``command``, its function as ``module:function`` below ``run/``;
-    ``function(scene, progress=..., watch=...)`` returns a Result.
+    run : for a command that a scene may name under ``command``, its function as ``module:function`` below
+    ``robodyn_cli``; ``function(scene, progress=..., watch=...)`` returns a Result.
     streamed : that function takes a ``writer`` too, which writes long runs block by block.
     brief : it takes so little time that ``validate`` runs it to find what is wrong.
     """
@@ -24,29 +24,29 @@ class Command:
 
 # what the command line calls is the function ``command`` in cli/commands/NAME.py
 COMMANDS: dict[str, Command] = {
-    "inverse": Command("Torques that a motion needs (inverse dynamics).", "inverse.inverse:inverse"),
+    "inverse": Command("Torques that a motion needs (inverse dynamics).", "works.inverse:inverse"),
     "simulate": Command(
-        "Motion that the torques give (forward dynamics).", "simulate:simulate", streamed=True
+        "Motion that the torques give (forward dynamics).", "works.simulate:simulate", streamed=True
     ),
     "deploy": Command(
-        "Simulate a mechanism with loops until it locks.", "deploy.deploy:deploy", streamed=True
+        "Simulate a mechanism with loops until it locks.", "works.deploy.deploy:deploy", streamed=True
     ),
     "kinematics": Command(
-        "Motion without forces, mobility, transmission.", "mechanism.kinematics:kinematics", brief=True
+        "Motion without forces, mobility, transmission.", "works.kinematics:kinematics", brief=True
     ),
     "assemble": Command(
-        "Close the loops, and find the ways in which they close.", "mechanism.assemble:assemble", brief=True
+        "Close the loops, and find the ways in which they close.", "works.assemble:assemble", brief=True
     ),
-    "reach": Command("Joint positions that bring a frame to a pose.", "poses.reach:reach", brief=True),
+    "reach": Command("Joint positions that bring a frame to a pose.", "works.reach:reach", brief=True),
     "statics": Command(
-        "Balance and its stability, or torques that hold a pose.", "mechanism.statics:statics", brief=True
+        "Balance and its stability, or torques that hold a pose.", "works.statics:statics", brief=True
     ),
     "linearise": Command(
         "Linear model about a state or along a motion: A, B, C, D, poles, modes.",
-        "linear.linearise:linearise",
+        "works.linearise.linearise:linearise",
         brief=True,
     ),
-    "size": Command("Find the cheapest or lightest motors and gears for a motion.", "sizing.size:size"),
+    "size": Command("Find the cheapest or lightest motors and gears for a motion.", "works.size.size:size"),
     "plan": Command("What a scene needs, what is left out, and operations."),
     "animate": Command("Make a movie of a result, or a strip of stills."),
     "cache": Command("Show how much compiled code is kept, or clear it."),
@@ -63,7 +63,7 @@ COMMANDS: dict[str, Command] = {
     "schema": Command("Print the JSON Schema of scenes, for editors."),
     "sensitivity": Command("Derivatives of figures of a run by numbers of its scene."),
     "stability": Command(
-        "Stiffness, step limits, and what each method does.", "numerics.stability:stability"
+        "Stiffness, step limits, and what each method does.", "over.numerics.stability:stability"
     ),
     "sweep": Command("Many runs with other values of some keys: sweeps and Monte Carlo."),
     "validate": Command("Check scenes and list all that is wrong."),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.run.crosscheck.engine import depth_first, mass_properties, real
+from robodyn_cli.over.crosscheck.engine import depth_first, mass_properties, real
 
 Array = NDArray[np.float64]
 

@@ -7,9 +7,9 @@ import dataclasses
 import numpy as np
 
 from robodyn_cli import load_scene_text
-from robodyn_cli.run.inverse.build import build_inverse
-from robodyn_cli.run.inverse.dynamics import InverseDynamics
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.torques.build import build_inverse
+from robodyn_cli.torques.dynamics import InverseDynamics
 from tests.random_models import random_inertia, random_rotation
 
 EASE = (1.3, 4.0)  # limits of effort over the largest torque that a slow motion on the path needs

@@ -20,7 +20,7 @@ from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
-from robodyn_cli.run.driver.mass_matrix import SINGULAR, lightest_joint
+from robodyn_cli.ready.mass_matrix import SINGULAR, lightest_joint
 from robodyn_cli.scene.load import load_urdf
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.urdf.elements import UrdfRobot

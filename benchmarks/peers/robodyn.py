@@ -18,7 +18,7 @@ TOLERANCES = {
 def chain_system(case: Chain) -> tuple[Any, np.ndarray]:
     """Return the system and its state at t = 0."""
     from robodyn_cli.formulations.build import build_system
-    from robodyn_cli.run.driver.prepare import prepare
+    from robodyn_cli.ready.prepare import prepare
     from robodyn_cli.scene.load import load_scene_text
 
     setup = prepare(load_scene_text(case.scene_text()))
@@ -30,8 +30,8 @@ def four_bar_system() -> tuple[Any, np.ndarray]:
     from robodyn_cli import load_scene
     from robodyn_cli.formulations.build import build_system
     from robodyn_cli.formulations.events import EventFunction, Stopping
-    from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
-    from robodyn_cli.run.singular.singularity import passive_determinant
+    from robodyn_cli.ready.prepare import passive_coordinates, prepare
+    from robodyn_cli.ready.singularity import passive_determinant
 
     setup = prepare(load_scene(CONFIGS / "four_bar_deploy.yaml"))
     determinant = passive_determinant(setup.problem, passive_coordinates(setup.problem))

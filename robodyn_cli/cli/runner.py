@@ -16,13 +16,13 @@ from robodyn_cli.exit_codes import OF_STATUS, REPLACING
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
+    from robodyn_cli.motion.going_on.journal import Journal
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
-    from robodyn_cli.run.going_on.journal import Journal
-    from robodyn_cli.run.stopwatch import Stopwatch
     from robodyn_cli.scene.types import Scene
+    from robodyn_cli.tools.stopwatch import Stopwatch
 
 Describe = Callable[[Mapping[str, Any]], str]
 
@@ -37,7 +37,7 @@ class SceneRun:
     """A command on a scene, as it was asked for on the command line.
 
     out : None for the default directory. overrides : ``key.path=value`` texts. drawings : None for none. options : what
-    the command has of its own, as its function in ``run/`` takes it (``quick`` of ``stability``). resume : go on
+    the command has of its own, as its function in ``works/`` takes it (``quick`` of ``stability``). resume : go on
     with a long run that was killed.
     """
 
@@ -57,7 +57,7 @@ class SceneRun:
 
 def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
     """Run one scene, write its results, print its summary; return the exit code."""
-    from robodyn_cli.run.stopwatch import Stopwatch
+    from robodyn_cli.tools.stopwatch import Stopwatch
 
     watch = Stopwatch()
     with output(job.directory, job.scene, console) as directory:
@@ -166,7 +166,7 @@ def _writer(
     job: SceneRun, scene: Scene, directory: OutputDirectory, stack: contextlib.ExitStack
 ) -> ResultWriter | None:
     """Return what writes the results of a long run block by block; None for a run that is written at its end."""
-    from robodyn_cli.run.commands import streams
+    from robodyn_cli.over.commands import streams
 
     if not streams(job.command, scene):
         return None
@@ -182,12 +182,12 @@ def _journal(
     job: SceneRun, scene: Scene, directory: OutputDirectory, stack: contextlib.ExitStack, console: Console
 ) -> Journal | None:
     """Return what keeps a long simulation for the case that it is killed, with its blocks if it is to go on."""
-    from robodyn_cli.run.commands import keeps_journal
+    from robodyn_cli.over.commands import keeps_journal
 
     journal = None
     if keeps_journal(job.command, scene):
+        from robodyn_cli.motion.going_on.journal import Journal
         from robodyn_cli.results.output_dir import UNFINISHED_NAME
-        from robodyn_cli.run.going_on.journal import Journal
 
         journal = stack.enter_context(Journal(directory.path / UNFINISHED_NAME, scene, job.resume))
     if job.resume and (journal is None or not journal.taken):
@@ -204,8 +204,8 @@ def _compute(
     journal: Journal | None,
 ) -> tuple[Result, RobodynError | None]:
     """Return the result with its whole summary, and the error that ended a run half way."""
+    from robodyn_cli.over.commands import execute
     from robodyn_cli.results.result import Result
-    from robodyn_cli.run.commands import execute
 
     failure: RobodynError | None = None
     watch.listen(console.note)
@@ -238,8 +238,8 @@ def placed(scene: Path, overrides: Sequence[str], command: str) -> Iterator[None
 
 
 def place_in_files(error: RobodynError, scene: Path, overrides: Sequence[str], command: str) -> None:
-    """Put file, line, column and key before the message of an error about a scene; see ``run/placing.py``."""
-    from robodyn_cli.run.placing import place
+    """Put file, line, column and key before the message of an error about a scene; see ``over/placing.py``."""
+    from robodyn_cli.over.placing import place
     from robodyn_cli.scene.load import examine
 
     place(error, lambda: examine(scene, list(overrides)).root, command)

@@ -47,7 +47,7 @@ class Lqr(Controller):
     independent ones, which in a mechanism with loops give the others. With a sampling period, x and u are those at the
     samples (discrete regulator).
 
-    regulator : what ``run/control/regulator.py`` finds before the equations are built.
+    regulator : what ``ready/regulator.py`` finds before the equations are built.
     """
 
     numbers: ClassVar[tuple[str, ...]] = ("limit", "rate_limit", "sensors", "period", "pose", "regulator")

@@ -29,7 +29,7 @@ class SequenceTrajectory(JointSpaceTrajectory):
     """Motions one after another; each begins where, and as fast as, the one before it ends.
 
     Where a segment leads a point or takes the least time, the motion of its joints is found first
-    (``run/mechanism/in_time.py``); all that needs it asks the sequence of what was found.
+    (``ready/in_time.py``); all that needs it asks the sequence of what was found.
     """
 
     type: str = key(Choice(("sequence",)), doc="Kind of trajectory.")

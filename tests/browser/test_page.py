@@ -15,8 +15,8 @@ from robodyn_cli.report.page.page import write_page
 from robodyn_cli.report.page.section import Shown
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.works.inverse import inverse
 from tests.browser.conftest import Opener
 from tests.unit.synthetic_results import four_bar_result
 from tests.unit.test_shapes import ball, stl_bytes

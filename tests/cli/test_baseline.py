@@ -10,9 +10,9 @@ from xml.etree import ElementTree
 
 import pytest
 
+from robodyn_cli.over.batch import baseline as baseline_module
 from robodyn_cli.results import atomic
 from robodyn_cli.results.hdf5 import read, write
-from robodyn_cli.run.batch import baseline as baseline_module
 from tests.cli.batch_scenes import arm, run
 from tests.cli.tool import invoke
 

@@ -14,12 +14,12 @@ from xml.etree import ElementTree
 import pytest
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.run.batch import entries as batch_entries
-from robodyn_cli.run.batch.batch import Batch
-from robodyn_cli.run.batch.entries import unique_names
-from robodyn_cli.run.batch.entry import Entry
-from robodyn_cli.run.batch.gather import gather
-from robodyn_cli.run.batch.reports import junit, markdown, tally
+from robodyn_cli.over.batch import entries as batch_entries
+from robodyn_cli.over.batch.batch import Batch
+from robodyn_cli.over.batch.entries import unique_names
+from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.over.batch.gather import gather
+from robodyn_cli.over.batch.reports import junit, markdown, tally
 from tests.cli.batch_scenes import ROOT, arm, loaded, robodyn, run
 from tests.cli.tool import environment, invoke
 
@@ -315,7 +315,7 @@ def test_interrupted_before_the_first_scene_runs(tmp_path: Path) -> None:
     arm(tmp_path / "b.yaml")
     code = """
 import os, signal, sys
-import robodyn_cli.run.batch.entries as entries
+import robodyn_cli.over.batch.entries as entries
 from robodyn_cli.cli import interrupts
 from robodyn_cli.cli.app import run
 whole = entries.load_scene

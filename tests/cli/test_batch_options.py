@@ -12,16 +12,16 @@ from xml.etree import ElementTree
 import pytest
 
 from robodyn_cli.commands import SCENE_COMMANDS
+from robodyn_cli.over.batch import batch as batch_module
+from robodyn_cli.over.batch.batch import Batch
+from robodyn_cli.over.batch.criteria import Outcome
+from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.over.batch.reports import junit
+from robodyn_cli.over.commands import execute, functions
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.batch import batch as batch_module
-from robodyn_cli.run.batch.batch import Batch
-from robodyn_cli.run.batch.criteria import Outcome
-from robodyn_cli.run.batch.entry import Entry
-from robodyn_cli.run.batch.reports import junit
-from robodyn_cli.run.commands import execute, functions
-from robodyn_cli.run.progress import Progress
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.tools.progress import Progress
 from tests.cli.batch_scenes import arm, loaded, robodyn, run
 from tests.cli.tool import PENDULUM
 from tests.cli.tool import invoke as validated
@@ -128,7 +128,7 @@ def test_the_commands_of_scenes_exist(tmp_path: Path) -> None:
 
 
 def test_an_analysis_is_a_command_of_a_scene_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from robodyn_cli.run.stopwatch import Stopwatch
+    from robodyn_cli.tools.stopwatch import Stopwatch
 
     path = tmp_path / "swing.yaml"
     path.write_text(PENDULUM + "command: stability\n")

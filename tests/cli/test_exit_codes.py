@@ -210,7 +210,7 @@ def test_70_an_internal_error_is_reported_in_one_line(
     scene: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Something that must not happen: a module of the run is broken."""
-    import robodyn_cli.run.simulate as module
+    import robodyn_cli.works.simulate as module
 
     def broken(*args: Any, **more: Any) -> None:
         raise AssertionError("the impossible")
@@ -315,7 +315,7 @@ def test_an_internal_error_leaves_earlier_results(
 ) -> None:
     assert invoke("simulate", scene, "--no-plots", "--out", tmp_path / "out").code == 0
     before = contents(tmp_path / "out")
-    monkeypatch.setattr("robodyn_cli.run.simulate.build_motion", None)
+    monkeypatch.setattr("robodyn_cli.works.simulate.build_motion", None)
     done = invoke("simulate", scene, "--out", tmp_path / "out")
     assert done.code == 70 and "stay as they were" in done.err and contents(tmp_path / "out") == before
 

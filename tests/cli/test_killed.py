@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import ResultFileError
+from robodyn_cli.over.batch.stored import read_stored
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.output_dir import UNFINISHED_NAME
-from robodyn_cli.run.batch.stored import read_stored
 from tests.cli.tool import CONFIGS, environment, files, invoke
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")

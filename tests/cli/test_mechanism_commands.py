@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from robodyn_cli.over.batch.criteria import judge
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.run.batch.criteria import judge
 from robodyn_cli.scene.load import load_scene
 from tests.cli.tool import invoke
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+from robodyn_cli.over.numerics.stability_cases import CASES, Case
+from robodyn_cli.over.numerics.stability_suite import judge
+from robodyn_cli.over.numerics.trial import Trial
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.run.numerics.stability_cases import CASES, Case
-from robodyn_cli.run.numerics.stability_suite import judge
-from robodyn_cli.run.numerics.trial import Trial
 from tests.cli.tool import files, invoke
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -13,7 +13,7 @@ from robodyn_cli.formulations.events import Stopping
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.kernels import crossover
-from robodyn_cli.run.contact.events import contact_functions
+from robodyn_cli.motion.contact.events import contact_functions
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from tests import systems

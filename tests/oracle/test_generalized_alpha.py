@@ -22,8 +22,8 @@ from robodyn_cli.integrators.methods import generalized_alpha as module
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.scene.load import load_scene_text
 from tests.oracle.test_stiff import PENDULUM as STIFF_PENDULUM
 from tests.systems import advance, collect, linear, system

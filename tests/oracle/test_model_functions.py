@@ -9,10 +9,10 @@ import pytest
 
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.run.crosscheck.in_pinocchio import InPinocchio
-from robodyn_cli.run.functions.model import ModelFunctions
-from robodyn_cli.run.inverse.build import open_problem
+from robodyn_cli.over.crosscheck.in_pinocchio import InPinocchio
 from robodyn_cli.spatial.algebra import Array, matrix, vector
+from robodyn_cli.torques.build import open_problem
+from robodyn_cli.works.functions.model import ModelFunctions
 from tests.identities.trees import State
 from tests.numeric import assert_close, first_derivative
 from tests.oracle.test_joint_kinds import tree as tree_of_kinds

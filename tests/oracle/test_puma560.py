@@ -13,10 +13,10 @@ import pytest
 
 from robodyn_cli.algorithms.kinematics import point_jacobian, poses, transforms
 from robodyn_cli.model.build import build_model
-from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.works.inverse import inverse
 from tests.numeric import assert_close, real
 
 # d, a, alpha, mass, centre of mass, moments of inertia, rotor inertia, gear ratio, viscous, Coulomb + and -

@@ -14,8 +14,8 @@ import pytest
 from scipy.special import ellipj, ellipk
 
 from robodyn_cli import load_scene, simulate
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.prepare import prepare
 from robodyn_cli.solve.closure import mechanism_size
 
 BENCHMARKS = Path(__file__).parents[2] / "configs" / "benchmarks"

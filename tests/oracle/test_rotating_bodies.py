@@ -15,10 +15,10 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial import quaternion
+from robodyn_cli.works.simulate import simulate
 from tests.methods import taking
 from tests.systems import Grid, collect
 

@@ -13,8 +13,8 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.run.driver.prepare import prepare
-from robodyn_cli.run.numerics.stability_scenes import HANGING, stiff_arm
+from robodyn_cli.over.numerics.stability_scenes import HANGING, stiff_arm
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene.load import load_scene_text
 from tests.systems import samples, system
 
@@ -77,7 +77,7 @@ def test_a_double_pendulum_on_a_stiff_spring(method: str) -> None:
 
 
 def test_auto_takes_the_method_for_stiff_motion() -> None:
-    from robodyn_cli.run.simulate import simulate
+    from robodyn_cli.works.simulate import simulate
 
     result = simulate(load_scene_text(PENDULUM, overrides=["simulate.samples=51"]))
     assert result.summary["integrator"] == "radau13"

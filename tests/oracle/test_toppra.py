@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene_text
-from robodyn_cli.run.fastest.resolve import fastest_on, limited_path, special_points
-from robodyn_cli.run.inverse.build import build_inverse
+from robodyn_cli.fastest.resolve import fastest_on, limited_path, special_points
+from robodyn_cli.torques.build import build_inverse
 from tests.source import ROOT
 
 ta = pytest.importorskip("toppra")

@@ -11,7 +11,7 @@ import numpy as np
 
 from robodyn_cli import deploy, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.run.progress import Progress
+from robodyn_cli.tools.progress import Progress
 from tests.proof.families import make, settings
 from tests.proof.locks import LockTruth, compare, lock_truth
 from tests.proof.mechanism import Array, Mechanism

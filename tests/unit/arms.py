@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import poses, transforms
+from robodyn_cli.given.motion import compile_point, with_led_point
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
-from robodyn_cli.run.mechanism.motion import compile_point, with_led_point
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.solve.inverse_kinematics import Found, PointTask, follow_point
 from tests.numeric import real

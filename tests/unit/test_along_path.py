@@ -10,10 +10,10 @@ import pytest
 from robodyn_cli import load_scene_text
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
-from robodyn_cli.run.inverse.dynamics import InverseDynamics
-from robodyn_cli.run.mechanism.kinematics import kinematics
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.torques.dynamics import InverseDynamics
+from robodyn_cli.works.kinematics import kinematics
+from robodyn_cli.works.simulate import simulate
 
 # full inertias, offset centres of mass, a base that is tilted, and a load that swings below the hand
 ARM = """

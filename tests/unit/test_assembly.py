@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError, SingularConfigurationError
-from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.solve.assembly import Assembled
 from tests.mechanisms import BENNETT, LONG, SIX_BAR, SKEW, SLIDER, TWIST
 

@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.mechanism.info import info
-from robodyn_cli.run.mechanism.statics import statics
-from robodyn_cli.run.plan.plan import plan
-from robodyn_cli.run.simulate import simulate
+from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.works.info import info
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
+from robodyn_cli.works.statics import statics
 
 ARM = """
 schema: 1

@@ -15,8 +15,8 @@ from robodyn_cli.kernels.bytecode.code import KINDS, SHAPE, encode, kinds_of
 from robodyn_cli.kernels.bytecode.samples import InterpretedSamples
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene
+from robodyn_cli.works.simulate import simulate
 from tests.kernels import SPECIAL, symbols
 from tests.source import ROOT
 

@@ -14,10 +14,10 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 from robodyn_cli import Mechanism, simulate
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.motion.build import build_motion
 from robodyn_cli.results.hdf5 import write
-from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene import load_scene_text
+from robodyn_cli.works.inverse import inverse
 from tests.numeric import assert_close
 
 M, K, C = 1.7, 23.0, 0.6  # of the cart

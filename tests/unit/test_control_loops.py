@@ -12,10 +12,10 @@ from scipy.linalg import expm, solve_continuous_are
 from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.run.driver.prepare import prepare
-from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import share
+from robodyn_cli.works.inverse import inverse
 from tests.mechanisms import BENNETT, SLIDER
 from tests.numeric import assert_close
 

@@ -21,9 +21,9 @@ from robodyn_cli import deploy, errors, inverse, load_scene, load_scene_text, si
 from robodyn_cli.cli.app import app
 from robodyn_cli.exit_codes import ALL
 from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
+from robodyn_cli.over.numerics.work_precision import work_precision
 from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.numerics.work_precision import work_precision
 from robodyn_cli.scene.starters import STARTERS
 
 ROOT = Path(__file__).parents[2]
@@ -356,7 +356,7 @@ def test_source_files_named_exist(page: Path) -> None:
 
 
 def test_names_are_in_the_files_where_the_design_puts_them() -> None:
-    """As `Driver.of` (`run/driver/driver.py`) and `witnessed` in `expr/fixed.py`: there it is defined, or made."""
+    """As `Driver.of` (`motion/driver.py`) and `witnessed` in `expr/fixed.py`: there it is defined, or made."""
     placed = re.compile(r"`([\w.]+)`(?:(?:,| and) `([\w.]+)`)? (?:\(|in )`([\w/]+\.py)`")
     found = placed.findall((DOCS / "design.md").read_text("utf-8"))
     assert len(found) > 70

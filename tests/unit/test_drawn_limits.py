@@ -12,8 +12,8 @@ from robodyn_cli.report.joint_limits import NOTE, limits_near
 from robodyn_cli.report.registry import draw
 from robodyn_cli.results import hdf5
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene.load import load_scene
+from robodyn_cli.works.inverse import inverse
 
 CIRCLE = Path("configs/2r_circle.yaml")
 

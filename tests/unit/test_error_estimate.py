@@ -14,7 +14,7 @@ import pytest
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.run.driver.second_run import end_errors, remainder, tighter
+from robodyn_cli.motion.second_run import end_errors, remainder, tighter
 from tests.mechanisms import CONFIGS
 from tests.methods import ADAPTIVE, taking
 

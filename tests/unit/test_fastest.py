@@ -9,11 +9,11 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError
+from robodyn_cli.fastest.resolve import with_time_law
 from robodyn_cli.model.build import build_model
-from robodyn_cli.run.fastest.resolve import with_time_law
-from robodyn_cli.run.inverse.dynamics import InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.torques.dynamics import InverseDynamics
+from robodyn_cli.works.inverse import inverse
 from tests.random_paths import random_path
 from tests.source import ROOT
 
@@ -206,7 +206,7 @@ def test_a_slower_motion_of_the_same_path_needs_less_and_a_faster_one_more() -> 
 def _least_time(scene: Scene, circle: object, s: np.ndarray) -> float:
     """Return the shortest time in which s, at uniform times, keeps to the limits of torque."""
     from robodyn_cli.equations.problem import Problem
-    from robodyn_cli.run.mechanism.motion import plan_motion, with_led_point
+    from robodyn_cli.given.motion import plan_motion, with_led_point
 
     problem = Problem(with_led_point(dataclasses.replace(scene, trajectory=circle)))
     law = dataclasses.replace(problem.scene, trajectory=circle)

@@ -8,10 +8,10 @@ import pytest
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.model import FixedFrame
-from robodyn_cli.run.inverse.dynamics import InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.torques.dynamics import InverseDynamics
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 from tests.unit.test_forces_between import ARM
 
 MOTION = ("0.2*sin(3*t)", "0.1*t^2", "-0.15*cos(2*t)")

@@ -13,11 +13,11 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system, is_rolled
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.run.deploy.deploy import deploy
-from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.works.deploy.deploy import deploy
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 from tests.systems import integrate
 
 CONFIGS = Path(__file__).parents[2] / "configs"

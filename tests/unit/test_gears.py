@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 JOINT = "robot.joints.theta1."

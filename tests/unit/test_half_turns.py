@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 
 SPRINGS = {
     "torsional_spring": "{name: s, type: torsional_spring, between: [hub, pad], stiffness: 0.4, rest: 50 deg, damping: D}",

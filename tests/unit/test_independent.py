@@ -8,7 +8,7 @@ import pytest
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system
-from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.ready.prepare import prepare
 from tests import mechanisms
 from tests.mechanisms import CONFIGS, SIX_BAR, close, failure, run
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.inverse.rest import _listed, _periods
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.torques.rest import _listed, _periods
+from robodyn_cli.works.inverse import inverse
 
 LOSSES = (
     "friction: {coulomb: 3, viscous: 0.1}",

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene_text, simulate
-from robodyn_cli.run.inverse.inverse import inverse
+from robodyn_cli.works.inverse import inverse
 from tests.numeric import assert_close
 from tests.random_models import random_inertia
 from tests.unit.test_control_loops import CASES

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.spatial import quaternion
+from robodyn_cli.works.inverse import inverse
 
 SCENE = """
 schema: 1

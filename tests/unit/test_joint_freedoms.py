@@ -12,10 +12,10 @@ import pytest
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.robot_types import FREEDOMS
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 
 BODY = "mass: 2.1, com: [0.11, -0.07, 0.23], inertia: {xx: 0.05, yy: 0.07, zz: 0.04, xy: 0.004, xz: -0.003, yz: 0.006}"
 PLACE = "origin: {xyz: [0.3, -0.2, 0.1], rpy: [0.4, -0.3, 0.8]}"

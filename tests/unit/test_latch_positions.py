@@ -10,10 +10,10 @@ import pytest
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.deploy.deploy import deploy
-from robodyn_cli.run.mechanism.statics import statics
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.works.deploy.deploy import deploy
+from robodyn_cli.works.simulate import simulate
+from robodyn_cli.works.statics import statics
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

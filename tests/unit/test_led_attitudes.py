@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.mechanism.kinematics import kinematics
-from robodyn_cli.run.mechanism.statics import statics
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.spatial import quaternion
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.kinematics import kinematics
+from robodyn_cli.works.simulate import simulate
+from robodyn_cli.works.statics import statics
 from tests.numeric import assert_close
 from tests.source import ROOT
 from tests.unit.arms import differences

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli.run.deploy.deploy import deploy
-from robodyn_cli.run.driver.prepare import passive_coordinates, prepare
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
+from robodyn_cli.ready.prepare import passive_coordinates, prepare
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.works.deploy.deploy import deploy
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 LINK = "mass: 1.5, com: [0.2, 0.05, -0.1], inertia: {xx: 0.02, yy: 0.05, zz: 0.06, xy: 0.004, xz: -0.003, yz: 0.002}"

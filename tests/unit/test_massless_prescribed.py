@@ -10,8 +10,8 @@ import pytest
 
 from robodyn_cli import inverse, kinematics, load_scene_text, simulate
 from robodyn_cli.errors import NumericalError
+from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.plan.plan import plan
 
 MASSLESS: dict[str, Any] = {"mass": 0}
 

@@ -17,13 +17,13 @@ from robodyn_cli.expr.many import Expressions, ManyNumbers, Recipe
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
-from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.many.groups import Built, Structures
-from robodyn_cli.run.many.integrate import JUDGED, Batch
-from robodyn_cli.run.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
-from robodyn_cli.run.many.simulate import Simulate
-from robodyn_cli.run.many.start import _least_steps
-from robodyn_cli.run.many.structure import Structure
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.over.many.groups import Built, Structures
+from robodyn_cli.over.many.integrate import JUDGED, Batch
+from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
+from robodyn_cli.over.many.simulate import Simulate
+from robodyn_cli.over.many.start import _least_steps
+from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from tests.numeric import assert_close

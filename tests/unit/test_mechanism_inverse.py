@@ -9,10 +9,10 @@ import pytest
 
 from robodyn_cli import Mechanism, inverse, load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.run.inverse.checks import FIGURES
-from robodyn_cli.run.many.single import number_of
+from robodyn_cli.over.many.single import number_of
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.torques.checks import FIGURES
 from tests.unit.test_mechanism import around, own_scene, varied
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -99,9 +99,9 @@ def test_samples_are_asked_for() -> None:
 
 
 def test_a_study_of_figures_takes_compiled_code() -> None:
-    from robodyn_cli.run.study.compiled import Compiled
-    from robodyn_cli.run.study.row import Points, Task
-    from robodyn_cli.run.study.runs import make_alone
+    from robodyn_cli.over.study.compiled import Compiled
+    from robodyn_cli.over.study.row import Points, Task
+    from robodyn_cli.over.study.runs import make_alone
 
     family = Family.of(load_scene_text(CHAIN))
     task = Task(family, "inverse", ("robot.links.a.mass",), ("peak_torque.j1", "joints.j2.energy"))

@@ -10,7 +10,7 @@ import pytest
 
 from robodyn_cli import Mechanism, inverse, load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.mechanism.info import info
+from robodyn_cli.works.info import info
 from tests.numeric import assert_close, first_derivative
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"

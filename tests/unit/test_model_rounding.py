@@ -13,11 +13,11 @@ from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import Model
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.spatial.algebra import Transform, matrix, zeros
 from robodyn_cli.spatial.double_double import DoubleDouble, orthonormal, two_product, two_sum
 from robodyn_cli.spatial.inertia import RigidInertia
+from robodyn_cli.works.simulate import simulate
 
 mp = mpmath.mp.clone()
 mp.dps = 60

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 from tests.mechanisms import SLIDER
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from robodyn_cli.drives.cycle import Asked, Samples, motor_cycle
 from robodyn_cli.errors import SceneError
 from robodyn_cli.motors.brushless import BrushlessMotor
 from robodyn_cli.motors.dc import DcMotor
 from robodyn_cli.motors.electric import Supply
 from robodyn_cli.motors.envelope import Envelope
 from robodyn_cli.motors.thermal import Thermal
+from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.results.summary import dumps
-from robodyn_cli.run.batch.findings import findings
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.simulate import simulate
-from robodyn_cli.run.sizing.cycle import Asked, Samples, motor_cycle
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 
 THERMAL = Thermal(
     winding_resistance=2.3,

@@ -9,14 +9,14 @@ import pytest
 
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.errors import RobodynError, SceneError
+from robodyn_cli.given.motion import with_led_point
 from robodyn_cli.model.build import build_model
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.mechanism.kinematics import kinematics
-from robodyn_cli.run.mechanism.motion import with_led_point
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.trajectories.motion import PoseMotion
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.kinematics import kinematics
+from robodyn_cli.works.simulate import simulate
 from tests.numeric import assert_close, real
 from tests.unit.arms import differences
 

@@ -13,9 +13,9 @@ from robodyn_cli import assemble, inverse, kinematics, load_scene, load_scene_te
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.observe.finite import cause
+from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.batch.findings import findings
-from robodyn_cli.run.observation.finite import cause
 from tests.mechanisms import CONFIGS
 
 ARM = """\
@@ -180,9 +180,9 @@ def test_a_gear_ratio_whose_square_no_double_holds_is_refused(command: Any) -> N
 def test_an_overflow_of_python_s_own_numbers_is_an_error_of_the_scene(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from robodyn_cli.run import commands
-    from robodyn_cli.run.progress import no_progress
-    from robodyn_cli.run.stopwatch import Stopwatch
+    from robodyn_cli.over import commands
+    from robodyn_cli.tools.progress import no_progress
+    from robodyn_cli.tools.stopwatch import Stopwatch
 
     def overflows(*_: Any, **__: Any) -> None:
         float(10) ** 400

@@ -23,11 +23,11 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model import build as models
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.model.places import SECTIONS, numbers_at_places, with_places
-from robodyn_cli.run.commands import execute
-from robodyn_cli.run.control.ready import with_controller_ready
-from robodyn_cli.run.progress import no_progress
-from robodyn_cli.run.stopwatch import Stopwatch
+from robodyn_cli.over.commands import execute
+from robodyn_cli.ready.controllers import with_controller_ready
 from robodyn_cli.scene.types import Inertia, Scene
+from robodyn_cli.tools.progress import no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 LONGER = 1.01  # factor of all lengths, so that loops still close

@@ -14,8 +14,8 @@ from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver.prepare import prepare
 from tests import mechanisms
 from tests.mechanisms import SKEW, TWIST, close, run
 

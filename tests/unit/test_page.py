@@ -16,6 +16,7 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from robodyn_cli.cli.app import run
+from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.report.canvas import below_heading
 from robodyn_cli.report.page.charts import captions, chart_data
 from robodyn_cli.report.page.markup import Html, element, json_block
@@ -28,9 +29,8 @@ from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.moments import Moment
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.plan.plan import plan
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.works.inverse import inverse
 from tests.unit.synthetic_results import (
     FOUR_BAR,
     chain_result,

@@ -11,8 +11,8 @@ from scipy.integrate import solve_ivp
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import SingularConfigurationError
-from robodyn_cli.run.driver.build import build_motion
-from robodyn_cli.run.driver.driver import Driver
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.driver import Driver
 from robodyn_cli.spatial.algebra import rotation_rpy
 from tests.mechanisms import CONFIGS, close
 from tests.windows import windows

@@ -12,8 +12,7 @@ import pytest
 from robodyn_cli import InverseKinematics, assemble, load_scene
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.run.mechanism.kinematics import plan
-from robodyn_cli.run.mechanism.motion import point_task, with_led_point
+from robodyn_cli.given.motion import point_task, with_led_point
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.fields import Orientation
@@ -24,6 +23,7 @@ from robodyn_cli.trajectories.path import PathStart, PathTrajectory
 from robodyn_cli.trajectories.task import taylor
 from robodyn_cli.trajectories.task.segments import LineSegment
 from robodyn_cli.trajectories.task.stretch import LIMITS
+from robodyn_cli.works.kinematics import plan
 from tests.engines import to_pinocchio
 from tests.numeric import assert_close
 from tests.source import ROOT

@@ -17,8 +17,8 @@ from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.inverse import program_of
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.works.inverse import program_of
 
 ROOT = Path(__file__).parents[2]
 

@@ -12,13 +12,13 @@ import pytest
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.build import build_model
-from robodyn_cli.run.inverse.dynamics import InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.plan.plan import plan, render
-from robodyn_cli.run.plan.plane import Plane
-from robodyn_cli.run.plan.variant import Variant
+from robodyn_cli.over.plan.plan import plan, render
+from robodyn_cli.over.plan.plane import Plane
+from robodyn_cli.over.plan.variant import Variant
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.torques.dynamics import InverseDynamics
+from robodyn_cli.works.inverse import inverse
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SCENES = sorted(CONFIGS.glob("*.yaml"))

@@ -20,14 +20,14 @@ from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.run.deploy.deploy import deploy
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.observation.evaluation import SampleFunction
-from robodyn_cli.run.plan.forward import Forward, title_of
-from robodyn_cli.run.plan.plan import COMMANDS, command_of, plan
-from robodyn_cli.run.simulate import simulate
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.over.plan.forward import Forward, title_of
+from robodyn_cli.over.plan.plan import COMMANDS, command_of, plan
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.works.deploy.deploy import deploy
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
 from tests.mechanisms import BENNETT, SIX_BAR, SLIDER
 
 CONFIGS = Path(__file__).parents[2] / "configs"

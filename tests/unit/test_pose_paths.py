@@ -11,14 +11,14 @@ from robodyn_cli import InverseKinematics, load_scene
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.results.summary import ABSENT
-from robodyn_cli.run.inverse.build import build_inverse
-from robodyn_cli.run.inverse.checks import attitude_error
-from robodyn_cli.run.mechanism.kinematics import plan
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.solve.poses.subproblems import rotations
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.build import build_inverse
+from robodyn_cli.torques.checks import attitude_error
 from robodyn_cli.trajectories.base import Ik
 from robodyn_cli.trajectories.motion import PoseMotion
+from robodyn_cli.works.kinematics import plan
 from tests.numeric import assert_close
 from tests.source import ROOT
 from tests.unit.arms import differences

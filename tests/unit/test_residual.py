@@ -17,7 +17,7 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.run.driver.prepare import prepare
+from robodyn_cli.ready.prepare import prepare
 from tests.mechanisms import CONFIGS
 from tests.numeric import assert_close
 

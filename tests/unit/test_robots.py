@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from robodyn_cli import ForwardDynamics, load_scene_text, simulate, statics
+from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.robots.collection import FOLDER, ROBOTS, find_robot
-from robodyn_cli.run.batch.findings import findings
 from tests.cli.tool import invoke
 
 ROOT = Path(__file__).parents[2]

@@ -21,12 +21,12 @@ from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels import compiler, crossover
 from robodyn_cli.kernels.rolled.tables import RolledPlan
-from robodyn_cli.run.batch.findings import findings
-from robodyn_cli.run.driver.prepare import prepare
-from robodyn_cli.run.plan.plan import plan as make_plan
-from robodyn_cli.run.simulate import simulate
+from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.plan.plan import plan as make_plan
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.works.simulate import simulate
 from tests.systems import told
 
 METHODS = {
@@ -222,7 +222,7 @@ def made(source: Scene) -> tuple[System, np.ndarray]:
 def test_a_hundred_joints_move_as_scipy_says() -> None:
     from scipy.integrate import solve_ivp
 
-    from robodyn_cli.run.inverse.dynamics import ForwardDynamics
+    from robodyn_cli.torques.dynamics import ForwardDynamics
 
     source = scene(100, forces=FORCES[:3], extra=TORQUES)
     system, start = made(source)

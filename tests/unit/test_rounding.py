@@ -19,7 +19,7 @@ from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.model.model import Model
-from robodyn_cli.run.observation.rounding import Rounded, largest_difference
+from robodyn_cli.observe.rounding import Rounded, largest_difference
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from tests.unit.test_model_rounding import exact, exact_parts, far_bodies

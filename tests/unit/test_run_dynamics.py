@@ -7,9 +7,9 @@ import pytest
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels import crossover
-from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
 
 TWO = (
     "schema: 1\ngravity: [0, -9.81, 0]\nrobot:\n  convention: standard\n"

@@ -13,12 +13,9 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import MOTION_GROUPS
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.places import place_outputs, quaternions
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.dynamics import ForwardDynamics, InverseDynamics
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.inverse.program import torque_terms
-from robodyn_cli.run.observation.evaluation import SampleFunction
-from robodyn_cli.run.observation.places import place_outputs, quaternions
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.solve.quadrature import (
     integrate,
@@ -27,6 +24,9 @@ from robodyn_cli.solve.quadrature import (
     root_mean_square_over,
 )
 from robodyn_cli.spatial.algebra import rotation_rpy
+from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
+from robodyn_cli.torques.program import torque_terms
+from robodyn_cli.works.inverse import inverse
 from tests.numeric import assert_close, real
 from tests.unit.arms import differences
 

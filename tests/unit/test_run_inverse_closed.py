@@ -16,7 +16,7 @@ from robodyn_cli.errors import (
     SingularConfigurationError,
 )
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.program import torque_terms
+from robodyn_cli.torques.program import torque_terms
 from tests.mechanisms import BENNETT, CONFIGS, SIX_BAR, SLIDER, close
 from tests.numeric import first_derivative
 
@@ -105,7 +105,7 @@ def test_spatial_mechanism_gives_back_its_torque() -> None:
     """The spatial slider-crank at the states of a simulation: torque and multipliers, to the run's accuracy."""
     from robodyn_cli.equations.problem import Problem
     from robodyn_cli.model.model import MOTION_GROUPS
-    from robodyn_cli.run.observation.evaluation import SampleFunction
+    from robodyn_cli.observe.evaluation import SampleFunction
     from robodyn_cli.solve.load_sharing import share
 
     scene = load_scene(

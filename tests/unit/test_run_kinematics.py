@@ -9,7 +9,7 @@ from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import RobodynError, SceneError, SingularConfigurationError
 from robodyn_cli.report.registry import draw
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.mechanism.kinematics import kinematics
+from robodyn_cli.works.kinematics import kinematics
 from tests.mechanisms import BENNETT, CONFIGS, SIX_BAR, SLIDER, close
 
 SCENE = CONFIGS / "mechanisms" / "four_bar_kinematics.yaml"

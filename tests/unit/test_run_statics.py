@@ -9,7 +9,7 @@ from scipy.optimize import minimize_scalar
 from robodyn_cli import inverse, load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SceneError
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.mechanism.statics import statics
+from robodyn_cli.works.statics import statics
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER, close
 
 SPRUNG = CONFIGS / "mechanisms" / "balanced_four_bar.yaml"
@@ -42,7 +42,7 @@ def test_balance_is_the_minimum_of_the_potential() -> None:
     # the reduced stiffness is the curvature along the mechanism's motion of unit length
     h = 1e-3
     second = (potential(crank + h) - 2 * potential(crank) + potential(crank - h)) / h**2
-    from robodyn_cli.run.mechanism.kinematics import kinematics
+    from robodyn_cli.works.kinematics import kinematics
 
     sweep = f"kinematics={{samples: 2, sweep: {{joint: crank, start: {crank}, stop: {crank + 0.01}}}}}"
     rates = kinematics(load_scene(SPRUNG, [sweep]))["qd"][0]

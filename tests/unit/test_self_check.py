@@ -6,7 +6,7 @@ import pytest
 
 from robodyn_cli import load_scene, simulate
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.run.driver import self_check
+from robodyn_cli.motion import self_check
 from tests.cli.tool import run
 from tests.mechanisms import CONFIGS
 

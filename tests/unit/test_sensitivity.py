@@ -15,13 +15,13 @@ from typer.testing import CliRunner
 from robodyn_cli import sensitivity
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
+from robodyn_cli.over.sensitivity.asked import Asked, prepare
+from robodyn_cli.over.sensitivity.differences import differences
+from robodyn_cli.over.sensitivity.exact import exact_slopes
+from robodyn_cli.over.sensitivity.motion.blocks import NEW, nodes_of, transfers
+from robodyn_cli.over.sensitivity.report import quotient
+from robodyn_cli.over.sensitivity.slope import EXACT, Slope
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.run.sensitivity.asked import Asked, prepare
-from robodyn_cli.run.sensitivity.differences import differences
-from robodyn_cli.run.sensitivity.exact import exact_slopes
-from robodyn_cli.run.sensitivity.motion.blocks import NEW, nodes_of, transfers
-from robodyn_cli.run.sensitivity.report import quotient
-from robodyn_cli.run.sensitivity.slope import EXACT, Slope
 from robodyn_cli.scene.load import Family, load_scene_text
 from robodyn_cli.scene.units import in_joint
 from tests.unit.test_latch_positions import AT, FOUR_BAR

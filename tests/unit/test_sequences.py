@@ -10,11 +10,11 @@ import pytest
 
 from robodyn_cli import load_scene_text
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.run.fastest.resolve import with_time_law
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.mechanism.kinematics import kinematics
-from robodyn_cli.run.simulate import simulate
+from robodyn_cli.fastest.resolve import with_time_law
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.kinematics import kinematics
+from robodyn_cli.works.simulate import simulate
 from tests.cli.tool import invoke
 from tests.source import ROOT
 
@@ -151,7 +151,7 @@ def test_what_is_wrong_is_said(trajectory: str, words: str, tmp_path: Path) -> N
 
 
 def test_drives_are_not_sized_by_times_that_follow_from_them() -> None:
-    from robodyn_cli.run.sizing.responses import Responses
+    from robodyn_cli.works.size.responses import Responses
 
     scene = scene_of(f"{{type: sequence, segments: [{OUT}, {BACK}]}}")
     with pytest.raises(CapabilityError, match="follow from the torques"):

@@ -21,7 +21,6 @@ from robodyn_cli.report.page.page import write_page
 from robodyn_cli.report.page.section import Shown
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.inverse.inverse import inverse
 from robodyn_cli.scene.load import load_scene, load_scene_text, load_urdf
 from robodyn_cli.scene.mesh.mesh import Mesh, MeshError
 from robodyn_cli.scene.mesh.obj import obj_text, read_obj
@@ -30,6 +29,7 @@ from robodyn_cli.scene.mesh.simplify import simplified
 from robodyn_cli.scene.mesh.stl import TRIANGLE
 from robodyn_cli.scene.mesh.surfaces import surface_of
 from robodyn_cli.scene.robot_parts import Shape
+from robodyn_cli.works.inverse import inverse
 
 SCENE = """
 schema: 1

@@ -13,11 +13,11 @@ import pytest
 from robodyn_cli.cli.app import run
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.motors.drive import Drive
-from robodyn_cli.run.inverse.inverse import inverse
-from robodyn_cli.run.sizing.responses import Responses
-from robodyn_cli.run.sizing.search import Search
-from robodyn_cli.run.sizing.size import size
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.size.responses import Responses
+from robodyn_cli.works.size.search import Search
+from robodyn_cli.works.size.size import size
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 ARM = """

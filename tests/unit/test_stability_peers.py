@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli.run.numerics.stability_cases import CASES, Case
-from robodyn_cli.run.numerics.stability_scenes import LECTURE_ARM, scene, slider
-from robodyn_cli.run.numerics.trial import Reference
+from robodyn_cli.over.numerics.stability_cases import CASES, Case
+from robodyn_cli.over.numerics.stability_scenes import LECTURE_ARM, scene, slider
+from robodyn_cli.over.numerics.trial import Reference
 
 ROOT = Path(__file__).parents[2]
 NAMED = {case.name: case for case in CASES}

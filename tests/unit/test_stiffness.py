@@ -10,8 +10,8 @@ import pytest
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.integration_methods import DEFAULT, STIFF
+from robodyn_cli.motion import stiffness
 from robodyn_cli.results.result import Result
-from robodyn_cli.run.driver import stiffness
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

@@ -11,9 +11,9 @@ import pytest
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.run.contact.impact import Impact
-from robodyn_cli.run.simulate import simulate
+from robodyn_cli.motion.contact.impact import Impact
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.works.simulate import simulate
 from tests.mechanisms import SLIDER
 
 BALL = """

@@ -181,7 +181,8 @@ def test_no_package_is_empty() -> None:
 def test_runs_build_their_integrator_in_one_place() -> None:
     found = [
         name_of(path)
-        for path in files(PACKAGE / "run")
+        for folder in ("ready", "motion", "works", "over")
+        for path in files(PACKAGE / folder)
         for node in ast.walk(tree_of(path))
         if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "Integrator"
     ]

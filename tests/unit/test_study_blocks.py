@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 
 from robodyn_cli.expr.variation import parse_variation
+from robodyn_cli.over.study.design import Design, make_design
+from robodyn_cli.over.study.report import report
+from robodyn_cli.over.study.row import Rows
+from robodyn_cli.over.study.rows import BLOCK, REASONS_NAME, ROWS_NAME, RowFile
+from robodyn_cli.over.study.samples import strata
+from robodyn_cli.over.study.spread import LEVELS, MOST, Moments, quantiles
+from robodyn_cli.over.study.study import Asked, Study, prepare
 from robodyn_cli.results.hdf5 import ResultWriter, read
-from robodyn_cli.run.study.design import Design, make_design
-from robodyn_cli.run.study.report import report
-from robodyn_cli.run.study.row import Rows
-from robodyn_cli.run.study.rows import BLOCK, REASONS_NAME, ROWS_NAME, RowFile
-from robodyn_cli.run.study.samples import strata
-from robodyn_cli.run.study.spread import LEVELS, MOST, Moments, quantiles
-from robodyn_cli.run.study.study import Asked, Study, prepare
 from robodyn_cli.scene.load import Family, load_scene_text
 from robodyn_cli.scene.nested_options import Correlation
 from robodyn_cli.scene.types import StudyOptions

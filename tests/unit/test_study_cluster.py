@@ -18,8 +18,8 @@ import pytest
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
+from robodyn_cli.over.study import cluster
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.run.study import cluster
 
 distributed = pytest.importorskip("distributed")
 ROOT = Path(__file__).parents[2]
@@ -136,7 +136,7 @@ def test_a_worker_compiles_a_study_once(scene: Path, tmp_path: Path, dask: Clust
 
 
 def wait_for_rows(directory: Path) -> None:
-    from robodyn_cli.run.study.rows import ROWS_NAME
+    from robodyn_cli.over.study.rows import ROWS_NAME
 
     limit = time.monotonic() + 60
     while time.monotonic() < limit:
@@ -166,8 +166,8 @@ def test_a_study_goes_on_when_the_scheduler_is_gone(scene: Path, tmp_path: Path,
 
 KILLER = """
 import os
-from robodyn_cli.run.study import runs
-from robodyn_cli.run.study.row import joined
+from robodyn_cli.over.study import runs
+from robodyn_cli.over.study.row import joined
 
 def deadly(task, points):
     if (points.values == 2.0).any():

@@ -23,16 +23,16 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import parse_variation
 from robodyn_cli.model.build import build_model
+from robodyn_cli.over.many.mechanism import Mechanism
+from robodyn_cli.over.study.design import make_design
+from robodyn_cli.over.study.row import Task
+from robodyn_cli.over.study.rows import ROWS_NAME, RowFile
+from robodyn_cli.over.study.runs import run_here
+from robodyn_cli.over.study.statistics import influences, share, sobol
+from robodyn_cli.over.study.study import Asked, prepare
+from robodyn_cli.over.study.units import unit_of_output
 from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.run.many.mechanism import Mechanism
-from robodyn_cli.run.study.design import make_design
-from robodyn_cli.run.study.row import Task
-from robodyn_cli.run.study.rows import ROWS_NAME, RowFile
-from robodyn_cli.run.study.runs import run_here
-from robodyn_cli.run.study.statistics import influences, share, sobol
-from robodyn_cli.run.study.study import Asked, prepare
-from robodyn_cli.run.study.units import unit_of_output
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
 from robodyn_cli.scene.nested_options import Correlation
 from robodyn_cli.scene.types import StudyOptions
@@ -368,7 +368,7 @@ def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path, 
 def test_a_study_grows_and_keeps_the_runs_that_are_there(
     fall: Path, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    from robodyn_cli.run.study import runs
+    from robodyn_cli.over.study import runs
 
     count = []
     one = runs.make_one

@@ -15,8 +15,8 @@ from robodyn_cli.integrators.methods.symplectic import COMPOSITIONS, composed
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.run.simulate import simulate
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.works.simulate import simulate
 from tests import systems
 from tests.systems import system
 

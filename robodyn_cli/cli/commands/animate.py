@@ -54,8 +54,8 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Make a movie of a stored result; return the exit code."""
+    from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.movie.animate import animate
-    from robodyn_cli.run.batch.stored import read_stored
 
     console = Console(as_json, quiet)
     tidy_up_first()

@@ -51,8 +51,8 @@ def command(
     """Run the command; return its exit code."""
     settings = list(overrides or ())
     if at:
-        from robodyn_cli.run.mechanism.state_text import state_overrides
         from robodyn_cli.scene.load import load_scene
+        from robodyn_cli.works.state_text import state_overrides
 
         settings += state_overrides(load_scene(scene, settings), at)
     if branches:

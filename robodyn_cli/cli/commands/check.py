@@ -28,10 +28,10 @@ def command(
 ) -> int:
     """Judge a stored result; return 1 where an expectation does not hold."""
     from robodyn_cli.errors import SceneError
+    from robodyn_cli.over.batch.criteria import judge
+    from robodyn_cli.over.batch.report_records import CheckReport
+    from robodyn_cli.over.batch.stored import summary_and_scene
     from robodyn_cli.results.summary import as_keys
-    from robodyn_cli.run.batch.criteria import judge
-    from robodyn_cli.run.batch.report_records import CheckReport
-    from robodyn_cli.run.batch.stored import summary_and_scene
     from robodyn_cli.scene.load import load_scene, load_scene_text
 
     console = Console(as_json, quiet)

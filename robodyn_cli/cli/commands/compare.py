@@ -13,8 +13,8 @@ from robodyn_cli.cli.options import ATOL, RTOL, AbsoluteTolerance, Quiet, Relati
 from robodyn_cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
+    from robodyn_cli.over.batch.trees import Compared
     from robodyn_cli.results.result import Result
-    from robodyn_cli.run.batch.trees import Compared
 
 PLURAL = {"equal": "agree", "differs": "differ"}
 WORDS = {"missing": "only in the baseline", "extra": "only in the results"}
@@ -39,7 +39,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare two stored results, or all results below two directories; return 1 where they differ."""
-    from robodyn_cli.run.batch.trees import is_tree
+    from robodyn_cli.over.batch.trees import is_tree
 
     console = Console(as_json, quiet)
     if is_tree(result) or is_tree(baseline):
@@ -48,10 +48,10 @@ def command(
 
 
 def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
+    from robodyn_cli.over.batch.compare_records import ComparisonReport
+    from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.results.compare import compare
     from robodyn_cli.results.summary import as_keys, jsonable
-    from robodyn_cli.run.batch.compare_records import ComparisonReport
-    from robodyn_cli.run.batch.stored import read_stored
 
     new, old = read_stored(result), read_stored(baseline)
     found = compare(new, old, rtol=rtol, atol=atol)
@@ -84,9 +84,9 @@ def _only_longer(one: Result, other: Result) -> list[str]:
 
 
 def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
+    from robodyn_cli.over.batch.compare_records import TreeReport
+    from robodyn_cli.over.batch.trees import compare_trees
     from robodyn_cli.results.summary import as_keys, jsonable
-    from robodyn_cli.run.batch.compare_records import TreeReport
-    from robodyn_cli.run.batch.trees import compare_trees
 
     with console.waiting(lambda: "comparing"):
         found = compare_trees(result, baseline, rtol=rtol, atol=atol)

@@ -13,7 +13,7 @@ from robodyn_cli.cli.words import table
 from robodyn_cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
-    from robodyn_cli.run.crosscheck.crosscheck import Crosscheck
+    from robodyn_cli.over.crosscheck.crosscheck import Crosscheck
 
 
 def command(
@@ -41,8 +41,8 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare a scene with another engine; return the exit code, 1 where they differ beyond their errors."""
+    from robodyn_cli.over.crosscheck.crosscheck import as_data, crosscheck
     from robodyn_cli.results.summary import jsonable
-    from robodyn_cli.run.crosscheck.crosscheck import as_data, crosscheck
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)

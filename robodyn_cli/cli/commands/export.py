@@ -33,8 +33,8 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Write a stored result in another format; return the exit code."""
+    from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.results.export import export
-    from robodyn_cli.run.batch.stored import read_stored
 
     console = Console(as_json, quiet)
     tidy_up_first()

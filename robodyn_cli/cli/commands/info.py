@@ -42,7 +42,7 @@ def command(
 ) -> int:
     """Print the report of a scene at a state, and draw it; return the exit code."""
     from robodyn_cli.results.summary import jsonable
-    from robodyn_cli.run.mechanism.info import info
+    from robodyn_cli.works.info import info
 
     console = Console(as_json, quiet)
     with output(out or default_directory(scene, "info"), scene, console) as directory:
@@ -62,7 +62,7 @@ WIDEST = 24  # columns of a matrix on the terminal
 
 def describe(found: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
-    from robodyn_cli.run.mechanism.info import tree
+    from robodyn_cli.works.info import tree
 
     lines = [str(found["title"]), *("  " + line for line in tree(found["joints"], found["links"]))]
     lines.append(f"  state              {state(found['state']['q'], units(found['joints'], 'q'))}")

@@ -101,7 +101,7 @@ def command(
     try:
         return run_scene(job, Console(as_json, quiet), describe)
     except SceneError as error:
-        from robodyn_cli.run.mechanism.info import of_state
+        from robodyn_cli.works.info import of_state
 
         raise of_state(error, state) from None
 
@@ -142,8 +142,8 @@ def _times(given: Sequence[str]) -> tuple[float, ...]:
 
 def _changes(path: Path, overrides: Sequence[str], state: Sequence[str]) -> list[str]:
     """Return all overrides of a scene that is to be in a state."""
-    from robodyn_cli.run.mechanism.info import changes_at
     from robodyn_cli.scene.load import load_scene
+    from robodyn_cli.works.info import changes_at
 
     return changes_at(load_scene(path, list(overrides)), overrides, state)
 

@@ -24,7 +24,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Print the plan; return 2 where data are missing that the command needs."""
-    from robodyn_cli.run.plan.plan import plan, render
+    from robodyn_cli.over.plan.plan import plan, render
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)

@@ -23,9 +23,9 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Draw stored results again; return the exit code."""
+    from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.again import draw_again
     from robodyn_cli.report.registry import Drawings
-    from robodyn_cli.run.batch.stored import read_stored
 
     console = Console(as_json, quiet)
     tidy_up_first()

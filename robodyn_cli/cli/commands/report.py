@@ -62,9 +62,9 @@ def shown(paths: list[Path], planned: bool) -> list[Shown]:
     ------
     ResultFileError : a result cannot be read. CapabilityError : one has poses, but this version cannot read its scene.
     """
+    from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.overlay import path_ends
     from robodyn_cli.report.page.section import Shown
-    from robodyn_cli.run.batch.stored import read_stored
 
     read = [read_stored(path) for path in paths]
     for path, result in zip(paths, read):
@@ -90,7 +90,7 @@ def _require_scene(path: Path, result: Result) -> None:
 def plan_of(result: Result) -> Mapping[str, Any] | None:
     """Return the plan of the scene that is stored in a result; None where its command has none."""
     from robodyn_cli.errors import RobodynError
-    from robodyn_cli.run.plan.plan import COMMANDS, plan
+    from robodyn_cli.over.plan.plan import COMMANDS, plan
     from robodyn_cli.scene.load import load_scene_text
 
     if result.command not in COMMANDS:

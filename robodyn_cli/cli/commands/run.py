@@ -34,8 +34,8 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
+    from robodyn_cli.over.batch.entry import Entry
     from robodyn_cli.report.registry import Drawings
-    from robodyn_cli.run.batch.entry import Entry
 
 
 def command(
@@ -79,9 +79,9 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
+    from robodyn_cli.over.batch.report_records import BatchReport
+    from robodyn_cli.over.batch.reports import tally, write_reports
     from robodyn_cli.results.summary import as_keys, jsonable
-    from robodyn_cli.run.batch.report_records import BatchReport
-    from robodyn_cli.run.batch.reports import tally, write_reports
 
     if update and baseline is None:
         raise CapabilityError("--update-baseline needs --baseline DIR: the directory of the stored results")
@@ -90,10 +90,10 @@ def command(
     tidy_up_first()
     try:
         from robodyn_cli.kernels.cache import cache_directory
-        from robodyn_cli.run.batch.baseline import Baseline, note
-        from robodyn_cli.run.batch.batch import Batch
-        from robodyn_cli.run.batch.entries import listed, load
-        from robodyn_cli.run.batch.gather import gather
+        from robodyn_cli.over.batch.baseline import Baseline, note
+        from robodyn_cli.over.batch.batch import Batch
+        from robodyn_cli.over.batch.entries import listed, load
+        from robodyn_cli.over.batch.gather import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes
         settings, drawn = overrides or (), drawings(no_plots, plots, format_)

@@ -50,9 +50,9 @@ def command(
     quiet: Quiet = False,
 ) -> int:  # fmt: skip
     """Compute derivatives of outputs by keys."""
-    from robodyn_cli.run.sensitivity.asked import prepare
-    from robodyn_cli.run.sensitivity.report import report
-    from robodyn_cli.run.sensitivity.slopes import sensitivities
+    from robodyn_cli.over.sensitivity.asked import prepare
+    from robodyn_cli.over.sensitivity.report import report
+    from robodyn_cli.over.sensitivity.slopes import sensitivities
     from robodyn_cli.scene.load import Family
 
     console = Console(as_json, quiet)

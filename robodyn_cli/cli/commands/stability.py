@@ -86,8 +86,8 @@ def run_suite(
     cases: Sequence[str] | None, quick: bool, out: Path | None, drawn: Drawings | None, console: Console
 ) -> int:
     """Run the suite; return 1 where a case misses its expectation."""
+    from robodyn_cli.over.numerics.stability_suite import suite
     from robodyn_cli.results.atomic import write_bytes
-    from robodyn_cli.run.numerics.stability_suite import suite
 
     with (
         output(out or Path("outputs") / "stability-suite", None, console) as directory,

@@ -38,10 +38,10 @@ if TYPE_CHECKING:
     from types import TracebackType
 
     from robodyn_cli.expr.variation import Variation
+    from robodyn_cli.over.study.study import Make, Study
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
-    from robodyn_cli.run.study.study import Make, Study
 
 MOST_CASES = 8  # shown on the terminal
 
@@ -92,7 +92,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:  # fmt: skip
     """Run the study; return 0 even where runs failed, 1 below the yield."""
-    from robodyn_cli.run.study.study import Asked, options_of, prepare
+    from robodyn_cli.over.study.study import Asked, options_of, prepare
     from robodyn_cli.scene.load import Family
 
     if scheduler is not None and jobs is not None:
@@ -119,11 +119,11 @@ def command(
 def _maker(scheduler: str | None, jobs: int, console: Console) -> Iterator[Make]:
     """Give what makes runs: a cluster, or this machine with so many jobs."""
     if scheduler is None:
-        from robodyn_cli.run.study.runs import run_here
+        from robodyn_cli.over.study.runs import run_here
 
         yield lambda task, file: run_here(task, file, jobs)
         return
-    from robodyn_cli.run.study.cluster import Cluster
+    from robodyn_cli.over.study.cluster import Cluster
 
     with Cluster(scheduler, console.note) as cluster:
         yield cluster.run
@@ -137,10 +137,10 @@ def _run(
     drawn: Drawings | None,
 ) -> Result:
     """Make the runs and write what they give; return the result."""
+    from robodyn_cli.over.study.report import earlier_rows, report
+    from robodyn_cli.over.study.rows import RowFile
+    from robodyn_cli.over.study.study import run_study
     from robodyn_cli.results.hdf5 import ResultWriter, read
-    from robodyn_cli.run.study.report import earlier_rows, report
-    from robodyn_cli.run.study.rows import RowFile
-    from robodyn_cli.run.study.study import run_study
 
     with RowFile(directory.path, study.task, study.design, study.rows_head) as file:
         if (earlier := earlier_rows(study, directory.path)) is not None:

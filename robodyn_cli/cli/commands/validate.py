@@ -10,16 +10,16 @@ from robodyn_cli.cli.options import Quiet, ReportAsJson, SceneFiles, Strict
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
-    from robodyn_cli.run.batch.findings import Finding
+    from robodyn_cli.over.batch.findings import Finding
 
 
 def command(
     scenes: SceneFiles, as_json: ReportAsJson = False, quiet: Quiet = False, strict: Strict = False
 ) -> int:
     """List the errors of each scene; return the exit code of the worst finding."""
+    from robodyn_cli.over.batch.gather import gather
+    from robodyn_cli.over.batch.report_records import SceneFindings, ValidationReport
     from robodyn_cli.results.summary import as_keys
-    from robodyn_cli.run.batch.gather import gather
-    from robodyn_cli.run.batch.report_records import SceneFindings, ValidationReport
 
     console = Console(as_json, quiet)
     report, codes = [], []
@@ -41,7 +41,7 @@ def command(
 
 
 def _findings(path: Path, strict: bool, console: Console) -> list[Finding]:
-    from robodyn_cli.run.batch.findings import findings
+    from robodyn_cli.over.batch.findings import findings
 
     with console.waiting(lambda: f"validating {path}"):
         return findings(path, strict)

@@ -70,8 +70,8 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare the methods, write every run, print the best; return the exit code."""
+    from robodyn_cli.over.numerics.work_precision import work_precision
     from robodyn_cli.results.atomic import write_bytes
-    from robodyn_cli.run.numerics.work_precision import work_precision
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)

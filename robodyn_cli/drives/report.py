@@ -1,0 +1,185 @@
+"""From a motion and its torques to the datasets and figures of its drives."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any, TypeVar
+
+import numpy as np
+
+from robodyn_cli.drives.cycle import Duty, peak_use
+from robodyn_cli.drives.figures import DriveFigures, Evaluated
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.torque_terms import torque_terms
+from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.model.drives import trains
+from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
+Summary = TypeVar("Summary")
+
+
+def with_drives(summary: Summary, result: Result, scene: Scene, problem: Problem) -> Summary:
+    """Return the summary of a motion with the figures of its drives; add their datasets to the result, and its status.
+
+    A motion whose samples are not uniform has no figures of drives, and a warning instead.
+    """
+    times = result.time
+    if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
+        return _warned(summary, "the samples are not uniform in time, so there are no figures of drives")
+    q, qd, qdd, tau = (result[name] for name in ("q", "qd", "qdd", "tau"))
+    moved = Moved(times, q, qd, qdd, tau, _breaks(result))
+    drives = Drives.of(scene, problem, moved)
+    drives.add_to(result)
+    figures = drives.figures()
+    if not all(one.passes for one in figures.values()):
+        result.status = UNDERSIZED
+    for name, one in drives.evaluated.items():
+        if one.train.brake is not None and "brake" not in one.uses:
+            what = "data, payloads or loops leave open what holds it at rest"
+            summary = _warned(summary, f"the brake of joint {name!r} is not checked: {what}")
+    for name, drive in figures.items():
+        if drive.errors is not ABSENT and abs(drive.margin - drive.least_margin) <= drive.errors.margin:
+            what = f"the margin of joint {name!r} is as near to what is asked for as its error; take more samples"
+            summary = _warned(summary, what)
+    title = scene.catalogue.title or ABSENT
+    return dataclasses.replace(summary, drives=figures, catalogue=title)  # type: ignore[type-var]
+
+
+def _warned(summary: Summary, what: str) -> Summary:
+    """Return a summary with one more warning."""
+    own = getattr(summary, "warnings", ABSENT)
+    return dataclasses.replace(summary, warnings=[*([] if own is ABSENT else own), what])  # type: ignore[type-var]
+
+
+def _breaks(result: Result) -> tuple[float, ...]:
+    """Return where the torques of a motion jump, in steps from the first sample: where payloads come and go."""
+    if not result.events:
+        return ()
+    from robodyn_cli.torques.payloads import breaks
+
+    return tuple(breaks(result.events, result.time))
+
+
+@record
+class Moved:
+    """A motion at uniform times (T,): q (T, nq), and rates, accelerations and actuator torques (T, nv). breaks : where
+    these jump, in steps from the first sample."""
+
+    times: Array
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array
+    breaks: tuple[float, ...] = ()
+
+
+@record
+class Drives:
+    """The drives of a scene in a motion, by joint."""
+
+    problem: Problem
+    evaluated: dict[str, Evaluated]
+
+    @staticmethod
+    def of(scene: Scene, problem: Problem, moved: Moved) -> Drives:
+        """Return the drives of a scene along a motion."""
+        rest = AtRest.of(problem, moved)
+        found = {}
+        for name, train in trains(scene).items():
+            k = problem.model.v_names.index(name)
+            reflected = float(train.reflected)
+            load = moved.tau[:, k] - reflected * moved.qdd[:, k]
+            inertia = None if rest.inertia is None else rest.inertia[:, k] - reflected
+            hold = None if rest.hold is None else rest.hold[:, k]
+            duty = Duty(moved.times, moved.qd[:, k], moved.qdd[:, k], load, hold, inertia, moved.breaks)
+            found[name] = Evaluated.of(train, duty)
+        return Drives(problem, found)
+
+    def figures(self) -> dict[str, DriveFigures]:
+        """Return the figures by joint."""
+        model = self.problem.model
+        return {
+            name: one.figures(model.v_units[model.v_names.index(name)])
+            for name, one in self.evaluated.items()
+        }
+
+    def add_to(self, result: Result) -> None:
+        """Add the datasets of the drives; what a motor does not have is left out."""
+        names = tuple(self.evaluated)
+        every = list(self.evaluated.values())
+        result.add("drives/load", np.column_stack([x.duty.load for x in every]), names=names)
+        result.add("drives/speed", np.column_stack([x.cycle.speed for x in every]), names=names)
+        result.add("drives/torque", np.column_stack([x.cycle.torque for x in every]), names=names)
+        use = [peak_use(x.curves, x.cycle) for x in every]
+        result.add("drives/use", np.column_stack(use), names=names)
+        for path, key in (("current", "current"), ("winding_temperature", "temperature")):
+            columns = {n: getattr(x.cycle, key) for n, x in self.evaluated.items()}
+            columns = {n: x for n, x in columns.items() if x is not None}
+            if columns:
+                result.add(f"drives/{path}", np.column_stack(list(columns.values())), names=tuple(columns))
+        for name, one in self.evaluated.items():
+            for kind in ("driving", "braking", "continuous"):
+                curve = getattr(one.curves, kind)
+                if curve is not None:
+                    result.add(f"envelopes/{kind}/{name}", np.column_stack([curve.speeds, curve.torques]))
+
+
+@record
+class AtRest:
+    """What the joints feel of the mechanism, (T, nv): inertia at each joint [kg m^2 or kg], rotors included, and the
+    torque that holds each pose [N m or N]. None where data, payloads or the number of drives leave it open."""
+
+    inertia: Array | None
+    hold: Array | None
+
+    @staticmethod
+    def of(problem: Problem, moved: Moved) -> AtRest:
+        """Return them along a motion.
+
+        With loops, the driven joints are the coordinates of the mechanism where they are as many as its degrees of
+        freedom: the others follow by v = R v_driven, and inertia and torques are diag(R^T M R) and R^T g.
+        """
+        prescribed = problem.constraints.prescribed
+        rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in prescribed]
+        M, terms = problem.mass_matrix, list(torque_terms(problem).values())
+        hold: list[Any] = [sum((term[k] for term in terms[1:]), terms[0][k]) for k in range(problem.model.nv)]
+        outputs: dict[str, list[Scalar]] = {"M": list(M.flat), "hold": hold}
+        groups = {n: {symbol.value[1] for symbol in free_symbols(x)} for n, x in outputs.items()}
+        outputs = {n: x for n, x in outputs.items() if not groups[n] & {UNKNOWN_GROUP, PARAMETER_GROUP}}
+        outputs["psi"] = [x for row in rows for x in row]
+        still = np.zeros_like(moved.qd)
+        arrays = SampleFunction(outputs, MOTION_GROUPS, len(moved.times))(
+            t=moved.times[:, None], q=moved.q, v=still, a=still, p=np.zeros((len(moved.times), 0))
+        )
+        nv = problem.model.nv
+        R = following(problem, arrays["psi"].reshape(len(moved.times), len(rows), nv))
+        if R is None:
+            return AtRest(None, None)
+        M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
+        inertia = None if M_t is None else np.einsum("tik,tij,tjk->tk", R, M_t, R)
+        return AtRest(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
+
+
+def following(problem: Problem, psi: Array) -> Array | None:
+    """Return R (T, nv, nv), whose column k is the motion of all joints while joint k moves and the other driven ones
+    rest; None where these motions are not unique."""
+    samples, rows, nv = psi.shape
+    if rows == 0:
+        return np.broadcast_to(np.eye(nv), (samples, nv, nv))
+    names = problem.model.v_names
+    driven = [names.index(name) for name in problem.scene.drives]
+    others = [k for k in range(nv) if k not in driven]
+    if np.linalg.matrix_rank(psi[samples // 2]) != len(others):
+        return None
+    R = np.zeros((samples, nv, nv))
+    R[:, driven, driven] = 1.0
+    follow = -np.linalg.pinv(psi[:, :, others]) @ psi[:, :, driven]
+    R[np.ix_(range(samples), others, driven)] = follow
+    return R

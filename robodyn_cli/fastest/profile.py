@@ -1,0 +1,124 @@
+"""The fastest profile x(s) = s-dot^2 over a grid, by reachability analysis.
+
+Within a segment of length D the acceleration u = x' / 2 goes linearly from u0 to u1, so x1 - x0 = D (u0 + u1). A pass
+from the end of the path finds, for each grid point, the interval of x from which the end can be reached; a pass
+from the start takes the largest x in it that can be reached (Pham and Pham 2018, IEEE T-RO 34, with linear in place
+of constant accelerations). Both ask for limits at the ends of segments only.
+
+Where a limit's A changes its sign, the limits of u depend so steeply on x that linear accelerations would swing from
+one segment to the next; there they are constant, u0 = u1 = (x1 - x0) / (2 D), which damps the swing.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from robodyn_cli.fastest.reachability import FAR, Chain, fastest_through
+from robodyn_cli.fastest.rows import PLACES, Rows
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+STEEP = 2.0  # segments to the point where A is 0
+NEAR = 0.7  # of a limit: without acceleration, from which on it counts there
+
+
+class NoProfile(Exception):
+    """The limits allow no motion at the grid point ``place``."""
+
+    def __init__(self, place: int) -> None:
+        super().__init__(place)
+        self.place = place
+
+
+@record
+class Profile:
+    """Squared speed x (K + 1,) at the grid points, and the acceleration at both ends of each segment (K,)."""
+
+    x: Array
+    u0: Array
+    u1: Array
+
+    def between(self, s: Array, places: tuple[float, ...] = PLACES) -> tuple[Array, Array]:
+        """Return u and x (K, places) at places in each segment of the grid ``s``."""
+        w = np.array(places)
+        u = self.u0[:, None] + w * (self.u1 - self.u0)[:, None]
+        x = self.x[:-1, None] + (np.diff(s)[:, None] * w) * (self.u0[:, None] + u)
+        return u, np.maximum(x, 0.0)
+
+
+@record
+class _Ends:
+    """Bounds of u at the same end of all segments: low - slope x <= u <= high - slope x, each (K, n)."""
+
+    low: Array
+    high: Array
+    slope: Array
+
+    @staticmethod
+    def of(rows: Rows, margin: tuple[Array, Array], place: int) -> _Ends:
+        A, B, C = rows.A[:, place], rows.B[:, place], rows.C[:, place]
+        sign, size = np.where(A < 0.0, -1.0, 1.0), np.maximum(np.abs(A), 1e-300)
+        # what is allowed in the row's positive and negative direction
+        above, below = 1.0 - margin[0], 1.0 - margin[1]
+        above, below = np.where(sign > 0.0, above, below), np.where(sign > 0.0, below, above)
+        with np.errstate(over="ignore"):
+            found = (-below - sign * C) / size, (above - sign * C) / size, sign * B / size
+        return _Ends(*(np.clip(x, -FAR, FAR) for x in found))
+
+    def range(self, x: Array) -> tuple[Array, Array]:
+        """Return the least and the largest u (K,) at x (K,)."""
+        low = (self.low - self.slope * x[:, None]).max(axis=1)
+        high = (self.high - self.slope * x[:, None]).min(axis=1)
+        return low, high
+
+
+class Passes:
+    """Both passes on one grid ``s`` (K + 1,) under ``rows``, less a ``margin`` (two of (K, n), for both signs).
+
+    x : (K, 3), about what the profile will be.
+    """
+
+    def __init__(self, s: Array, rows: Rows, margin: tuple[Array, Array], x: Array) -> None:
+        self.D = np.diff(s)
+        self.first, self.last = _Ends.of(rows, margin, 0), _Ends.of(rows, margin, -1)
+        self.most = np.minimum(np.append(rows.most[:, 0], FAR), np.append(FAR, rows.most[:, -1]))
+        A0, A1 = rows.A[:, 0], rows.A[:, -1]
+        steep = np.minimum(np.abs(A0), np.abs(A1)) < STEEP * np.abs(A1 - A0)
+        near = np.abs(rows.B * np.minimum(x, FAR)[..., None] + rows.C).max(axis=1) > NEAR
+        self.even = (steep & near).any(axis=1)
+
+    def run(self, start: float = 0.0, end: float = 0.0) -> Profile:
+        """Return the fastest profile from x = ``start`` to x = ``end``.
+
+        Raises
+        ------
+        NoProfile : there is none.
+        """
+        x = fastest_through(self._chain, self.most, start, end)
+        if isinstance(x, int):
+            raise NoProfile(x)
+        mean = np.diff(x) / self.D
+        (a0, b0), (a1, b1) = self.first.range(x[:-1]), self.last.range(x[1:])
+        wish = self._smooth(mean)
+        u0 = np.maximum(np.minimum(wish, np.minimum(b0, mean - a1)), np.maximum(a0, mean - b1))
+        u0 = np.where(self.even, 0.5 * mean, u0)
+        return Profile(x, u0, mean - u0)
+
+    def _smooth(self, mean: Array) -> Array:
+        """Return u0 (K,) that differ least from those of a parabola through neighbouring points."""
+        D = self.D
+        at = np.empty(len(mean) + 1)
+        at[1:-1] = 0.5 * (mean[:-1] * D[1:] + mean[1:] * D[:-1]) / (D[1:] + D[:-1])
+        at[0], at[-1] = 0.5 * mean[0], 0.5 * mean[-1]
+        return 0.5 * (mean + at[:-1] - at[1:])
+
+    @property
+    def _chain(self) -> Chain:
+        """x0 + D u0 = m = x1 - D u1; with 2 D where u is constant, x0 + 2 D u0 = x1 and x1 - 2 D u1 = x0."""
+        D = (self.D * np.where(self.even, 2.0, 1.0))[:, None]
+        first, last = self.first, self.last
+        return Chain(
+            k0=1.0 - D * first.slope, low0=D * first.low, high0=D * first.high,
+            k1=1.0 + D * last.slope, low1=-D * last.high, high1=-D * last.low,
+            even=self.even,
+        )  # fmt: skip

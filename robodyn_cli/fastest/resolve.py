@@ -1,0 +1,221 @@
+"""From a path that is to be run through as fast as the drives allow to a motion in time."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.gears import geared
+from robodyn_cli.errors import CapabilityError, GeometryError
+from robodyn_cli.fastest.grid import merged
+from robodyn_cli.fastest.limits import LimitedPath, PathLimits, Torques
+from robodyn_cli.fastest.profile import NoProfile
+from robodyn_cli.fastest.search import Fastest, fastest
+from robodyn_cli.given.along_path import motion_along
+from robodyn_cli.given.motion import Planned, plan_motion
+from robodyn_cli.model.model import Model
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.build import build_inverse
+from robodyn_cli.torques.program import InverseProgram
+from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, Scaling, timed
+from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
+
+STILL = 1e-6  # of the largest |dq/ds|: the path stands still
+CORNER = 1e-6  # of it: the direction jumps
+BISECTIONS = 45
+LOOKS = 200  # intervals in which corners and turns are looked for
+
+
+def with_time_law(scene: Scene) -> Scene:
+    """Return the scene with its path as a motion in time, where its trajectory is of type ``fastest``.
+
+    Raises
+    ------
+    CapabilityError : forces depend on time or load. GeometryError : no motion on the path keeps to the limits, or it
+    stands still or turns a corner on the way. Others as the inverse kinematics and ``build_inverse`` raise.
+    """
+    if not isinstance(scene.trajectory, FastestTrajectory):
+        return scene
+    changing = [payload.name for payload in scene.payloads if payload.changes]
+    if changing:
+        raise CapabilityError(
+            f"payload {changing[0]!r} is gripped or released at a time, and 'fastest' chooses the times; allowed "
+            "there: payloads without 'from' and 'until'"
+        )
+    trajectory: FastestTrajectory = scene.trajectory
+    along = dataclasses.replace(scene, trajectory=trajectory.way)
+    program = build_inverse(along)
+    path = limited_path(trajectory, program)
+    fixed = special_points(trajectory, program, path)
+    found = fastest_on(path, trajectory, fixed, program)
+    limits = {name: dict(getattr(trajectory, name)) for name in BOUNDS}
+    tolerance = trajectory.tolerance if trajectory.intervals is None else None
+    scaling = Scaling(found.law, found.error, limits, len(found.s) - 1, tolerance)
+    return dataclasses.replace(scene, trajectory=timed(trajectory.way, scaling))
+
+
+def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> LimitedPath:
+    """Return the path, and what limits the motion on it."""
+    model = program.problem.model
+    ik = getattr(trajectory.way, "ik", None)
+    if ik is not None and ik.redundancy != "least_rates":
+        raise CapabilityError(
+            f"trajectory.path.ik.redundancy ({ik.redundancy}) makes the path depend on its times, which 'fastest' "
+            "chooses; allowed there: least_rates"
+        )
+    limits = []
+    for kind in BOUNDS:
+        given = getattr(trajectory, kind)
+        places = [k for k, name in enumerate(model.v_names) if name in given]
+        limits.append((places, np.array([given[model.v_names[k]] for k in places])))
+    return LimitedPath(_path_of(program), _torques_of(program), *limits)
+
+
+def _path_of(program: InverseProgram) -> Callable[[Array], JointMotion]:
+    problem = program.problem
+    if not problem.model.closures:
+        if isinstance(problem.scene.trajectory, TaskSpace):
+            way = motion_along(problem.scene, problem.model.q_names)
+            return lambda s: way.motion(s, problem.model.q_names, {})
+        return lambda s: plan_motion(problem, s).motion
+    from robodyn_cli.given.guided_motion import guided_motion
+    from robodyn_cli.torques.closed import ClosedLoops
+
+    assert isinstance(program, ClosedLoops)
+
+    def guided(s: Array) -> JointMotion:
+        found = guided_motion(problem, program.lead, s)
+        if found.stopped is not None:
+            raise found.stopped
+        return found.motion
+
+    return guided
+
+
+def _torques_of(program: InverseProgram) -> Torques:
+    """Return the actuators' torques as a function of samples.
+
+    Raises
+    ------
+    CapabilityError : forces depend on time, or on the load.
+    """
+    from robodyn_cli.torques.dynamics import InverseDynamics, timeless
+
+    problem = program.problem
+    if geared(problem.model):
+        raise CapabilityError("losses of gears depend on the load, so no path can be timed by them")
+    timeless(problem)
+    if not problem.model.closures:
+        return InverseDynamics(problem)
+    functions: dict[int, Any] = {}
+
+    def shared(q: Array, qd: Array, qdd: Array) -> Array:
+        count = len(q)
+        if count not in functions:
+            functions[count] = program.compile(count)
+        planned = Planned(np.zeros(count), JointMotion(q, qd, qdd))
+        return program.evaluate(planned, functions[count]).tau
+
+    return shared
+
+
+def special_points(trajectory: FastestTrajectory, program: InverseProgram, path: LimitedPath) -> Array:
+    """Return where the path is not smooth, and where a joint with forces turns back."""
+    way = trajectory.way
+    fixed = np.array([x for x in getattr(way, "knots", None) or () if 0.0 < x < way.duration])
+    s = merged(np.linspace(0.0, way.duration, LOOKS + 1), fixed)
+    found = path.at(s)
+    problem = program.problem
+    _check_path(found, s, problem.model)
+    if any(body.forces for body in problem.model.bodies):
+        fixed = np.append(fixed, _turns(path, s, found))
+    return fixed
+
+
+def _check_path(way: JointMotion, s: Array, model: Model) -> None:
+    """Refuse paths that stand still or turn a corner.
+
+    Raises
+    ------
+    GeometryError
+    """
+    slope = way.qd.reshape(len(s) - 1, -1, way.qd.shape[1])
+    size = np.linalg.norm(slope, axis=2)
+    largest = float(size.max())
+    still = size.min(axis=1) <= STILL * largest
+    if still.any():
+        k = int(np.argmax(still))
+        raise GeometryError(
+            f"trajectory: the path stands still at its t = {s[k]:.6g} s, where it has no direction; 'fastest' takes "
+            "paths that move all the time (`points`, a circle, formulas without rests)",
+            time=float(s[k]),
+        )
+    jump = np.abs(slope[1:, 0] - slope[:-1, -1])
+    if jump.size and jump.max() > CORNER * largest:
+        k, joint = (int(x) for x in np.unravel_index(int(np.argmax(jump)), jump.shape))
+        raise GeometryError(
+            f"trajectory: the path has a corner at its t = {s[k + 1]:.6g} s (joint {model.v_names[joint]!r}), which "
+            "'fastest' cannot pass without a stop; use a smooth path",
+            time=float(s[k + 1]),
+        )
+
+
+def _turns(path: LimitedPath, s: Array, way: JointMotion) -> Array:
+    """Return where joints turn back."""
+    slope = way.qd.reshape(len(s) - 1, -1, way.qd.shape[1])
+    first, last = slope[:, 0], slope[:, -1]
+    segments, joints = np.nonzero(first * last < 0.0)
+    low, high = s[segments].copy(), s[segments + 1].copy()
+    sign = np.sign(first[segments, joints])
+    for _ in range(BISECTIONS if segments.size else 0):
+        middle = 0.5 * (low + high)
+        order = np.argsort(middle, kind="stable")
+        here = np.empty_like(middle)
+        here[order] = path.motion(np.append(0.0, middle[order])).qd[1:][np.arange(len(order)), joints[order]]
+        same = np.sign(here) == sign
+        low, high = np.where(same, middle, low), np.where(same, high, middle)
+    return 0.5 * (low + high)
+
+
+def fastest_on(
+    path: LimitedPath,
+    trajectory: FastestTrajectory,
+    fixed: Array,
+    program: InverseProgram,
+) -> Fastest:
+    """Return the fastest motion along the path.
+
+    Raises
+    ------
+    GeometryError : no motion keeps to the limits.
+    """
+    limits = PathLimits(path)
+    try:
+        return fastest(trajectory.way.duration, trajectory.intervals, trajectory.tolerance, fixed, limits)
+    except NoProfile as failure:
+        assert limits.grid is not None
+        raise _refusal(path, float(limits.grid[failure.place]), program.problem.model) from None
+
+
+def _refusal(path: LimitedPath, where: float, model: Model) -> GeometryError:
+    """Return why no motion on the path keeps to the limits at s = ``where``."""
+    way = path.motion(np.array([0.0, where]) if where > 0.0 else np.zeros(1))
+    zero = np.zeros(len(way.q))
+    at_rest = path.torques_at(way, zero, zero)[-1]
+    at = f"at t = {where:.6g} s of its path"
+    if at_rest.size and np.abs(at_rest).max() > 1.0:
+        k = int(np.argmax(np.abs(at_rest)))
+        joint, bound = model.v_names[path.effort[0][k]], float(path.effort[1][k])
+        return GeometryError(
+            f"trajectory: the limits allow no motion {at}: joint {joint!r} needs {abs(at_rest[k]) * bound:.6g} there "
+            f"at rest, and its effort is limited to {bound:.6g}",
+            time=where, joint=joint,
+        )  # fmt: skip
+    return GeometryError(
+        f"trajectory: no speed keeps to the limits of acceleration and effort {at}; use a smoother path, or raise them",
+        time=where,
+    )

@@ -1,0 +1,148 @@
+"""The motion of a mechanism with loops from the motion of some of its joints, or of a point."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
+from robodyn_cli.given.loop_conditions import Lead, LoopConditions
+from robodyn_cli.given.motion import Planned
+from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
+from robodyn_cli.loops.base import closure_of
+from robodyn_cli.observe.places import in_world
+from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.guided import Guide, Place, Stuck
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.motion import JointMotion
+
+
+def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
+    """Return the motion at ``times`` (T,) that the loops and the led joints, or point, determine. A motion that cannot
+    go on ends early, with the reason in ``stopped``.
+
+    Raises
+    ------
+    GeometryError : the loops cannot close at the start. SingularConfigurationError : the start is singular.
+    CapabilityError : less is led than the mechanism has degrees of freedom.
+    """
+    conditions = LoopConditions(problem, lead, times)
+    guide = Guide(conditions)
+    q = _start(problem, lead, conditions)
+    try:
+        now = guide.start(q, float(times[0]))
+    except Stuck as stuck:
+        _check_determined(problem, conditions, q, float(times[0]))
+        raise explain(problem, conditions, stuck) from None
+    places, stopped = [now], None
+    for t in times[1:].tolist():
+        try:
+            now = guide.advance(now, t)
+        except Stuck as stuck:
+            stopped = explain(problem, conditions, stuck)
+            break
+        places.append(now)
+    motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
+    counters = {"iterations": guide.iterations, "steps": guide.steps}
+    reached = times[: len(places)]
+    residuals = _residuals(conditions, places)
+    found = Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
+    if lead.led is None:
+        return found
+    asked = lead.asked(reached)[0]
+    R = asked[:, 3:].reshape(-1, 3, 3) if lead.led.oriented else None
+    target, axes = in_world(problem.model, lead.led.relative_to, asked[:, : lead.led.components], R, motion.q)
+    return dataclasses.replace(found, point=lead.point, target=target, axes=axes, method="newton")
+
+
+def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
+    """Return a closed configuration in which the led joints are where their motion begins."""
+    scene = problem.scene
+    check_prescribed(problem)
+    first = conditions.asked(0.0)[0]
+    led = dict(zip(lead.positions, first.tolist()))
+    ik = getattr(scene.trajectory, "ik", None)
+    guess = dict(ik.guess) if ik is not None and lead.led is not None else {}
+    held = {**prescribed_starts(scene), **led}
+    given = {**scene.initial.q, **guess, **held}
+    return assemble(problem, given, {}, tuple(held)).q
+
+
+def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t: float) -> None:
+    """Refuse motions that do not determine the mechanism's motion.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    _, J = conditions.at(q, t)
+    J = J * conditions.lengths / conditions.sizes[:, None]
+    rows = len(conditions.names) - conditions.led
+    free = problem.model.nv - rank(J[:rows])
+    if free > conditions.led:
+        raise CapabilityError(
+            f"the mechanism has {free} degrees of freedom there beside its prescribed joints, and the trajectory leads "
+            f"{conditions.led}; lead {free} joints"
+        )
+
+
+def explain(
+    problem: Problem, conditions: LoopConditions, stuck: Stuck
+) -> GeometryError | SingularConfigurationError:
+    """Return why a motion cannot go on: with the row that is violated, or with joint and loop of the singular pose."""
+    if stuck.row is not None:
+        name, gap = stuck.row
+        unit = (
+            "m" if conditions.sizes[conditions.names.index(name)] != 1.0 or conditions.size == 1.0 else "rad"
+        )
+        return GeometryError(
+            f"the motion asked for cannot be met at t = {stuck.time:.6g} s: {name} is off by {abs(gap):.3g} {unit} at "
+            "best, since the loops leave less freedom than is led, or none there",
+            time=stuck.time, row=name, residual=abs(gap),
+        )  # fmt: skip
+    rows, coordinates = stuck.weights
+    joint = problem.model.joint_of(int(np.argmax(coordinates)))
+    loops = rows[: len(conditions.names) - conditions.led]
+    loop = closure_of(conditions.names[int(np.argmax(loops))]) if len(loops) else "none"
+    last = stuck.last
+    angles = {} if last is None else {"q": last.q.tolist()}
+    if last is not None and _bifurcates(conditions, last):
+        return SingularConfigurationError(
+            f"bifurcation at t = {stuck.time:.9g} s: the rows of loop {loop} lose rank and let joint {joint} go, so "
+            "the mechanism may go on in more than one way",
+            time=stuck.time, kind="bifurcation", joint=joint, loop=loop, **angles,
+        )  # fmt: skip
+    return SingularConfigurationError(
+        f"singular configuration at t = {stuck.time:.9g} s: loop {loop} lets joint {joint} move without the input "
+        "(a dead point), so its rate is not determined or without bound; the motion cannot go on from there",
+        time=stuck.time, kind="dead_point", joint=joint, loop=loop, **angles,
+    )  # fmt: skip
+
+
+def _bifurcates(conditions: LoopConditions, last: Place) -> bool:
+    """Tell whether the loops themselves lose rank, as fast as all conditions together do. At a dead point of the led
+    joints they keep it.
+    """
+    held = len(conditions.names) - conditions.led - len(conditions.prescribed)
+    independent = last.J.shape[1] - conditions.led - len(conditions.prescribed)
+    if not 0 < independent <= held:
+        return False
+    loops = [i for i in range(len(conditions.names) - conditions.led) if i not in conditions.prescribed]
+    s = np.linalg.svd(last.J[loops], compute_uv=False)
+    together = np.linalg.svd(last.J, compute_uv=False)
+    return bool(s[independent - 1] < 10.0 * together[-1] and s[independent - 1] < 1e-2 * s[0])
+
+
+def _residuals(conditions: LoopConditions, places: Sequence[Place]) -> dict[str, float]:
+    """Return the largest residuals of position, velocity and acceleration conditions over the samples."""
+    found = np.zeros(3)
+    for place in places:
+        F, J = conditions.at(place.q, place.t)
+        c, b = conditions.rates(place.q, place.v, place.t)
+        here = [np.abs(x).max(initial=0.0) for x in (F, J @ place.v - c, J @ place.a - b)]
+        found = np.maximum(found, here)
+    return dict(zip(("position", "velocity", "acceleration"), found.tolist()))

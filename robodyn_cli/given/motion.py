@@ -1,0 +1,173 @@
+"""From a scene's trajectory to the motion of its joints."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, SingularConfigurationError
+from robodyn_cli.model.model import Model
+from robodyn_cli.observe.places import in_world
+from robodyn_cli.record import record
+from robodyn_cli.scene.points import with_points
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import given_by_formulas, position_columns
+from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
+from robodyn_cli.trajectories.registry import trajectory_types
+
+if TYPE_CHECKING:
+    from robodyn_cli.solve.inverse_kinematics import PointTask
+    from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
+    from robodyn_cli.trajectories.joint_space import Together
+
+
+@record
+class Planned:
+    """The joints' motion at sample times (T,), and its origin.
+
+    point, target : the point that is led, and where it is asked to be in the world (T, 2 or 3) [m]. axes : those asked
+    for there (T, 3, 3) as columns, None where the attitude is left free.
+    method : of the inverse kinematics, ``analytic`` or ``newton``. residuals : the largest of the loops, by level.
+    stopped : why the motion ends early, None where it is whole.
+    """
+
+    times: Array
+    motion: JointMotion
+    point: str | None = None
+    target: Array | None = None
+    axes: Array | None = None
+    method: str | None = None
+    residuals: dict[str, float] = dataclasses.field(default_factory=dict)
+    counters: dict[str, int] = dataclasses.field(default_factory=dict)
+    stopped: GeometryError | SingularConfigurationError | None = None
+
+
+def with_led_point(scene: Scene) -> Scene:
+    """Return the scene with the point that the trajectory leads (as ``link2.end``) among its named points."""
+    trajectory: Any = scene.trajectory
+    if not isinstance(trajectory, TaskSpace):
+        return scene
+    return with_points(scene, [x for x in (trajectory.point, trajectory.relative_to) if x is not None])
+
+
+def without_following(scene: Scene) -> Scene:
+    """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
+    return dataclasses.replace(scene, prescribed=given_by_formulas(scene.prescribed))
+
+
+def by_columns(model: Model, motion: JointMotion) -> tuple[Array, Array, Array]:
+    """Return the columns of q (T, nq) and their first and second derivatives, of attitudes too."""
+    if not any(body.joint.quasi for body in model.bodies):
+        return motion.q, motion.qd, motion.qdd
+    from robodyn_cli.model.manifold import Manifold
+
+    manifold = Manifold(model)
+    rates = [manifold.rates(*state) for state in zip(motion.q, motion.qd, motion.qdd)]
+    return motion.q, np.array([first for first, _ in rates]), np.array([second for _, second in rates])
+
+
+def motion_duration(scene: Scene) -> float:
+    """Return the length of the motion [s]: of the trajectory, else of the simulation, where joints are prescribed."""
+    return float(scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration)
+
+
+def plan_motion(problem: Problem, times: Array) -> Planned:
+    """Return the motion of an open chain's joints at ``times`` (T,), columns in the model's order.
+
+    Prescribed joints move as they do, beside the trajectory.
+
+    Raises
+    ------
+    SceneError : there is no trajectory, or its inverse kinematics lacks a choice. GeometryError and
+    SingularConfigurationError : from the inverse kinematics.
+    """
+    scene, model = problem.scene, problem.model
+    trajectory: JointSpace | TaskSpace | None = scene.trajectory
+    if trajectory is None and not scene.prescribed:
+        raise SceneError(
+            f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
+            f"kinds: {', '.join(trajectory_types)}",
+            key="trajectory",
+        )
+    if not isinstance(trajectory, TaskSpace):
+        own = _together(problem) if scene.prescribed or trajectory is None else trajectory
+        _refuse_some(model, own)
+        return Planned(times, own.motion(times, model.q_names, scene.parameters))
+    from robodyn_cli.solve.inverse_kinematics import follow_point
+
+    task = point_task(problem)
+    found = follow_point(task, times, compile_point)
+    counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
+    asked = task.target(times)
+    target, axes = in_world(model, task.moving, asked.p, getattr(asked, "R", None), found.motion.q)
+    return Planned(times, found.motion, trajectory.point, target, axes, found.method, counters=counters)
+
+
+def _together(problem: Problem) -> Together:
+    """Return the motion of the prescribed joints and of those that the trajectory leads."""
+    from robodyn_cli.given.prescribed import check_prescribed, refuse_both
+    from robodyn_cli.trajectories.joint_space import Together
+
+    refuse_both(problem.scene)
+    check_prescribed(problem)
+    return Together(problem.scene.prescribed, problem.scene.trajectory)
+
+
+def _refuse_some(model: Model, trajectory: JointSpace | Together) -> None:
+    """Refuse a motion of some joints only, which is enough for a simulation that it prescribes.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    led = position_columns(trajectory.joints)
+    missing = [name for name in model.q_names if name not in led]
+    if missing:
+        raise CapabilityError(
+            f"neither `trajectory` nor `prescribed` leads joint {missing[0]!r}, and the motion of all joints is needed "
+            "here; only `simulate` leaves others to the forces"
+        )
+
+
+def point_task(problem: Problem) -> PointTask:
+    """Return the point, or the frame, that the scene's trajectory leads, and its path."""
+    from robodyn_cli.solve.inverse_kinematics import PointTask
+
+    scene, model = problem.scene, problem.model
+    trajectory: Any = scene.trajectory
+    where = f"{scene.path}: " if scene.path else ""
+    frame, ik = model.place(trajectory.point), trajectory.ik
+    start, prescribed = ik.guess or scene.initial.q, scene.prescribed
+    if prescribed:
+        from robodyn_cli.given.prescribed import prescribed_starts
+
+        start = {**scene.initial.q, **ik.guess, **prescribed_starts(scene)}
+    task = PointTask(model, frame, trajectory, start, scene.parameters, where, prescribed=prescribed)
+    named, redundant = ik.branch is not None and task.arm is None, ik.redundancy != "least_rates"
+    if not named and not redundant:
+        return task
+    from robodyn_cli.given.poses.path import drift_of, start_of
+
+    chosen = start_of(problem, task)
+    if chosen is not None:
+        task = dataclasses.replace(task, start=chosen, chosen=True)
+    return dataclasses.replace(task, drift=drift_of(problem, task)) if redundant else task
+
+
+def compile_point(kinematics: PointKinematics) -> PointFunction:
+    """Return a point's kinematics as a compiled function, quick on single samples too."""
+    from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
+
+    kernel = SampleKernel(kinematics.outputs(), ("q", "v"))
+    single = of_one_sample(kernel, q=kinematics.nq, v=kinematics.nv)
+
+    def function(q: Array, v: Array) -> tuple[Array, Array, Array]:
+        if len(q) > 1:
+            return kinematics.unpack(kernel.evaluate(len(q), {"q": q, "v": v}))
+        return kinematics.unpack({name: array[None] for name, array in single(q=q[0], v=v[0]).items()})
+
+    return function

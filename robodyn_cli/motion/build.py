@@ -1,0 +1,201 @@
+"""From a scene to a motion that can be integrated: the one builder of every command that integrates, and of the plan.
+
+gains -> equations and start (``prepare``) -> watchers -> system -> method
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.model.model import unknown_among
+from robodyn_cli.motion.method import choose
+from robodyn_cli.motion.motion import Choice, Gains, Motion, Watcher
+from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare
+from robodyn_cli.scene.types import Baumgarte, Scene
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.trajectories.led import is_to_find
+
+Follow = Callable[[Problem, Sequence[int]], Sequence[Watcher]]
+AUTOMATIC = "baumgarte"
+
+
+def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), contact states, limits."""
+    found: list[Watcher] = []
+    if problem.model.closures:
+        from robodyn_cli.motion.singular.rank_loss import Passage, RankLoss
+
+        stops = problem.scene.simulate.singular == "stop"
+        found.append(RankLoss(problem) if stops else Passage(problem))
+    found += contact_watchers(problem)
+    if problem.model.switched:
+        found += payload_watchers(problem)
+    own = [watcher for watcher in found if watcher.functions or watcher.changes_motion]
+    return [*own, *limit_watchers(problem)]
+
+
+def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return the watchers of what changes a motion: poses to pass, and contact states."""
+    return [watcher for watcher in follow_motion(problem, passive) if watcher.changes_motion]
+
+
+def contact_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of joints that stick, slip and meet rigid stops, where there are such joints."""
+    if not problem.contact_joints:
+        return []
+    from robodyn_cli.motion.contact.states import ContactStates
+
+    return [ContactStates(problem)]
+
+
+def payload_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of masses that are gripped and released, where there are such."""
+    if not problem.model.switched:
+        return []
+    from robodyn_cli.motion.contact.payloads import Payloads
+
+    return [Payloads(problem)]
+
+
+def limit_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of limits that no stop keeps, where joints have any."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.motion.joint_limits import JointLimits
+
+    watcher = JointLimits(problem)
+    return [watcher] if watcher.limits else []
+
+
+def ready(scene: Scene, watch: Stopwatch) -> Scene:
+    """Return the scene with what is found before its equations are built: the motion of joints along a path, and what
+    a controller follows, with the numbers of its law.
+
+    Raises
+    ------
+    RobodynError : see ``with_motion_found`` and ``with_controller_ready``.
+    """
+    if is_to_find(scene.prescribed):
+        from robodyn_cli.ready.in_time import with_motion_found
+
+        with watch.stage("solve"):
+            scene = with_motion_found(scene)
+    if scene.control is not None:
+        from robodyn_cli.ready.controllers import with_controller_ready
+
+        with watch.stage("solve"):
+            scene = with_controller_ready(scene)
+    return scene
+
+
+def build_motion(
+    scene: Scene,
+    watch: Stopwatch | None = None,
+    follow: Follow = follow_motion,
+    work: bool = True,
+    reactions: bool = False,
+    plan: bool = False,
+) -> Motion:
+    """Build everything that a command integrates, once.
+
+    Parameters
+    ----------
+    follow : gives the watchers for the equations and the passive coordinates.
+    work : carry the work of actuators and damping as a further state. reactions : observe joint reactions in any case.
+    plan : nothing is going to run, so an open chain may lack initial positions, and the scene data.
+
+    Raises
+    ------
+    RobodynError : the scene cannot be started; see ``prepare``.
+    """
+    watch = watch or Stopwatch()
+    scene = ready(scene, watch)
+    scene, gains = with_gains(scene, watch)
+    setup = prepare(scene, watch, neutral=plan)
+    problem = setup.problem
+    with watch.stage("equations"):
+        passive = passive_coordinates(problem)
+        watchers = (*follow(problem, passive), *half_turns(problem))
+        system = watched_system(problem, scene.simulate.stabilisation, watchers, work)
+    with watch.stage("method"):
+        choice = _choice(scene, setup, system, plan)
+    motion = Motion(
+        scene,
+        problem,
+        setup.assembled,
+        passive,
+        system,
+        watchers,
+        options_for(scene),
+        choice,
+        gains,
+        reactions,
+    )
+    if not plan:
+        with watch.stage("equations"):
+            for watcher in watchers:
+                watcher.follow(motion)
+    return motion
+
+
+def watched_system(
+    problem: Problem, stabilisation: str | Baumgarte, watchers: Sequence[Watcher], work: bool = True
+) -> System:
+    """Return the system with the event functions of its watchers; see ``build_system``."""
+    functions = [function for watcher in watchers for function in watcher.functions]
+    return build_system(problem, stabilisation, functions, work)
+
+
+def half_turns(problem: Problem) -> list[Watcher]:
+    """Return the watcher of forces between bodies whose angle jumps at half a turn, where there are such forces."""
+    if not problem.model.forces or not problem.elements.half_turns:
+        return []
+    from robodyn_cli.motion.half_turns import HalfTurns
+
+    return [HalfTurns(problem)]
+
+
+def options_for(scene: Scene) -> Options:
+    """Return the tolerances and limits of a scene's integration."""
+    s = scene.simulate
+    longest = math.inf if s.max_step is None else s.max_step
+    return Options(s.rtol, s.atol, s.step, longest, s.max_steps)
+
+
+def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:
+    lacks = plan and not system.dynamics.any_size
+    if lacks and unknown_among(system.rates):
+        return Choice(scene.simulate.integrator, "data are missing that the choice needs")
+    start = system.join(setup.assembled.q, setup.assembled.v)
+    return choose(scene, setup.problem, system, start, options_for(scene))
+
+
+# -- Baumgarte's gains that the scene leaves to us ---------------------------------------------------------
+def with_gains(scene: Scene, watch: Stopwatch) -> tuple[Scene, Gains | None]:
+    """Return the scene with Baumgarte's gains chosen where it leaves that to us, and what was found on the way."""
+    if scene.simulate.stabilisation != AUTOMATIC or not (scene.loops or scene.couplers):
+        return scene, None
+    from robodyn_cli.motion.baumgarte import GainStudy
+
+    with watch.stage("gains"):
+        found = GainStudy(projected_motion(scene)).choose()
+    gains = Baumgarte(alpha=found.alpha, beta=found.beta)
+    return with_stabilisation(scene, gains), found
+
+
+def projected_motion(scene: Scene) -> Motion:
+    """Return the motion of a scene with its loops kept closed by projection, without the work and without watchers."""
+    return build_motion(with_stabilisation(scene, "projection"), follow=lambda p, passive: (), work=False)
+
+
+def with_stabilisation(scene: Scene, stabilisation: str | Baumgarte) -> Scene:
+    """Return the scene with another way to keep its loops closed."""
+    return dataclasses.replace(
+        scene, simulate=dataclasses.replace(scene.simulate, stabilisation=stabilisation)
+    )

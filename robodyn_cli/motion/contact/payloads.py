@@ -1,0 +1,264 @@
+"""Masses that links pick up and release in mid-motion.
+
+Whether a payload is carried is a parameter p of the equations, so one compiled program serves all combinations. Where
+one is gripped, velocities jump so that the generalised momentum is kept (a plastic impact, ``impact.joined``); where
+one is released they do not.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.payloads import own_motion
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Jump, Outcome
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.model.payloads import Payload, changing
+from robodyn_cli.motion.contact.impact import joined
+from robodyn_cli.motion.motion import Motion, Watcher
+from robodyn_cli.observe.observe import potential_energy
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+WAITING, CARRIED, RELEASED = "waiting", "carried", "released"
+KEYS = {WAITING: ("from", "until"), CARRIED: ("until",), RELEASED: ()}  # of what may end a phase
+
+
+@record
+class Change(EventFunction):
+    """The event at which a payload, by its number, is gripped or released."""
+
+    number: int = 0
+    grips: bool = True
+
+
+@record
+class Step:
+    """What gripping or releasing payloads does.
+
+    before, after : v- and v+ (nv,). lost : energy that the impact takes [J]. gained : of the mechanism, with what it
+    carries [J].
+    """
+
+    before: Array
+    after: Array
+    lost: float
+    gained: float
+
+
+class Payloads(Watcher):
+    """The payloads of one run. phase : of each of them."""
+
+    functions: tuple[Change, ...]
+    changes_motion = True
+    sets_start = True
+
+    def __init__(self, problem: Problem) -> None:
+        _refuse_company(problem)
+        self.problem = problem
+        self.payloads = changing(problem.model)
+        self.functions = tuple(_functions(problem, self))
+        instants = (payload.spec.instants for payload in self.payloads)
+        self._times = [{name: _on_grid(problem.scene, x.time) for name, x in own.items()} for own in instants]
+        self._clear()
+
+    def _clear(self) -> None:
+        self.phase = [WAITING if x.spec.start is not None else CARRIED for x in self.payloads]
+        self._log: list[dict[str, Any]] = []
+
+    def follow(self, motion: Motion) -> None:
+        self.system = motion.system
+        self._kernel = SampleKernel(_outputs(self.problem, self.payloads), STATE_GROUPS)
+
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        return {"gripping": self._kernel}
+
+    @property
+    def log(self) -> list[dict[str, Any]]:
+        return self._log
+
+    def facts(self, end: float) -> dict[str, Any]:
+        found: dict[str, dict[str, float]] = {x.name: {} for x in self.payloads}
+        for event in self._log:
+            if event["kind"] == "grip":
+                found[event["name"]] |= {"gripped": event["time"], "energy_lost": event["energy_lost"]}
+            else:
+                found[event["name"]]["released"] = event["time"]
+        return {"payloads": found}
+
+    def again(self) -> Payloads:
+        other = copy.copy(self)
+        other._clear()
+        return other
+
+    # -- a run ----------------------------------------------------------------------------------------
+    def stops(self) -> Sequence[float]:
+        """Return the times ahead at which payloads may be gripped or released."""
+        ahead = [self._times[k].get(key) for k, phase in enumerate(self.phase) for key in KEYS[phase]]
+        return [time for time in ahead if time is not None]
+
+    def _next(self, k: int, t: float) -> str | None:
+        """Return the phase that payload k enters at a time that is among its own, None where t is none of these.
+
+        One that has not been gripped by then is not gripped any more.
+        """
+        key = next((key for key in KEYS[self.phase[k]] if self._times[k].get(key) == t), None)
+        return None if key is None else CARRIED if key == "from" else RELEASED
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        """Find out what is carried at a start later than t = 0; x is that of before anything at t itself.
+
+        Raises
+        ------
+        SceneError : events decide it, which a run that begins later does not know.
+        """
+        self._clear()
+        for time in sorted(time for time in self.stops() if time < t):
+            self.phase = [self._next(k, time) or phase for k, phase in enumerate(self.phase)]
+        if t > 0.0 and self.functions:
+            path = self.problem.scene.path
+            raise SceneError(
+                f"{path}: initial.from: whether payload {self.functions[0].name!r} is carried is decided by an event "
+                "('when'), which a run that goes on from a stored one does not know; allowed: 'time'",
+                file=path, key="initial.from",
+            )  # fmt: skip
+        return x
+
+    def arm(self, x: Array) -> Outcome:
+        return Jump(x, self._p(self.phase))
+
+    def handle(self, event: Event) -> Outcome:
+        change = event.function
+        assert isinstance(change, Change)
+        if self.phase[change.number] != (WAITING if change.grips else CARRIED):
+            return GO_ON
+        return self._go_on(event.time, event.state, {change.number: CARRIED if change.grips else RELEASED})
+
+    def at_stop(self, t: float, x: Array) -> Outcome:
+        due = {k: phase for k in range(len(self.phase)) if (phase := self._next(k, t)) is not None}
+        # what is handed over is released first
+        released = self._go_on(t, x, {k: phase for k, phase in due.items() if phase == RELEASED})
+        return self._go_on(t, released.state, {k: phase for k, phase in due.items() if phase == CARRIED})
+
+    def _p(self, phase: Sequence[str]) -> Array:
+        """Return the parameters, which are the first ones of p."""
+        return np.array([float(one == CARRIED) for one in phase])
+
+    def _go_on(self, t: float, x: Array, changed: Mapping[int, str]) -> Jump:
+        """Bring some payloads to new phases; the run goes on with other velocities and another work done on it."""
+        phase, s = [changed.get(k, old) for k, old in enumerate(self.phase)], self.system
+        step = self._step(t, x, phase)
+        x = x.copy()
+        x[list(s.v_places)] = step.after
+        if s.work_place is not None:
+            x[s.work_place] += step.gained
+        for k in changed:
+            if CARRIED in (phase[k], self.phase[k]):
+                self._note(t, k, phase[k], step)
+        self.phase = phase
+        return Jump(x, self._p(phase))
+
+    def _step(self, t: float, x: Array, phase: Sequence[str]) -> Step:
+        """Return velocities and energies when the payloads come to new phases."""
+        nv = self.problem.model.nv
+        gripped = [k for k, old in enumerate(self.phase) if (old, phase[k]) == (WAITING, CARRIED)]
+        old = self._numbers(t, x, self.phase)
+        v = x[list(self.system.v_places)]
+        new = self._numbers(t, x, phase)
+        before, after = (found["M"].reshape(nv, nv) for found in (old, new))
+        psi = old["psi"].reshape(-1, nv) if "psi" in old else np.zeros((0, nv))
+        momentum = old["momentum"].reshape(-1, nv)[gripped].sum(axis=0)
+        then = v
+        if gripped:
+            try:
+                then = joined(before, after, psi, v, momentum)
+            except np.linalg.LinAlgError as error:
+                names = ", ".join(self.payloads[k].name for k in gripped)
+                raise NumericalError(
+                    f"the mass matrix is singular with payload {names} at t = {t:.6g} s", time=t,
+                    status="singular_mass_matrix",
+                ) from error  # fmt: skip
+        change = 0.5 * float(then @ after @ then - v @ before @ v)
+        lost = float(old["own"][gripped].sum()) - change if gripped else 0.0
+        return Step(v, then, lost, change + float(new["potential"][0] - old["potential"][0]))
+
+    def _numbers(self, t: float, x: Array, phase: Sequence[str]) -> dict[str, Array]:
+        groups = self.system.groups(np.array([[t]]), x[None, :], self._p(phase))
+        return {name: array[0] for name, array in self._kernel.evaluate(1, groups).items()}
+
+    def _note(self, t: float, k: int, phase: str, step: Step) -> None:
+        gripped = phase == CARRIED
+        details: dict[str, Any] = {}
+        if gripped:
+            names = self.problem.model.v_names
+            details = {
+                "energy_lost": step.lost,
+                "jump": dict(zip(names, (step.after - step.before).tolist())),
+            }
+        self._log.append(
+            {"time": t, "name": self.payloads[k].name, "kind": "grip" if gripped else "let_go", **details}
+        )
+
+
+def _on_grid(scene: Scene, time: float | None) -> float | None:
+    """Return a time as the samples have it, where they have it but for rounding: such a sample is that of before."""
+    if time is None:
+        return None
+    grid = Grid.over(scene.simulate.duration, scene.simulate.samples)
+    k = grid.first_at(time)
+    return float(grid.times(k, k + 1)[0]) if k < grid.count and grid.begins_by(k, time) else time
+
+
+def _functions(problem: Problem, owner: Payloads) -> list[Change]:
+    found = []
+    for number, payload in enumerate(owner.payloads):
+        for name, instant in payload.spec.instants.items():
+            if instant.when is not None:
+                value = instant.when.evaluate(problem.environment)
+                found.append(Change(payload.name, value, 1, EventKind.PAYLOAD, owner, number, name == "from"))
+    return found
+
+
+def _outputs(problem: Problem, payloads: Sequence[Payload]) -> dict[str, list[Scalar]]:
+    """Return M, Psi, the potential energy, and of each payload's own motion the generalised momentum and the energy."""
+    own = [own_motion(problem, payload) for payload in payloads]
+    found: dict[str, list[Scalar]] = {
+        "M": list(problem.mass_matrix.ravel()),
+        "psi": list(problem.psi.ravel()),
+        "potential": [potential_energy(problem)],
+        "momentum": [x for momentum, _ in own for x in momentum],
+        "own": [energy for _, energy in own],
+    }
+    return {name: entries for name, entries in found.items() if entries}
+
+
+def _refuse_company(problem: Problem) -> None:
+    """Refuse what does not go with payloads that are gripped or released.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    scene, name = problem.scene, changing(problem.model)[0].name
+    if problem.contact_joints:
+        raise CapabilityError(
+            f"{scene.path}: payload {name!r}, which is gripped or released, does not go with joints that stick or meet "
+            f"rigid stops (here {problem.contact_joints[0].name!r}), whose forces in an impact would not be known; "
+            "allowed: friction with 'transition_speed', and stops with 'stiffness'"
+        )
+    if scene.simulate.singular == "pass":
+        raise CapabilityError(
+            f"{scene.path}: payload {name!r}, which is gripped or released, does not go with 'simulate.singular: "
+            "pass'; allowed: stop"
+        )

@@ -1,0 +1,70 @@
+"""Why a run could not go on: which joint broke down, and what made it."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.integrators.runtime.stopped import rates_at
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.ready.mass_matrix import nearly_singular
+from robodyn_cli.ready.singularity import driven_dead_point
+from robodyn_cli.trajectories.led import led_joints
+
+# kinds of failure that lie in the motion rather than in what the run may take
+BREAKDOWNS = ("step_too_small", "not_finite", "not_solved")
+
+
+def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynError:
+    """Return the error of a run that could not go on, with its cause where that can be told."""
+    if not isinstance(error, NumericalError):
+        return error
+    problem = motion.problem
+    q, _, _ = driver.system.split(driver.state)
+    pose = driven_dead_point(problem, motion.passive, q, driver.time, motion.scene.simulate.duration)
+    if pose is not None:
+        time, where, kind = pose
+        names = ", ".join(led_joints(problem.scene.prescribed))
+        what = "dead point" if kind == "dead_point" else "singular configuration"
+        return SingularConfigurationError(
+            f"{what} at t = {time:.9g} s under the prescribed motion of {names}: the passive joints cannot follow, "
+            "and the multipliers diverge",
+            time=time, kind=kind, q=where.tolist(),
+        )  # fmt: skip
+    words, place = breakdown(problem, driver, str(error.details.get("status")))
+    return NumericalError(
+        error.message + words + nearly_singular(problem.model, q), **{**place, **error.details}
+    )
+
+
+def breakdown(problem: Problem, driver: Driver, status: str) -> tuple[str, dict[str, Any]]:
+    """Return words for the message of a failed run, and ``joint`` and ``quantity`` for its details.
+
+    Named is the first quantity that is not finite: position, rate, acceleration; where all are, the joint of the
+    largest acceleration, over its rate where that is large too.
+    """
+    if status not in BREAKDOWNS:
+        return "", {}
+    model = problem.model
+    system = driver.system
+    q, v, _ = system.split(driver.state)
+    with np.errstate(all="ignore"):
+        rates = rates_at(system, driver.time, driver.state, driver.parameters)
+        rates = np.concatenate([np.zeros(system.nq), np.asarray(rates, dtype=float)])
+        a = system.split(rates)[1]
+    for quantity, values, names in (
+        ("position", q, model.q_names), ("rate", v, model.v_names), ("acceleration", a, model.v_names),
+    ):  # fmt: skip
+        bad = np.flatnonzero(~np.isfinite(values))
+        if len(bad):
+            joint = str(names[int(bad[0])])
+            return f"; joint {joint!r} has no finite {quantity} there", {"joint": joint, "quantity": quantity}
+    worst = int(np.argmax(np.abs(a) / (1.0 + np.abs(v))))
+    joint = str(model.v_names[worst])
+    units = f"{model.v_units[worst]}/s^2"
+    words = f"; the largest acceleration there, {abs(a[worst]):.3g} {units}, is that of joint {joint!r}"
+    return words, {"joint": joint, "quantity": "acceleration"}

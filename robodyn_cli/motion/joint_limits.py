@@ -1,0 +1,96 @@
+"""Limits of joints in a simulation: passed limits are located and reported, and change nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.fixed import literal
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Outcome
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.model.model import TORQUE
+from robodyn_cli.motion.motion import Motion, Watcher
+from robodyn_cli.observe.joint_limits import ROUNDING, LimitedJoint, limited_joints
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+
+@record
+class LimitFunction(EventFunction):
+    """Positive within a limit of ``joint``; ``words`` : the limit with its value."""
+
+    joint: str = ""
+    words: str = ""
+
+
+class JointLimits(Watcher):
+    """Owns the events at which joints pass limits of position, speed and effort, and warns of the first of each."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        joints = limited_joints(problem.scene, problem.model)
+        self.limits = [f for joint in joints for f in self._of(joint)]
+        # a constant torque is within its limit, or not
+        self.functions = tuple(f for f in self.limits if isinstance(f.value, Expr))
+        self.first: dict[str, tuple[LimitFunction, float]] = {}
+
+    def _of(self, joint: LimitedJoint) -> list[LimitFunction]:
+        """Return the functions of a joint; those of stops belong to the equations."""
+        problem, limits, unit = self.problem, joint.limits, joint.unit
+        q, v = problem.q[joint.place], problem.v[joint.velocity]
+        tau = problem.actuator_torques[joint.velocity]
+        inside = {"lower": limits.lower, "upper": limits.upper} if not limits.acts else {}
+        inside |= {"speed": limits.speed, "effort": limits.effort}
+        found = []
+        for name, x in inside.items():
+            if x is not None:
+                bound = literal(x, f"robot.joints.{joint.name}.limits.{name}")
+                value, what = {
+                    "lower": (q - bound, unit),
+                    "upper": (bound - q, unit),
+                    "speed": (bound * bound - v * v, f"{unit}/s"),
+                    "effort": (bound * bound - tau * tau, TORQUE[unit]),
+                }[name]
+                words = f"{name} limit of {x:.6g} {what}"
+                path = f"limits.{joint.name}.{name}"
+                found.append(LimitFunction(path, value, -1, EventKind.MARK, self, joint.name, words))
+        return found
+
+    @property
+    def warnings(self) -> list[str]:
+        return [
+            f"joint {f.joint!r} passes its {f.words} at t = {time:.6g} s" if time > 0.0
+            else f"joint {f.joint!r} starts beyond its {f.words}"
+            for f, time in self.first.values()
+        ]  # fmt: skip
+
+    @property
+    def noted(self) -> dict[str, float]:
+        return {name: time for name, (_, time) in self.first.items()}
+
+    def recall(self, noted: Mapping[str, float]) -> None:
+        functions = {f.name: f for f in self.limits}
+        self.first = {name: (functions[name], time) for name, time in noted.items()}
+
+    def follow(self, motion: Motion) -> None:
+        self.system = motion.system
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        """Note the limits that the start is beyond."""
+        self.first = {}
+        q, v, _ = self.system.split(x)
+        given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
+        values = evaluate([f.value for f in self.limits], given)
+        for function, value in zip(self.limits, values):
+            if value < -ROUNDING:
+                self.first[function.name] = (function, t)
+        return x
+
+    def handle(self, event: Event) -> Outcome:
+        """Keep the time of the first passage of each limit; the run goes on."""
+        function = event.function
+        assert isinstance(function, LimitFunction)
+        self.first.setdefault(function.name, (function, event.time))
+        return GO_ON

@@ -1,0 +1,77 @@
+"""The choice of the method of integration, at the start and on the way."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Expr, free_symbols
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integration_methods import DEFAULT, STIFF
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.motion.driver import Supervisor
+from robodyn_cli.motion.motion import Choice
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+LARGEST = 12  # velocities up to which an exact Jacobian is worth compiling
+FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
+TRIAL = 0.02  # part of the run over which two methods are compared
+
+
+def can_be_stiff(problem: Problem) -> bool:
+    """Tell whether anything in the scene can damp: without that no mode decays and nothing is stiff."""
+    if problem.model.nv > LARGEST:
+        return False
+    if problem.dissipated or isinstance(problem.elements.power, Expr):
+        return True
+    rates = {v.index for v in problem.v}
+    return any(e.index in rates for tau in problem.actuator_torques for e in free_symbols([tau]))
+
+
+def trial_of(duration: Any, decay: Any) -> Any:
+    """Return over which time two methods are compared (numbers or arrays): a part of the run, and until modes decay."""
+    return np.maximum(TRIAL * duration, np.minimum(duration, 20.0 / decay))
+
+
+def choose(scene: Scene, problem: Problem, system: System, start: Array, options: Options) -> Choice:
+    """Return the method that a scene asks for, or for ``auto`` the one that suits the motion.
+
+    Stiff is what the default method finds stiff: where some mode decays thousands of times within the run, both
+    methods go a short way, and the one that needs less work there goes on.
+    """
+    asked = scene.simulate.integrator
+    if asked != "auto":
+        return Choice(asked, "asked for in simulate.integrator")
+    usual = "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
+    if system.dynamics.any_size or not can_be_stiff(problem):
+        return Choice(DEFAULT, usual)
+    from robodyn_cli.motion.stiffness import cost_of, fastest_decay
+
+    decay = fastest_decay(system, 0.0, start, system.parameters_at(0.0, system.split(start)[0]))
+    duration = scene.simulate.duration
+    if decay * duration < FAST_DECAYS:
+        return Choice(DEFAULT, usual, may_change=True)
+    trial = float(trial_of(duration, decay))
+    slow, fast = (cost_of(system, m, start, trial, options) for m in (DEFAULT, STIFF))
+    if fast < slow:
+        return Choice(
+            STIFF,
+            f"stiff: the fastest mode decays in {1 / decay:.1e} s; an implicit method with the exact "
+            f"Jacobian needs {'far less work' if not np.isfinite(slow) else f'{fast / slow:.0%} of the work'} "
+            f"of {DEFAULT} over the first {trial:.3g} s",
+            may_change=True,
+        )
+    reason = f"{usual}; stiffness was looked into (fastest decay {1 / decay:.1e} s)"
+    return Choice(DEFAULT, reason, may_change=True)
+
+
+def supervisor_for(choice: Choice) -> Supervisor | None:
+    """Return what may change the method on the way; None where the scene names a method, or nothing can damp."""
+    if not choice.may_change:
+        return None
+    from robodyn_cli.motion.stiffness import StiffnessWatch
+
+    return StiffnessWatch()

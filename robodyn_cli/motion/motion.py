@@ -1,0 +1,186 @@
+"""A motion that is to be integrated: its equations, start and options, and who watches it on the way."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, Outcome
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.observe.observe import Observer
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.assembly import Assembled
+from robodyn_cli.spatial.algebra import Array
+
+
+@record
+class Choice:
+    """A method and the reason for it, in words. may_change : whether the run may go on with another one."""
+
+    method: str
+    reason: str
+    may_change: bool = False
+
+
+@record
+class Gains:
+    """Baumgarte's gains as a study of them has chosen: alpha = beta = c / h.
+
+    step : h, the mean step of the projected run [s]. factor : c. drift : of the positions from the constraints
+    [rad, m]. error : largest of any q. integration_error : of the projected run (or what rounding leaves), the bar for
+    the drift. over : length of the trial runs [s]. met : whether the drift stays below the bar.
+    """
+
+    alpha: float
+    beta: float
+    factor: float
+    step: float
+    drift: float
+    error: float
+    integration_error: float
+    over: float
+    met: bool
+
+
+class Watcher:
+    """Follows a motion while it is integrated: owns event functions, and sees the start and every sample.
+
+    functions : what it watches, in the mechanism's symbols; the system is built with them. changes_motion : whether its
+    answers may be others than to go on or to stop. sets_start : whether ``begin`` or ``arm`` may change the start.
+
+    A watcher overrides what it needs. One object follows one integration; ``again`` gives that of a second one.
+    """
+
+    functions: tuple[EventFunction, ...] = ()
+    changes_motion = False
+    sets_start = False
+
+    @property
+    def log(self) -> list[dict[str, Any]]:
+        """What has happened, for the events of the result."""
+        return []
+
+    @property
+    def warnings(self) -> list[str]:
+        """What users are to be warned of after the run."""
+        return []
+
+    @property
+    def noted(self) -> dict[str, float]:
+        """Times [s] of what it has noted on the way, by name, for a run that goes on after it was killed."""
+        return {}
+
+    def recall(self, noted: Mapping[str, float]) -> None:
+        """Take over what an earlier process has ``noted``."""
+
+    @property
+    def rounding(self) -> float:
+        """What rounding in its own integrations is expected to leave in the rates [rad/s, m/s]."""
+        return 0.0
+
+    def facts(self, end: float) -> dict[str, Any]:
+        """Return fields of the summary for a run that came to ``end`` [s]."""
+        return {}
+
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        """What it evaluates beside its event functions, by name, once it has taken the motion."""
+        return {}
+
+    def follow(self, motion: Motion) -> None:
+        """Take the motion, once it is built."""
+
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        """Look at the state x (nx,) that a run with such options starts from; return the one to start from instead."""
+        return x
+
+    def arm(self, x: Array) -> Outcome:
+        """Return what an integrator that takes over at x has to be told."""
+        return GO_ON
+
+    def see(self, t: Array, x: Array) -> None:
+        """Look at samples x (T, nx) at times t (T,), which may be refused."""
+
+    def handle(self, event: Event) -> Outcome:
+        """Answer one of its own events."""
+        return GO_ON
+
+    def stops(self) -> Sequence[float]:
+        """Return times ahead [s] at which it wants to be asked how the run goes on."""
+        return ()
+
+    def at_stop(self, t: float, x: Array) -> Outcome:
+        """Say how the run goes on from x (nx,) at such a time t."""
+        return GO_ON
+
+    def again(self) -> Watcher | None:
+        """Return the watcher of a second integration; None for one that does not change the motion."""
+        return None
+
+
+@record
+class Beginning:
+    """Time [s] and state x (nx,) that a run begins with."""
+
+    time: float
+    state: Array
+
+
+@record
+class Motion:
+    """What is built once of a scene, for every command that integrates it, and for the plan.
+
+    problem : the equations. assembled : the closed configuration at t = 0.
+    system : what is integrated; its ``events`` name their owners, among them the ``watchers``; ``dynamics``,
+    ``positions``, ``velocities`` and ``switching`` are the programs of the stepping loop.
+    choice : the method and why. gains : where ``stabilisation: baumgarte`` left them to us, the scene has them.
+    reactions : whether joint reactions are observed whatever the scene's outputs say.
+    """
+
+    scene: Scene
+    problem: Problem
+    assembled: Assembled
+    passive: tuple[int, ...]
+    system: System
+    watchers: tuple[Watcher, ...]
+    options: Options
+    choice: Choice
+    gains: Gains | None = None
+    reactions: bool = False
+
+    @property
+    def start(self) -> Array:
+        """The state x (nx,) at t = 0."""
+        q, v, control = self.assembled.q, self.assembled.v, self.problem.control
+        if control is None:
+            return self.system.join(q, v)
+        updates = self.system.updates
+        noise = np.zeros(0) if updates is None else updates.noise[0]
+        work = np.zeros(1 if self.system.work_done_by else 0)
+        own = control.start(q, v, self.system.parameters_at(0.0, q), noise)
+        return self.system.join(q, v, np.concatenate([own, work]))
+
+    @property
+    def beginning(self) -> Beginning:
+        """The start as what a run begins with."""
+        return Beginning(0.0, self.start)
+
+    def with_own_watchers(self, system: System | None = None) -> Motion:
+        """Return the motion with watchers of its own, and with another ``system`` of the same events."""
+        twins = {id(w): w.again() or copy.copy(w) for w in self.watchers}
+        watched = (system or self.system).watched_by(lambda e: twins.get(id(e.owner), e.owner))
+        return dataclasses.replace(self, system=watched, watchers=tuple(twins.values()))
+
+    @cached_property
+    def observer(self) -> Observer:
+        """What is evaluated at the samples."""
+        return Observer(self.problem, self.system, self.passive, self.reactions)

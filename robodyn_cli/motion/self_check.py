@@ -1,0 +1,170 @@
+"""A run checks itself: rows left out that do not hold, numbers that are not finite, energy out of balance, doubts."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robodyn_cli.errors import NumericalError, RobodynError
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.motion import Beginning, Motion
+from robodyn_cli.motion.second_run import NOT_MEANINGFUL, ErrorEstimate
+from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT
+from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from robodyn_cli.motion.redundancy import Redundant
+
+EPS = float(np.finfo(float).eps)
+BEYOND = 1e3  # times what tolerance and rounding explain: a larger error of the energy ends the run
+STEADY = 1e-6  # in place of rtol where the step is fixed
+MANY = 1e3  # steps from which on errors add up
+
+
+@record
+class Run:
+    """A motion that has been integrated: from where, by whom, and what was recorded."""
+
+    motion: Motion
+    beginning: Beginning
+    driver: Driver
+    recorder: Recorder
+
+
+@record
+class Judgement:
+    """Why a run failed, None if it did not, what is doubtful about it, in words, and what rows left out say."""
+
+    failure: RobodynError | None
+    warnings: tuple[str, ...]
+    redundant: Redundant | None
+
+
+def judge(run: Run, stopped: RobodynError | None) -> Judgement:
+    """Judge a simulation by its samples; ``stopped`` is what ended it before its time."""
+    redundant = redundant_rows(run)
+    warnings = motion_warnings(run)
+    failure = (redundant and redundant.violated) or stopped or run.recorder.not_finite
+    lost = energy_out_of_balance(run) if failure is None else None
+    if lost is not None and is_judged_by_energy(run.motion):
+        failure = lost
+    elif lost is not None:
+        warnings.append(lost.message)
+    return Judgement(failure, tuple(warnings), redundant)
+
+
+def redundant_rows(run: Run) -> Redundant | None:
+    """Return what the rows that were left out say along the samples, None where there are no such rows."""
+    assembled = run.motion.assembled
+    if not assembled.redundant or not run.recorder.samples:
+        return None
+    from robodyn_cli.motion.redundancy import check_redundant
+
+    return check_redundant(run.motion.problem, assembled, run.recorder)
+
+
+def motion_warnings(run: Run) -> list[str]:
+    """Return what is doubtful about a motion: told by its watchers, its formulas, its start and its steps."""
+    motion = run.motion
+    warnings = [text for watcher in motion.watchers for text in watcher.warnings]
+    warnings += [
+        f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
+        "steps may miss some: set simulate.max_step below the shortest"
+        for key, found in motion.problem.switching.time_structures
+        if not found.resolved
+    ]
+    if motion.passive:
+        from robodyn_cli.motion.start import start_warnings
+
+        warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
+    return [*warnings, *beyond_limits(run), *shortened_steps(run)]
+
+
+def beyond_limits(run: Run) -> list[str]:
+    """Return warnings about limits of acceleration and jerk that samples are beyond; a watcher locates the others."""
+    scene, recorder = run.motion.scene, run.recorder
+    if not scene.robot.limited or not recorder.samples:
+        return []
+    from robodyn_cli.observe.joint_limits import limit_warnings, limited_joints
+
+    joints = limited_joints(scene, run.motion.problem.model)
+    return limit_warnings(joints, recorder.array("time"), {"qdd": recorder.array("qdd")})
+
+
+def energy_out_of_balance(run: Run) -> NumericalError | None:
+    """Return the error of a run that gains or loses more energy than its tolerances explain, with its time.
+
+    Allowed is BEYOND times the largest of: rtol times the largest energy (summed over the steps where there are very
+    many); what an error of atol in each coordinate, and the rounding of what watchers have integrated, makes of the
+    energy; rounding over the steps.
+    """
+    recorder, steps, options = run.recorder, run.driver.counters.steps, run.motion.options
+    if not recorder.samples:
+        return None
+    time = recorder.array("time")
+    total = recorder.array("energy/total")
+    kinetic, potential = recorder.array("energy/kinetic"), recorder.array("energy/potential")
+    work = recorder.array("energy/work") if "energy/work" in recorder.blocks else np.zeros(len(time))
+    drift = np.abs(total - work - (total[0] - work[0]))
+    # energies have no zero: what counts is how far they range so far
+    exchanged = np.maximum.accumulate(
+        kinetic + np.abs(potential - potential[0]) + np.abs(work - work[0]) + np.abs(potential).max() * EPS
+    )
+    rounding = EPS * max(steps, 1) * (exchanged + np.abs(potential).max())
+    rtol = options.rtol if options.step is None else STEADY
+    allowed = np.maximum(rtol * max(1.0, steps / MANY) * exchanged, rounding)
+    least = options.atol + sum(watcher.rounding for watcher in run.motion.watchers)
+    allowed = BEYOND * np.maximum(allowed, least * _sensitivity(recorder, exchanged))
+    beyond = np.flatnonzero(drift > allowed)
+    if not len(beyond):
+        return None
+    k = int(beyond[0])
+    worst = float(drift[beyond].max())
+    return NumericalError(
+        f"the balance of energy is lost from t = {time[k]:.6g} s on: it is off by {worst:.3g} J at most, where "
+        f"tolerances and rounding explain {allowed[-1] / BEYOND:.1g} J",
+        time=float(time[k]), status="energy_balance", energy_drift=worst,
+    )  # fmt: skip
+
+
+def _sensitivity(recorder: Recorder, exchanged: Array) -> Array:
+    """Return how much energy an error of one unit in each coordinate and rate stands for, roughly [J] (T,)."""
+    q, v = recorder.array("q"), recorder.array("qd")
+    fastest = np.maximum.accumulate(np.abs(v).max(axis=1, initial=0.0))
+    moved = np.maximum.accumulate(np.abs(q - q[0]).max(axis=1, initial=0.0))
+    small = 1e-12
+    found: Array = exchanged * (2.0 / np.maximum(fastest, small) + 1.0 / np.maximum(moved, small))
+    return found
+
+
+def shortened_steps(run: Run) -> list[str]:
+    """Return a warning about steps of a fixed length that could not be taken as they are."""
+    step, shorter = run.motion.options.step, run.driver.counters.rejected
+    if step is None or not shorter:
+        return []
+    return [
+        f"the equations of a step of {step:.3g} s had no solution {shorter} times, and shorter steps were taken there; "
+        "a shorter simulate.step avoids that"
+    ]
+
+
+def is_judged_by_energy(motion: Motion) -> bool:
+    """Tell whether energy out of balance ends a run: where steps adapt to a tolerance and loops are kept closed."""
+    kept_closed = motion.scene.simulate.stabilisation in ("projection", "independent")
+    return methods[motion.choice.method].adaptive and (kept_closed or not motion.problem.constraints.rows)
+
+
+def estimate_warnings(estimate: ErrorEstimate | None) -> list[str]:
+    """Return warnings about a motion that no second run confirms, or whose estimated error is beyond all use."""
+    if estimate is not None and estimate.reason is not ABSENT:
+        return [f"no second run confirms this motion: {estimate.reason}"]
+    if estimate is None or not isinstance(estimate.meaningful_until, float):
+        return []
+    return [
+        f"the motion is not meaningful after t = {estimate.meaningful_until:.4g} s: its estimated error is above "
+        f"{NOT_MEANINGFUL:.0%} of what its coordinates range over"
+    ]

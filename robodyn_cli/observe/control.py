@@ -1,0 +1,81 @@
+"""What is recorded of a controller, and of the signals that a scene asks for."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.observe.units import unit_text
+from robodyn_cli.scene.types import Signal
+from robodyn_cli.spatial.algebra import Array
+
+SIGNALS = "signals"
+GROUPS = ("reference", "error", "torque", "states")
+
+
+def control_outputs(problem: Problem) -> dict[str, Sequence[Scalar]]:
+    """Return the expressions that are evaluated at the samples: ``control.GROUP`` and ``signals``."""
+    found: dict[str, Sequence[Scalar]] = {}
+    control = problem.control
+    if control is not None:
+        tracked = control.tracked
+        found["control.reference"] = [x.wanted for x in tracked]
+        found["control.error"] = [x.wanted - x.actual for x in tracked]
+        found["control.torque"] = list(control.torques)
+        found["control.states"] = list(control.z)
+    found[SIGNALS] = _signals(problem)
+    return {name: entries for name, entries in found.items() if entries}
+
+
+def _signals(problem: Problem) -> list[Any]:
+    given = problem.scene.outputs.signals
+    if not given:
+        return []
+    names = problem.environment if problem.control is None else problem.control.exact.names()
+    names = names | {f"tau.{name}": x for name, x in zip(problem.model.v_names, problem.actuator_torques)}
+    return [_formula(signal).evaluate(names) for signal in given.values()]
+
+
+def _formula(signal: Any) -> Any:
+    return signal.value if isinstance(signal, Signal) else signal
+
+
+def control_data(problem: Problem, found: Mapping[str, Array]) -> dict[str, Array]:
+    """Return the datasets of evaluated expressions, by path."""
+    data = {f"control/{name}": found[f"control.{name}"] for name in GROUPS if f"control.{name}" in found}
+    if SIGNALS in found:
+        data |= {f"signals/{name}": x for name, x in zip(problem.scene.outputs.signals, found[SIGNALS].T)}
+    return data
+
+
+def control_columns(problem: Problem) -> dict[str, dict[str, Any]]:
+    """Return units, meanings and names of the datasets, by path (arguments of ``Result.add``)."""
+    found: dict[str, dict[str, Any]] = {}
+    control = problem.control
+    if control is not None:
+        names = tuple(x.name for x in control.tracked)
+        units = tuple(x.unit for x in control.tracked)
+        found["control/reference"] = _column("reference of the controller", "tracked", names, units)
+        found["control/error"] = _column("reference less motion", "tracked", names, units)
+        found["control/torque"] = _column("torque of the controller", "driven", control.joints, control.units)
+        ones = ("1",) * len(control.names)
+        found["control/states"] = _column("states of the controller", "control_state", control.names, ones)
+    for name, signal in problem.scene.outputs.signals.items():
+        unit = signal.unit if isinstance(signal, Signal) else "1"
+        found[f"signals/{name}"] = {
+            "units": unit, "long_name": f"signal {name}: {_formula(signal).text}", "dims": ("time",)
+        }  # fmt: skip
+    return found
+
+
+def _column(meaning: str, dimension: str, names: tuple[str, ...], units: tuple[str, ...]) -> dict[str, Any]:
+    mixed = units if len(set(units)) > 1 else ()
+    return {
+        "units": unit_text(units) if units else "1",
+        "long_name": meaning,
+        "dims": ("time", dimension),
+        "names": names,
+        "column_units": mixed,
+    }

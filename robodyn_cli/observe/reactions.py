@@ -1,0 +1,149 @@
+"""Forces and moments in joints and loop closures along a motion, from its accelerations and multipliers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import islice
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import Pose, motions, poses
+from robodyn_cli.algorithms.reactions import Reactions, reactions
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.model.model import BASE, Model, are_known
+from robodyn_cli.model.placement import joint_axes
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.wrenches import magnitude
+from robodyn_cli.scene.points import point_link
+from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
+from robodyn_cli.trajectories.motion import JointMotion
+
+NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
+REACTION_GROUPS = ("t", "q", "v", "a", "lam", "p")
+BASE_PATH = "base_wrench"
+NONE: Array = np.zeros(0)
+
+
+class ReactionSamples:
+    """Wrenches in joints and closures as functions of samples of t, q, v, v-dot and the multipliers.
+
+    A component that depends on data which the scene does not give (the moment across the plane of an arm of which
+    only zz is known) is left out; ``missing`` names them.
+    """
+
+    def __init__(self, problem: Problem, samples: int) -> None:
+        model, self.problem = problem.model, problem
+        self.rows = problem.constraints.names
+        lam = dict(zip(self.rows, problem.graph.symbols(self.rows, "lam")))
+        applied = problem.elements.wrenches
+        motion = motions(model, problem.X, problem.q, problem.v, problem.a, problem.gravity)
+        found = reactions(model, problem.X, motion, lam, applied)
+        self.names: dict[str, tuple[str, ...]] = {}
+        self.meanings: dict[str, str] = {}
+        self.missing: dict[str, list[str]] = {}
+        outputs: dict[str, list[Scalar]] = {}
+        wrenches = self._entries(model, found)
+        given = iter(are_known([e for entries, _ in wrenches.values() for e in entries]))
+        for path, (entries, meaning) in wrenches.items():
+            known = [k for k, is_known in enumerate(islice(given, len(entries))) if is_known]
+            if len(known) < len(NAMES):
+                self.missing[path] = [NAMES[k] for k in range(len(NAMES)) if k not in known]
+            if known:
+                outputs[path] = [entries[k] for k in known]
+                self.names[path] = tuple(NAMES[k] for k in known)
+                self.meanings[path] = meaning
+        self.function = SampleFunction(outputs, REACTION_GROUPS, samples)
+
+    def _entries(self, model: Model, found: Reactions) -> dict[str, tuple[list[Scalar], str]]:
+        """Return forces and moments of each joint and closure, and of the base, each with its meaning in words."""
+        problem = self.problem
+        in_world = problem.scene.outputs.reaction_axes == "world"
+        to_world = model.base.E.T
+        joints = {joint.name: joint for joint in problem.scene.robot.joints}
+        entries: dict[str, tuple[list[Scalar], str]] = {}
+        for k, body in enumerate(model.bodies):
+            axes = to_world @ problem.pose[k].R if in_world else joint_axes(joints[body.joint_name]).T
+            parent = "base" if body.parent == BASE else model.bodies[body.parent].name
+            frame = "world axes" if in_world else "axes of the joint's frame, turning with the link"
+            meaning = f"what {parent} exerts on {body.name}, about the joint's origin, {frame}"
+            entries[f"reactions/{body.joint_name}"] = (_turned(axes, found.joints[k]), meaning)
+        for loop, wrench in zip(model.loops, found.loops):
+            first = loop.first
+            link, other = (point_link(problem.scene.robot, text) for text in loop.element.between)
+            if in_world:
+                R = identity() if wrench.root == BASE else problem.pose[wrench.root].R
+                axes, frame = to_world @ R, "world axes"
+            else:
+                pose: dict[int, Pose] = poses(model, problem.X, wrench.root)
+                axes, frame = (pose[first.body].R @ first.R).T, f"axes of {link}'s frame"
+            meaning = f"what {other} exerts on {link}, about the first point of the closure, {frame}"
+            entries[f"loop_reactions/{loop.name}"] = (_turned(axes, wrench.on_first), meaning)
+        meaning = "what the ground exerts on the mechanism, about the base's origin, world axes"
+        entries[BASE_PATH] = (_turned(to_world, found.base), meaning)
+        return entries
+
+    def __call__(
+        self, t: Array, q: Array, qd: Array, qdd: Array, lam: Array | None, p: Array = NONE
+    ) -> dict[str, Array]:
+        """Return {path: (T, 6)}; lam (T, m) are multipliers of the problem's rows, p (n,) or (T, n) parameters."""
+        if lam is None:
+            lam = np.zeros((len(t), len(self.rows)))
+        p = np.broadcast_to(p, (len(t), p.shape[-1]))
+        return self.function(t=np.reshape(t, (-1, 1)), q=q, v=qd, a=qdd, lam=lam, p=p)
+
+    def add(self, result: Result, data: Mapping[str, Array]) -> None:
+        """Add the loads to a result."""
+        for path, array in data.items():
+            result.add(path, array, long_name=self.meanings[path], names=self.names[path])
+
+    def largest(self, data: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+        """Return the largest load of each joint and closure among samples, by name."""
+        return figures({path: data[path] for path in self.names}, self.names)
+
+    def note(self) -> dict[str, Any]:
+        """Return the keys of the summary: the frame, and components that the scene's data do not determine."""
+        axes = self.problem.scene.outputs.reaction_axes
+        missing = {path.split("/")[-1]: names for path, names in self.missing.items()}
+        return {"axes": axes, **({"not_determined": missing} if missing else {})}
+
+
+@record
+class Loads:
+    """Forces and moments in joints and closures along a motion, by result path."""
+
+    samples: ReactionSamples
+    data: Mapping[str, Array]
+
+    def add_to(self, result: Result) -> None:
+        """Add them to a result."""
+        self.samples.add(result, self.data)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the keys of the summary: the frame, and the largest loads."""
+        return {**self.samples.note(), "largest": figures(self.data, self.samples.names)}
+
+
+def loads_along(
+    problem: Problem, times: Array, motion: JointMotion, lam: Array | None, p: Array = NONE
+) -> Loads:
+    """Return the loads at times (T,) with the multipliers lam (T, m) of all rows, and parameters p (T, n)."""
+    samples = ReactionSamples(problem, len(times))
+    return Loads(samples, samples(times, motion.q, motion.qd, motion.qdd, lam, p))
+
+
+def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> dict[str, dict[str, float]]:
+    """Return the largest force and moment of each joint and closure [N, N m]."""
+    found: dict[str, dict[str, float]] = {}
+    for path, array in data.items():
+        force, moment = (magnitude(array, names[path], letter).max(initial=0.0) for letter in "fm")
+        found[path.split("/")[-1]] = {"peak_force": float(force), "peak_moment": float(moment)}
+    return found
+
+
+def _turned(axes: Matrix, wrench: Wrench) -> list[Scalar]:
+    turned = wrench.rotated(axes)
+    return [*turned.f, *turned.n]

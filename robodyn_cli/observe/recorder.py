@@ -1,0 +1,165 @@
+"""The samples of a simulation, in memory or in a file, and the extremes that its summary reports."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.observe.observe import Column, Observer
+from robodyn_cli.results.hdf5.writer import ResultWriter
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+
+KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file
+
+
+class Recorder:
+    """Collects blocks of observations into a Result; keeps the extremes that the summary reports.
+
+    With a ``writer`` everything goes to the file block by block, and only every ``every``-th sample stays in
+    memory, for plots and for the error estimate: a run of 10^7 samples never fills memory.
+    """
+
+    def __init__(self, observer: Observer, writer: ResultWriter | None = None, every: int = 1) -> None:
+        self.observer = observer
+        self.writer = writer
+        self.every = every
+        self.seen = 0
+        self.blocks: dict[str, list[Array]] = {}
+        self.drift = 0.0
+        self.energy_scale = 0.0
+        self.position_residual = 0.0
+        self.velocity_residual = 0.0
+        self.loads: dict[str, dict[str, float]] = {}
+        self.not_finite: NumericalError | None = None
+        self._start: float | None = None
+        self._last = -np.inf
+
+    @staticmethod
+    def of(observer: Observer, writer: ResultWriter | None) -> Recorder:
+        """Return the recorder of a whole run; beside a file, memory holds no more than every n-th sample."""
+        samples = observer.problem.scene.simulate.samples
+        return Recorder(observer, writer, 1 if writer is None else -(-samples // KEPT_IN_MEMORY))
+
+    @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
+    def emit(self, t: Array, x: Array, p: Array, project: bool = True, extra: bool = False) -> None:
+        """Observe and keep states x (T, nx) at times t (T,), all with the parameters p.
+
+        project : put them back onto the constraints first. extra : off the uniform grid, and kept in any case.
+        """
+        self.observer.parameters = p
+        data = self.observer.observe(t, x, project)
+        if self.not_finite is None:
+            self.not_finite = self._not_finite(t, data)
+        balance = data["energy/total"] - data.get("energy/work", 0.0)
+        if self._start is None:
+            self._start = float(balance[0])
+        self.drift = max(self.drift, float(np.abs(balance - self._start).max()))
+        self.energy_scale = max(
+            self.energy_scale, float(np.ptp(data["energy/potential"])), float(data["energy/kinetic"].max())
+        )
+        if "constraints/position_residual" in data:
+            self.position_residual = max(
+                self.position_residual, float(np.abs(data["constraints/position_residual"]).max(initial=0.0))
+            )
+            self.velocity_residual = max(
+                self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
+            )
+        if self.observer.reactions is not None:
+            self._keep_largest_loads(self.observer.reactions.largest(data))
+        if self.writer is not None:
+            for path, block in data.items():
+                self._stream(path, block)
+            first = 0 if extra else -self.seen % self.every
+            data = {path: block[first :: self.every].copy() for path, block in data.items()}
+        self.seen += len(t)
+        self._last = float(t[-1])
+        for path, block in data.items():
+            self.blocks.setdefault(path, []).append(block)
+
+    def keep_last_state(self, time: float, state: Array, p: Array) -> None:
+        """Record the last state (nx,) that a run came to, with its parameters, if it lies beyond the last sample."""
+        if time > self.last_time and np.all(np.isfinite(state)):
+            self.emit(np.array([time]), state[None, :], p, extra=True)
+
+    def _not_finite(self, t: Array, data: dict[str, Array]) -> NumericalError | None:
+        """Return the error of the first number of a block that is not finite, with its formula where there is one."""
+        if np.isfinite(sum(float(block.sum()) for block in data.values())):
+            return None
+        from robodyn_cli.observe.finite import TOO_LARGE, first_fault, not_finite
+        from robodyn_cli.observe.formulas import formula_without_value
+
+        found = first_fault(data)
+        if found is None:
+            return None
+        path, (sample, *rest) = found
+        formula = formula_without_value(
+            self.observer.problem, float(t[sample]), data["q"][sample], data["qd"][sample]
+        )
+        column = self.columns.get(path)
+        name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
+        return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)
+
+    def _keep_largest_loads(self, loads: dict[str, dict[str, float]]) -> None:
+        for name, load in loads.items():
+            held = self.loads.setdefault(name, load)
+            self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
+
+    def _stream(self, path: str, block: Array) -> None:
+        assert self.writer is not None
+        self.writer.append(path, block, **self.described(path))
+
+    def make_last_least_norm(self, time: float) -> None:
+        """Replace accelerations and multipliers of the last sample, where Psi has lost rank, by least-norm ones."""
+        problem = self.observer.problem
+        q, qd = self.blocks["q"][-1][-1], self.blocks["qd"][-1][-1]
+        M, f, gamma, psi = (
+            problem.numbers(entries, q, time, qd, self.observer.parameters)
+            for entries in (
+                problem.mass_matrix, problem.applied - problem.bias, problem.constraints.gamma, problem.psi
+            )
+        )  # fmt: skip
+        spread = np.linalg.solve(M, psi.T)
+        lam, *_ = np.linalg.lstsq(psi @ spread, -(gamma + spread.T @ f), rcond=1e-9)
+        self.blocks["constraints/multipliers"][-1][-1] = lam
+        self.blocks["qdd"][-1][-1] = np.linalg.solve(M, f) + spread @ lam
+        if self.observer.reactions is not None:
+            last = [self.blocks[path][-1][-1:] for path in ("q", "qd", "qdd", "constraints/multipliers")]
+            q, qd, qdd, lam = last
+            loads = self.observer.reactions(np.array([time]), q, qd, qdd, lam, self.observer.parameters)
+            for path, load in loads.items():
+                self.blocks[path][-1][-1] = load[0]
+
+    @functools.cached_property
+    def columns(self) -> dict[str, Column]:
+        """Units and names of the datasets whose columns belong to the scene."""
+        return self.observer.describe()
+
+    def described(self, path: str) -> dict[str, Any]:
+        """Return the arguments of ``Result.add`` beside path and data."""
+        column = self.columns.get(path)
+        return {} if column is None else dataclasses.asdict(column)
+
+    @property
+    def samples(self) -> int:
+        """Number of samples recorded."""
+        return self.seen
+
+    @property
+    def last_time(self) -> float:
+        """Time of the last sample recorded, -infinity before the first."""
+        return self._last
+
+    def array(self, path: str) -> Array:
+        """Return the array collected under ``path``."""
+        return np.concatenate(self.blocks[path])
+
+    def fill(self, result: Result) -> None:
+        """Put everything into the result."""
+        for path, blocks in self.blocks.items():
+            data = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
+            result.add(path, data, **self.described(path))

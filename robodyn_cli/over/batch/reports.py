@@ -1,0 +1,110 @@
+"""What a batch leaves for machines and people: JUnit XML and Markdown."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.results.atomic import write_bytes
+
+# characters that XML 1.0 has no way to write
+_NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
+
+
+def write_reports(entries: Sequence[Entry], junit_file: Path | None, markdown_file: Path | None) -> None:
+    """Write the reports that are asked for."""
+    if junit_file is not None:
+        write_bytes(junit_file, junit(entries))
+    if markdown_file is not None:
+        write_bytes(markdown_file, markdown(entries).encode(errors="backslashreplace"))
+
+
+def tally(entries: Sequence[Entry]) -> str:
+    """Return ``9 scenes: 7 ok (2 unchanged), 1 failed, 1 error``."""
+    count = {
+        verdict: sum(e.verdict == verdict for e in entries)
+        for verdict in ("ok", "failed", "error", "stopped")
+    }
+    unchanged = sum(e.unchanged for e in entries)
+    parts = [f"{n} {verdict}" for verdict, n in count.items() if n]
+    note = f" ({unchanged} unchanged)" if unchanged else ""
+    return f"{len(entries)} scene{'s' if len(entries) != 1 else ''}: {', '.join(parts)}{note}"
+
+
+def junit(entries: Sequence[Entry]) -> bytes:
+    """Return a JUnit report: a test case a scene; criteria are failures, everything else that is wrong an error.
+
+    Elements and attributes are those of the schema by which Jenkins' xUnit plugin checks reports (junit-10.xsd); the
+    other readers are not so strict.
+    """
+    count = {
+        verdict: sum(e.verdict == verdict for e in entries) for verdict in ("failed", "error", "stopped")
+    }
+    totals = {
+        "tests": str(len(entries)), "failures": str(count["failed"]), "errors": str(count["error"]),
+        "time": f"{sum(e.seconds for e in entries):.3f}",
+    }  # fmt: skip
+    root = ElementTree.Element("testsuites", {"name": "robodyn", **totals})
+    suite = ElementTree.SubElement(
+        root, "testsuite", {"name": "robodyn run", **totals, "skipped": str(count["stopped"])}
+    )
+    for e in entries:
+        case = ElementTree.SubElement(
+            suite, "testcase",
+            {"name": _clean(e.name), "classname": f"robodyn.{e.command or 'scene'}", "time": f"{e.seconds:.3f}"},
+        )  # fmt: skip
+        if e.verdict == "stopped":
+            ElementTree.SubElement(case, "skipped", {"message": "stopped before it was done"})
+        elif e.verdict != "ok":
+            kind = "failure" if e.verdict == "failed" else "error"
+            problems = [_clean(text) for text in e.problems]
+            node = ElementTree.SubElement(
+                case,
+                kind,
+                {
+                    "message": problems[0] if problems else f"exit code {e.exit_code}",
+                    "type": f"exit code {e.exit_code}",
+                },
+            )
+            node.text = "\n".join(problems)
+        note = "\nunchanged: the result of an earlier run" if e.unchanged else ""
+        ElementTree.SubElement(case, "system-out").text = f"{_clean(str(e.path))}{note}"
+    ElementTree.indent(root)
+    return bytes(ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)) + b"\n"
+
+
+def _clean(text: str) -> str:
+    return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
+
+
+def markdown(entries: Sequence[Entry]) -> str:
+    """Return a summary for people: a table of the scenes, what is wrong with them, and the criteria."""
+    lines = ["# robodyn run", "", f"{tally(entries)}.", "", "| scene | command | result | exit code | time |"]
+    lines += ["|---|---|---|---|---|"]
+    for e in entries:
+        verdict = f"{e.verdict} (unchanged)" if e.unchanged else e.verdict
+        shown = verdict if e.verdict == "ok" else f"**{verdict}**"
+        lines.append(_row(e.name, e.command or "-", shown, str(e.exit_code), f"{e.seconds:.2f} s"))
+    wrong = [e for e in entries if e.problems and e.verdict != "ok"]
+    if wrong:
+        lines += ["", "## Problems", ""]
+        lines += [f"- {_cell(e.name)}: {_cell(text)}" for e in wrong for text in e.problems]
+    if any(e.criteria for e in entries):
+        lines += ["", "## Criteria", "", "| scene | key | found | expected | |", "|---|---|---|---|---|"]
+        for e in entries:
+            for o in e.criteria:
+                lines.append(
+                    _row(e.name, f"`{o.key}`", o.shown, o.expected, "ok" if o.holds else "**failed**")
+                )
+    return "\n".join(lines) + "\n"
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(_cell(cell) for cell in cells) + " |"
+
+
+def _cell(text: str) -> str:
+    return " ".join(text.split()).replace("|", "\\|").replace("<", "&lt;")

@@ -1,0 +1,210 @@
+"""The scene's answer beside that of another engine, with the error of each."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import slice_q
+from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.over.crosscheck.engine import Engine
+from robodyn_cli.over.crosscheck.translation import Translation, translate
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.simulate import simulate
+
+ENGINES = ("pinocchio", "mujoco")
+COMPARED = ("inverse", "simulate")
+MARGIN = 10.0  # times the two errors together by which answers may differ
+FLOOR = 1e-13  # of the largest value: rounding of the comparison itself
+RTOL = (1e-12, 1e-10)  # of the engine's integration, and of a second one that estimates its error
+
+
+@record
+class Compared:
+    """One quantity: largest values and errors of both, and their largest difference, where and when."""
+
+    quantity: str
+    column: str
+    time: float
+    ours: float
+    theirs: float
+    difference: float
+    our_error: float
+    their_error: float
+    allowed: float
+
+    @property
+    def agrees(self) -> bool:
+        return self.difference <= self.allowed
+
+
+@record
+class Crosscheck:
+    """What a cross-check found; ``given``, ``own`` : see ``Translation``."""
+
+    title: str
+    command: str
+    engine: str
+    version: str
+    compared: tuple[Compared, ...]
+    given: tuple[str, ...]
+    own: tuple[str, ...]
+
+    @property
+    def agrees(self) -> bool:
+        return all(one.agrees for one in self.compared)
+
+
+def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crosscheck:
+    """Run a scene here and in another engine, and compare.
+
+    Parameters
+    ----------
+    engine : ``pinocchio`` or ``mujoco``. command : ``inverse`` or ``simulate``; by default the scene's, or what it
+    gives the data for.
+
+    Raises
+    ------
+    CapabilityError : the engine is not installed, or cannot be asked what the scene says.
+    """
+    command = command or _command_of(scene)
+    asked = translate(scene, command == "simulate")
+    other = _engine(engine)(asked.model)
+    compared = _torques(asked, other) if command == "inverse" else _motion(asked, other)
+    return Crosscheck(
+        scene.title or "scene", command, other.name, other.version, tuple(compared), asked.given, asked.own
+    )
+
+
+def _command_of(scene: Scene) -> str:
+    if scene.command in COMPARED:
+        return str(scene.command)
+    return "inverse" if scene.trajectory is not None and scene.command is None else "simulate"
+
+
+def _engine(name: str) -> Callable[[Any], Engine]:
+    if name == "pinocchio":
+        from robodyn_cli.over.crosscheck.in_pinocchio import InPinocchio
+
+        return InPinocchio
+    from robodyn_cli.over.crosscheck.in_mujoco import InMujoco
+
+    return InMujoco
+
+
+def _torques(asked: Translation, other: Engine) -> list[Compared]:
+    """Compare the torques along the scene's trajectory.
+
+    The engine's error is M (FD(ID(a)) - a): what its own two algorithms differ by.
+    """
+    found = inverse(asked.scene)
+    handed = asked.evaluator(smooth=False)
+    t, q, v, a = found["time"].ravel(), found["q"], found["qd"], found["qdd"]
+    theirs, apart = np.empty_like(v), 0.0
+    for k in range(len(t)):
+        rigid = other.torques(q[k], v[k], a[k])
+        back = other.free_accelerations(q[k], v[k], rigid) - a[k]
+        apart = max(apart, float(np.abs(other.mass_matrix(q[k]) @ back).max()))
+        given = {"t": [t[k]], "q": q[k].tolist(), "v": v[k].tolist(), "a": a[k].tolist(), "p": []}
+        theirs[k] = rigid - asked.plain(q[k], v[k]) - np.array(handed(given), dtype=float)
+    own = found.summary["error_estimate"].get("torque_rounding")
+    if own is None:
+        raise CapabilityError(
+            "the torques have no error estimate, so there is nothing to compare a difference with"
+        )
+    names = asked.model.v_names
+    return [_compare("tau", names, (found["tau"], theirs), t, (float(own), apart))]
+
+
+def _motion(asked: Translation, other: Engine) -> list[Compared]:
+    """Compare the motion at the samples.
+
+    The engine's accelerations are integrated twice by an explicit pair of order 8; the error of its answer is the
+    difference of the two.
+    """
+    scene = asked.scene
+    found = simulate(scene)
+    ours, t = np.column_stack([found["q"], found["qd"]]), found["time"].ravel()
+    fine, coarse = (_integrated(asked, other, t, ours[0], rtol) for rtol in RTOL)
+    nq, estimate = asked.model.nq, found.summary["error_estimate"]
+    compared = []
+    for quantity, columns, names in (
+        ("q", slice(0, nq), asked.model.q_names),
+        ("qd", slice(nq, None), asked.model.v_names),
+    ):
+        own = estimate.get(f"{quantity}_max")
+        if own is None:
+            raise CapabilityError(
+                "the motion has no error estimate (simulate.error_estimate), so there is nothing to compare with"
+            )
+        apart = float(np.abs(fine[:, columns] - coarse[:, columns]).max())
+        pair = ours[:, columns], fine[:, columns]
+        compared.append(_compare(quantity, names, pair, t, (float(own), apart)))
+    return compared
+
+
+def _integrated(asked: Translation, other: Engine, times: Array, start: Array, rtol: float) -> Array:
+    """Return states (T, nq + nv) at times (T,): q-dot = N(q) v, v-dot from the engine."""
+    from scipy.integrate import solve_ivp
+
+    model, loops = asked.model, asked.model.loops
+    handed = asked.evaluator(smooth=True)
+
+    def rate(t: float, x: Array) -> Array:
+        q, v = x[: model.nq], x[model.nq :]
+        given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
+        tau = asked.plain(q, v) + np.array(handed(given), dtype=float)
+        qd = np.empty(model.nq)
+        for body in model.bodies:
+            own = vector(v[body.v : body.v + body.joint.nv])
+            qd[body.q : body.q + body.joint.nq] = body.joint.velocity_map(slice_q(body, q), own)
+        return np.concatenate([qd, other.accelerations(q, v, tau, loops)])
+
+    breaks = sorted({x for x in asked.rest.switching.breakpoints if times[0] < x < times[-1]})
+    edges = [float(times[0]), *breaks, float(times[-1])]
+    states, x = np.empty((len(times), len(start))), start
+    for low, high in zip(edges, edges[1:]):
+        inside = (times >= low) & (times <= high)
+        run = solve_ivp(rate, (low, high), x, method="DOP853", rtol=rtol, atol=1e-2 * rtol, dense_output=True)
+        if not run.success:
+            raise NumericalError(f"the other engine's motion stops at t = {run.t[-1]:.6g} s: {run.message}")
+        states[inside] = run.sol(times[inside]).T
+        x = run.y[:, -1]
+    return states
+
+
+def _compare(
+    quantity: str,
+    names: tuple[str, ...],
+    answers: tuple[Array, Array],
+    times: Array,
+    errors: tuple[float, float],
+) -> Compared:
+    ours, theirs = answers
+    gap = np.abs(ours - theirs)
+    row, column = np.unravel_index(int(np.argmax(gap)), gap.shape)
+    allowed = MARGIN * sum(errors) + FLOOR * float(np.abs(ours).max(initial=0.0))
+    return Compared(
+        quantity, names[column], float(times[row]), float(ours[row, column]), float(theirs[row, column]),
+        float(gap[row, column]), *errors, allowed,
+    )  # fmt: skip
+
+
+def as_data(found: Crosscheck) -> dict[str, Any]:
+    """Return what ``--json`` prints."""
+    return {
+        "status": "ok" if found.agrees else "differs",
+        "title": found.title,
+        "command": found.command,
+        "engine": found.engine,
+        "version": found.version,
+        "compared": [{**dataclasses.asdict(one), "agrees": one.agrees} for one in found.compared],
+        "handed_over": list(found.given),
+        "by_own_formulas": list(found.own),
+    }

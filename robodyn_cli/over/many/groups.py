@@ -1,0 +1,201 @@
+"""Runs in groups of one structure: what is built for one row of values, and which other rows it serves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.expr.fixed import Witness
+from robodyn_cli.expr.many import ManyNumbers, Recipe
+from robodyn_cli.integrators.stepping.writer import Tables
+from robodyn_cli.over.many.keys import NUMBER, STRUCTURE, Key
+from robodyn_cli.scene.load import Family
+from robodyn_cli.spatial.algebra import Array
+
+FARTHER = 2.0
+ALONG = 0.01  # of the largest distance along a key: a row as far as this was away along it
+TRIES = 5  # rows, the farthest first, until something can be built with one
+MOST_PATTERNS = 64  # whose structures are kept
+ALIKE = 1e-9  # relative difference of numbers that were computed in two ways
+
+
+class Built:
+    """What is built for one row of values of some keys, and serves others through its tables of numbers.
+
+    Parameters
+    ----------
+    tables : of all programs. witnesses : comparisons of numbers that were made while they were built.
+    obstacle : why runs are made one by one all the same; nothing if they are not.
+    """
+
+    def __init__(
+        self, keys: Sequence[Key], row: Array, tables: Tables, witnesses: Sequence[Witness], obstacle: str
+    ) -> None:
+        self.keys, self.row, self.tables, self.obstacle = keys, row, tables, obstacle
+        self._varying = [(k, key.place) for k, key in enumerate(keys) if key.sort == NUMBER]
+        self.recipe = Recipe([place for _, place in self._varying])
+        self._deciding = self.recipe.deciding(witnesses)
+        self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
+        self._confirmed = np.zeros(len(row))  # how far from its own row another one has been built
+
+    def numbers(self, values: Array) -> ManyNumbers:
+        """Return the numbers of the scene for rows of values (N, keys)."""
+        last = self._last
+        if last is None or last[0].shape != values.shape or not (last[0] == values).all():
+            given = {place: values[:, k] for k, place in self._varying}
+            last = self._last = values, ManyNumbers(self.recipe, given, len(values))
+        return last[1]
+
+    def column(self, place: str, values: Array) -> Array | None:
+        """Return the values of the key that is a start or an option of this name; None where none varies."""
+        return next(
+            (values[:, j] for j, k in enumerate(self.keys) if k.place == place and k.sort != NUMBER), None
+        )
+
+    def fits(self, values: Array) -> NDArray[np.bool_]:
+        """Return for which rows (N, keys) every comparison turns out as it did for this structure's own."""
+        return self.numbers(values).decided_alike(self._deciding)
+
+    def is_confirmed(self, values: Array, build: Callable[[Array], Built]) -> bool:
+        """Tell whether what is built for other rows (N, keys) has the numbers that this structure gives.
+
+        Asked at far rows with which something can be built, until one of them was away along each key, and again where
+        rows are more than FARTHER times as far along a key.
+        """
+        away = np.abs(values - self.row)
+        if not self._varying:
+            return True
+        farthest = None
+        while not (near := (away / FARTHER <= self._confirmed).all(axis=0)).all():
+            if farthest is None:
+                farthest = away.max(axis=0)
+            share = np.where(near, 0.0, away / np.maximum(farthest, 1e-300))
+            found = self._built_elsewhere(values, share, build)
+            if found is None:
+                return False
+            along = share[found] >= min(ALONG, 1.0 / len(farthest))
+            if not along.any():  # nothing farther can be built
+                return True
+            self._confirmed = np.where(along, np.maximum(self._confirmed, farthest), self._confirmed)
+        return True
+
+    def _built_elsewhere(
+        self, values: Array, share: Array, build: Callable[[Array], Built]
+    ) -> np.intp | None:
+        """Return a row far away that has the numbers that this structure gives; None where it has others.
+
+        share : of the largest distance along each key (N, keys).
+        """
+        for row in np.argsort(-share.sum(axis=1), kind="stable")[:TRIES]:
+            try:
+                other = build(values[row])
+            except RobodynError:
+                continue
+            found: np.intp = row
+            return found if self._has_numbers_of(other) else None
+        return None
+
+    def _has_numbers_of(self, other: Built) -> bool:
+        """Tell whether the numbers of another structure, for its own row, are those that this one gives for it."""
+        if other.tables.digest != self.tables.digest or other.obstacle != self.obstacle:
+            return False
+        own = table_rows(self.tables, self.numbers(other.row[None]))[0]
+        with np.errstate(all="ignore"):  # what is not finite is not alike
+            scale = np.abs(own) + np.abs(other.tables.numbers)
+            return bool(np.all(np.abs(own - other.tables.numbers) <= ALIKE * scale))
+
+
+def table_rows(tables: Tables, numbers: ManyNumbers) -> Array:
+    """Return the tables of numbers (N, n) of all programs of a run."""
+    columns = [numbers.table(p.numbers or (0.0,)) for p in tables.programs]
+    return np.concatenate(columns, axis=1)
+
+
+def first_of(reasons: Mapping[str, bool]) -> str:
+    """Return the first reason that holds, as an ``obstacle``; nothing where none does."""
+    return next((reason for reason, holds in reasons.items() if holds), "")
+
+
+Build = Callable[[Family, Sequence[Key], Array], Built]
+
+
+class Structures:
+    """All structures of a mechanism, found as runs ask for them.
+
+    Parameters
+    ----------
+    build : makes the structure of a scene with one row of values of the keys; raises RobodynError.
+    """
+
+    def __init__(self, family: Family, keys: Sequence[Key], build: Build) -> None:
+        self.family, self.keys, self._make = family, list(keys), build
+        self._is_structure = np.array([key.sort == STRUCTURE for key in keys], dtype=bool)
+        most = max((len(key.special) for key in keys), default=0)
+        self._special = np.full((len(keys), most), np.nan)
+        for row, key in zip(self._special, keys):
+            row[: len(key.special)] = key.special
+        self._found: dict[tuple[float, ...], list[Built]] = {}
+
+    def groups(self, values: Array) -> Iterator[tuple[Built | None, NDArray[np.int64]]]:
+        """Yield rows of values (N, keys) in groups of one structure: it, and the numbers of its rows.
+
+        Rows without a structure, since nothing can be built with their values, or since what is built does not confirm
+        the numbers of a structure that seems to fit, are to be run as scenes of their own.
+        """
+        if not len(values):
+            return
+        patterns = self._patterns(values)
+        if (patterns == patterns[0]).all():
+            yield from self._split(values, np.arange(len(values)), self._known(patterns[0]))
+            return
+        different, which = np.unique(patterns, axis=0, return_inverse=True)
+        for k, pattern in enumerate(different):
+            yield from self._split(values, np.flatnonzero(which.ravel() == k), self._known(pattern))
+
+    def _known(self, pattern: Array) -> list[Built]:
+        """Return the structures that rows of a pattern have had; of patterns those that came last are kept."""
+        key = tuple(pattern.tolist())
+        known = self._found.pop(key, [])
+        self._found[key] = known
+        if len(self._found) > MOST_PATTERNS:
+            del self._found[next(iter(self._found))]
+        return known
+
+    def _patterns(self, values: Array) -> Array:
+        """Return what of each row is structure: values of keys that are, and special ones of others."""
+        special = self._is_structure | (values[:, :, None] == self._special).any(axis=2)
+        return np.where(special, values, np.inf)
+
+    def _split(
+        self, values: Array, rows: NDArray[np.int64], known: list[Built]
+    ) -> list[tuple[Built | None, NDArray[np.int64]]]:
+        groups: list[tuple[Built | None, NDArray[np.int64]]] = []
+        alone: list[int] = []
+        untried = list(known)
+        while len(rows):
+            try:
+                structure = untried.pop(0) if untried else self._build(values[rows[0]])
+            except RobodynError:
+                alone.append(int(rows[0]))
+                rows = rows[1:]
+                continue
+            fits = structure.fits(values[rows])
+            own = rows[fits]
+            if structure not in known:
+                known.append(structure)
+                if not len(own):  # a comparison that is not decided by the numbers alone
+                    own, fits[0] = rows[:1], True
+            if len(own) and structure.is_confirmed(values[own], self._build):
+                groups.append((structure, own))
+            else:
+                alone += own.tolist()
+            rows = rows[~fits]
+        if alone:
+            groups.append((None, np.array(alone, dtype=np.int64)))
+        return groups
+
+    def _build(self, row: Array) -> Built:
+        return self._make(self.family, self.keys, row)

@@ -1,0 +1,209 @@
+"""The states that many runs start from: given ones of open chains, closed ones of mechanisms.
+
+Loops are closed for all runs at once, by the Gauss-Newton steps of ``solve/closure.py`` on arrays. Coordinates without
+an initial value start from where they are in the structure's own pose, so that all runs are on its branch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.expr.many import Expressions, ManyNumbers
+from robodyn_cli.over.many.structure import Structure
+from robodyn_cli.ready.prepare import held_columns
+from robodyn_cli.record import record
+from robodyn_cli.solve.assembly import RANK_TOLERANCE
+from robodyn_cli.solve.closure import CLOSED, MOST_STEP, Numbers, has_full_rank
+from robodyn_cli.spatial.algebra import Array
+
+ROUNDS = 20  # Newton steps; from a pose nearby five do
+REGULAR = (
+    1e-3  # ratio of singular values of the unknown coordinates below which branches are near to each other
+)
+LEAP = 0.7  # rad, or part of the size, from the structure's own pose: farther on another branch may be meant
+AGREES = 1e-10  # of rates with the constraints, relative
+Rows = NDArray[np.bool_]
+
+
+@record
+class Starts:
+    """Starts of many runs: q (N, nq), v (N, nv), and for which of them this is what the run would start from."""
+
+    q: Array
+    v: Array
+    sound: Rows
+
+    def states(self, structure: Structure) -> Array:
+        """Return the integrator's states (N, nx)."""
+        system = structure.motion.system
+        x = np.zeros((len(self.q), system.size))
+        x[:, list(system.q_places)], x[:, list(system.v_places)] = self.q, self.v
+        return x
+
+
+def starts_of(
+    structure: Structure, values: Array, numbers: ManyNumbers, q: Array | None = None, qd: Array | None = None
+) -> Starts:
+    """Return the starts of runs with rows of values (N, keys).
+
+    Parameters
+    ----------
+    q, qd : initial positions (N, nq) and rates (N, nv) in place of the scene's.
+    """
+    motion = structure.motion
+    model, scene, count = motion.problem.model, motion.scene, len(values)
+    own = {"q": motion.assembled.q, "qd": motion.assembled.v}
+    given = {
+        "q": _given(structure, "q", model.q_names, scene.initial.q, values, q),
+        "qd": _given(structure, "qd", model.v_names, scene.initial.qd, values, qd),
+    }
+    rows = {}
+    for name, columns in (("q", model.q_names), ("qd", model.v_names)):
+        nominal = own[name] if name == "q" else np.zeros(model.nv)
+        rows[name] = np.broadcast_to(nominal, (count, len(nominal))).copy()
+        for k, column in enumerate(columns):
+            if column in given[name]:
+                rows[name][:, k] = given[name][column]
+    if not motion.problem.constraints.rows:
+        return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
+    return _Closing(structure, numbers, given["q"], given["qd"]).close(rows["q"], rows["qd"])
+
+
+def _given(
+    structure: Structure,
+    name: str,
+    columns: Sequence[str],
+    scene: Mapping[str, float],
+    values: Array,
+    array: Array | None,
+) -> dict[str, Array | float]:
+    """Return what is given of the initial positions or rates, by column."""
+    if array is not None:
+        return {column: array[:, k] for k, column in enumerate(columns)}
+    found: dict[str, Array | float] = dict(scene)
+    for column in columns:
+        own = structure.column(f"{name}.{column}", values)
+        if own is not None:
+            found[column] = own
+    return found
+
+
+class _Closing:
+    """The loops of a structure for many runs: eta (N, m) and Psi (N, m, nv) at positions of their own."""
+
+    def __init__(
+        self,
+        structure: Structure,
+        numbers: ManyNumbers,
+        q: Mapping[str, Array | float],
+        qd: Mapping[str, Array | float],
+    ) -> None:
+        motion = structure.motion
+        problem = self.problem = motion.problem
+        self.numbers, self.own = numbers, motion.assembled.q
+        rows = problem.constraint_rows
+        self._eta = Expressions([row.eta for row in rows])
+        self._psi = Expressions([x for row in rows for x in row.psi])
+        self._cosines = Expressions([row.cosine for row in rows])
+        self.one = Numbers(problem, ())
+        model = problem.model
+        held = held_columns(motion.scene, problem)
+        self.nv = model.nv
+        self.missing = [k for k, name in enumerate(model.q_names) if name not in q and name not in held]
+        self.free = [k for k, name in enumerate(model.q_names) if name not in held]
+        self.held_rates = [k for k, name in enumerate(model.v_names) if name in qd or name in held]
+
+    def _inputs(self, q: Array) -> dict[str, list[Array]]:
+        return {"q": list(q.T), "t": [np.zeros(len(q))], "p": []}
+
+    def eta(self, q: Array) -> Array:
+        return self.numbers.evaluate(self._eta, self._inputs(q))
+
+    def psi(self, q: Array) -> Array:
+        return self.numbers.evaluate(self._psi, self._inputs(q)).reshape(len(q), -1, self.nv)
+
+    def close(self, q: Array, v: Array) -> Starts:
+        """Return closed positions and rates that agree with them, from what is given."""
+        if self.one.manifold.quasi:
+            return Starts(q, v, np.zeros(len(q), dtype=bool))
+        if self.missing:
+            q = self._newton(q, self.missing)
+        q = self._newton(q, self.free)
+        residual = np.abs(self.eta(q) / self.one.sizes).max(axis=1)
+        psi = self.psi(q)
+        sound = (residual <= CLOSED) & has_full_rank(psi, RANK_TOLERANCE)
+        psi[~sound] = 0.0
+        cosines = self.numbers.evaluate(self._cosines, self._inputs(q))
+        sound &= (cosines >= 0.5).all(axis=1)
+        if self.missing:
+            sound &= self._on_branch(q, psi)
+        v, agrees = self._rates(psi, v)
+        return Starts(q, v, sound & agrees)
+
+    def _newton(self, q: Array, columns: Sequence[int]) -> Array:
+        """Return positions moved towards F = 0 by Gauss-Newton steps, each as long as it lessens the residual."""
+        lengths, sizes = self.one.lengths[list(columns)], self.one.sizes
+        q = q.copy()
+        F = self.eta(q) / sizes
+        size = np.abs(F).max(axis=1)
+        active = np.isfinite(size)
+        for _ in range(ROUNDS):
+            J = self.psi(q)[:, :, list(columns)] * lengths / sizes[:, None]
+            active &= np.isfinite(J).all(axis=(1, 2)) & (size > 1e-300)
+            if not active.any():
+                break
+            step = np.zeros((len(q), len(columns)))
+            step[active] = _least_steps(J[active], -F[active])
+            largest = np.maximum(np.abs(step).max(axis=1, initial=0.0), 1e-300)
+            step *= np.minimum(1.0, MOST_STEP / largest)[:, None]
+            trial = q.copy()
+            trial[:, list(columns)] += step * lengths
+            F_new = self.eta(trial) / sizes
+            new = np.abs(F_new).max(axis=1)
+            active &= new < size
+            q[active], F[active], size[active] = trial[active], F_new[active], new[active]
+        return q
+
+    def _on_branch(self, q: Array, psi: Array) -> Rows:
+        """Tell which positions are on the branch of the structure's own pose: near to it, with no branching between."""
+        near = (np.abs(q - self.own) / self.one.lengths).max(axis=1) < LEAP
+        block, own = psi[:, :, self.missing], self.one.psi(self.own)[:, self.missing]
+        regular = has_full_rank(block, REGULAR)
+        alike = np.ones(len(q), dtype=bool)
+        if own.shape[0] == own.shape[1]:
+            alike = np.sign(np.linalg.det(block)) == np.sign(np.linalg.det(own))
+        found: Rows = near & regular & alike
+        return found
+
+    def _rates(self, psi: Array, v: Array) -> tuple[Array, Rows]:
+        """Return rates with Psi v = 0 that keep those given, and where there are such."""
+        v = v.copy()
+        free = [k for k in range(self.nv) if k not in self.held_rates]
+        for _ in range(3):
+            if free:
+                residual = psi @ v[..., None]
+                v[:, free] += _least_steps(psi[:, :, free], -residual[..., 0])
+        left = np.abs(psi @ v[..., None]).max(axis=(1, 2))
+        scale = np.abs(psi).max(axis=(1, 2)) * np.maximum(np.abs(v).max(axis=1), 1.0)
+        return v, left <= AGREES * scale
+
+
+def _least_steps(J: Array, F: Array) -> Array:
+    """Return the least steps x (N, n) with J x = F for J (N, m, n); in the sense of least squares where there is none.
+
+    Normal equations take a fifth of the time of singular values, which only steps without rank need.
+    """
+    transposed, right = J.transpose(0, 2, 1), F[..., None]
+    wide = J.shape[1] <= J.shape[2]
+    try:
+        if wide:
+            found = transposed @ np.linalg.solve(J @ transposed, right)
+        else:
+            found = np.linalg.solve(transposed @ J, transposed @ right)
+    except np.linalg.LinAlgError:
+        found = np.linalg.pinv(J, rcond=1e-12) @ right
+    steps: Array = found[..., 0]
+    return steps

@@ -1,0 +1,109 @@
+"""One structure for many motions: its motion is built once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from robodyn_cli.expr.fixed import witnessed
+from robodyn_cli.expr.many import Expressions
+from robodyn_cli.formulations.events import EventKind
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.fleet import Fleet
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.over.many.groups import Built, first_of
+from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+
+
+class Buildable(Protocol):
+    """What a structure needs of a command."""
+
+    def build(self, scene: Scene) -> Motion: ...
+    def obstacle(self, motion: Motion) -> str: ...
+
+
+class Structure(Built):
+    """The motion of a scene with one row of values.
+
+    Parameters
+    ----------
+    command : makes a motion of a scene.
+
+    Raises
+    ------
+    RobodynError : there is no motion with these values.
+    """
+
+    def __init__(self, family: Family, keys: Sequence[Key], row: Array, command: Buildable) -> None:
+        scene = family.scene(settings([key.name for key in keys], row))
+        with witnessed() as witnesses:
+            self.motion = command.build(scene)
+            tables = methods[self.motion.choice.method].tables(self.motion.system)
+        why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
+        super().__init__(keys, row, tables, witnesses, why)
+        self._fleets: dict[tuple[str, bool], Fleet] = {}
+
+    def fleet(self, method: str, watch: bool = True) -> Fleet:
+        """Return the compiled code of a method."""
+        key = method, watch
+        if key not in self._fleets:
+            # what is only noted on the way ends no run
+            system = self.motion.system.watched_by(lambda e: None if e.kind is EventKind.MARK else e.owner)
+            passing = [k for k, e in enumerate(system.events) if e.is_discontinuity]
+            self._fleets[key] = Fleet(system, method, np.zeros(1), watch, passing)
+        return self._fleets[key]
+
+    @cached_property
+    def energies(self) -> Expressions:
+        """Kinetic and potential energy as expressions."""
+        from robodyn_cli.observe.observe import potential_energy
+
+        return Expressions([self.motion.problem.kinetic, potential_energy(self.motion.problem)])
+
+    @cached_property
+    def psi_of_loops(self) -> Expressions:
+        """Psi of the loops' rows, row by row."""
+        problem = self.motion.problem
+        return Expressions(problem.psi[problem.constraints.of_loops].ravel().tolist())
+
+    @cached_property
+    def jacobian(self) -> Expressions:
+        """The Jacobian of (q, v, z)-dot, row by row."""
+        return Expressions(self.motion.system.jacobian.J.ravel().tolist())
+
+
+def times_vary(keys: Sequence[Key]) -> bool:
+    """Tell whether functions of time may switch at other times, or over another duration, in other runs."""
+    sections = ("parameters.", "torques.", "forces.")
+    return any(key.sort == OPTION or (key.sort == NUMBER and key.place.startswith(sections)) for key in keys)
+
+
+def obstacle(motion: Motion, times_vary: bool) -> str:
+    """Return why runs of a motion are made one by one, by the driver in Python; nothing where compiled code does.
+
+    times_vary : whether other runs may have functions of time with other features.
+    """
+    system, problem = motion.system, motion.problem
+    constraints = problem.constraints
+    begins = any(watcher.sets_start for watcher in motion.watchers)
+    reasons = {
+        "a long chain is integrated by loops over its bodies": system.dynamics.any_size,
+        "independent coordinates or rows are chosen along the motion": system.partition is not None,
+        "contact states begin and change in Python": begins or bool(system.parameters),
+        "a controller acts": problem.control is not None,
+        "steps have to end at times that formulas or tables give": bool(system.breakpoints)
+        or any(times_vary or not found.resolved for _, found in problem.switching.time_structures),
+        "a motion is prescribed": bool(constraints.rheonomic),
+        "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
+        "Baumgarte's gains are found by trial runs": motion.gains is not None,
+        "the run goes on from a stored one": motion.scene.initial.source is not None,
+        "fixed steps come close to jumps in Python": motion.options.step is not None
+        and any(event.is_discontinuity for event in system.events),
+    }
+    return first_of(reasons)

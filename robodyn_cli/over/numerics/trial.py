@@ -1,0 +1,304 @@
+"""The error of each method of integration on a scene, against a reference that two methods agree on."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.integration_methods import METHODS, REFERENCES, REPRESENTATIVES, STIFF_REFERENCES
+from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.record import mutable_record, record
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.types import Scene, SimulateOptions
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.works.simulate import simulate
+
+SAMPLES = 257  # instants at which solutions are compared
+INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
+AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
+LOOSER = 100.0  # times the tolerance of a second run by the same method, where no other gets through
+SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
+HONEST = 0.1  # part of the true error that an estimate must reach
+
+
+def tight(name: str) -> float:
+    """Return the tolerance of a reference by this method."""
+    return 1e-12 if METHODS[name].stiff else 3e-14
+
+
+@record
+class Budget:
+    """What a run may take before it counts as too slow; seconds are the last resort."""
+
+    steps: int = 2_000_000
+    seconds: float = 20.0
+
+
+class Deadline:
+    """Callback that ends a run whose time is up; time counts from its first call, so that compiling does not count."""
+
+    def __init__(self, seconds: float) -> None:
+        self.end: float | None = None
+        self.seconds = seconds
+
+    def __call__(self, done: float, total: float = 0.0) -> None:
+        if self.end is None:
+            self.end = time.perf_counter() + self.seconds
+        if time.perf_counter() > self.end:
+            raise NumericalError(
+                f"not done after {self.seconds:g} s of computing, stopped at t = {done:.6g} s",
+                time=done, status="too_slow",
+            )  # fmt: skip
+
+
+def ran_out(error: RobodynError) -> bool:
+    """Tell whether a run ended because its steps or its time were used up."""
+    return error.details.get("status") in ("max_steps", "too_slow")
+
+
+@mutable_record
+class Solution:
+    """Samples (T, n) of q and qd that a run came to, and the error that ended it before its time."""
+
+    result: Result | None
+    error: RobodynError | None
+    seconds: float
+
+    @property
+    def times(self) -> Array:
+        return self.result.time if self.result is not None else np.zeros(0)
+
+    @property
+    def positions(self) -> int:
+        return self.result["q"].shape[1] if self.result is not None else 0
+
+    @property
+    def states(self) -> Array:
+        if self.result is None:
+            return np.zeros((0, 0))
+        return np.concatenate([self.result["q"], self.result["qd"]], axis=1)
+
+
+def step_of(s: SimulateOptions, method: str) -> float | None:
+    """Return the step of a method without step control [s]: the scene's own, else a part of its duration."""
+    fixed = method in METHODS and METHODS[method].fixed_step
+    return 1e-3 * s.duration if fixed and s.step is None else s.step
+
+
+def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
+    """Simulate a scene with other options of ``simulate``; what stops it comes back instead of being raised."""
+    steps = min(budget.steps, int(options.pop("max_steps", budget.steps)))
+    changed = dataclasses.replace(scene.simulate, samples=SAMPLES, max_steps=steps, **options)
+    changed = dataclasses.replace(changed, step=step_of(changed, changed.integrator))
+    began = time.perf_counter()
+    try:
+        result = simulate(dataclasses.replace(scene, simulate=changed), progress=Deadline(budget.seconds))
+        return Solution(result, None, time.perf_counter() - began)
+    except RobodynError as error:
+        return Solution(
+            error.result if isinstance(error.result, Result) else None, error, time.perf_counter() - began
+        )
+
+
+@record
+class Reference:
+    """A solution that two methods at tight tolerance agree on.
+
+    times (T,), states (T, n) as far as they agree; scale (n,) : range of each quantity. until [s] : how far that
+    is. digits : to which they agree, relative to the range; apart : the same as the largest difference of any quantity.
+    methods : which they are. ends_early : why the motion itself ends before its duration (a singular configuration),
+    else empty.
+    """
+
+    times: Array
+    states: Array
+    scale: Array
+    until: float
+    digits: float
+    apart: float
+    methods: tuple[str, str]
+    ends_early: str = ""
+
+
+def agreed(
+    times: Array,
+    x: Array,
+    y: Array,
+    scale: Array,
+    bound: float,
+    methods: tuple[str, str],
+) -> Reference | None:
+    """Return states x (T, n) as far as another run's y agree within ``bound`` of the scale, None where they do not."""
+    apart = np.abs(x - y)
+    relative = np.maximum.accumulate(np.max(apart / scale, axis=1))
+    good = np.flatnonzero(relative <= bound)
+    if len(good) < 2:
+        return None
+    count = int(good[-1]) + 1
+    digits = -float(np.log10(max(relative[count - 1], 1e-16)))
+    largest = float(apart[:count].max())
+    return Reference(times[:count], x[:count], scale, float(times[count - 1]), digits, largest, methods)
+
+
+def _proper_end(solution: Solution) -> bool:
+    """Tell whether a run came to its end, or to that of its motion."""
+    return solution.error is None or isinstance(solution.error, SingularConfigurationError)
+
+
+def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | None:
+    """Return the reference, or None where no two runs get through at tight tolerance.
+
+    Two methods, explicit ones last where the scene is ``stiff``; where only one gets through, itself at two
+    tolerances a hundred apart, which the names tell.
+    """
+    pair = _two_runs(scene, budget, STIFF_REFERENCES if stiff else REFERENCES)
+    if len(pair) < 2:
+        return None
+    (first, a), (second, b) = pair
+    count = min(len(a.times), len(b.times))
+    if a.error is not None or b.error is not None:
+        count = min(count, len(a.times) - 1, len(b.times) - 1)  # the last sample is where each one stopped
+    x, y = a.states[:count], b.states[:count]
+    ends_early = a.error.message if a.error is not None else ""
+    found = agreed(a.times[:count], x, y, ranges(x, a.positions), AGREED, (first, second))
+    return None if found is None else dataclasses.replace(found, ends_early=ends_early)
+
+
+def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[str, Solution]]:
+    """Return the first two of the methods that get through at tight tolerance, or one at two tolerances."""
+
+    def run(name: str, looser: float) -> Solution | None:
+        tolerance = looser * tight(name)
+        one = solve(
+            scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
+        )
+        through = one.result is not None and len(one.times) > 1 and _proper_end(one)
+        return one if through else None
+
+    found: list[tuple[str, Solution]] = []
+    for name in order:
+        if (one := run(name, 1.0)) is not None:
+            found.append((name, one))
+        if len(found) == 2:
+            return found
+    if len(found) == 1 and (one := run(found[0][0], LOOSER)) is not None:
+        name = found[0][0]
+        found.append((f"{name} at {LOOSER * tight(name):.0e}", one))
+    return found
+
+
+def ranges(states: Array, positions: int) -> Array:
+    """Return the range of each quantity over a run (n,), but no less than what matters beside the others."""
+    spread = np.ptp(states, axis=0)
+    # a joint that hardly moves is not judged by its own tiny range, but by a part of what the others do
+    for part in (slice(0, positions), slice(positions, None)):
+        spread[part] = np.maximum(spread[part], SMALL * spread[part].max(initial=0.0))
+    return np.maximum(spread, 1e-12)
+
+
+@mutable_record
+class Trial:
+    """What a method did at the settings of the scene.
+
+    status : ``stable``, ``inaccurate`` (error above 1e-3 of the range), ``diverged``, ``too_slow`` or
+    ``unsupported``. error : largest error of any q or qd; relative : over the range of its quantity. estimate : the
+    run's own error estimate; honest : whether that is at least a tenth of the error (None: nothing to compare).
+    energy : drift of the energy balance over the energy exchanged. until : time reached [s]. failure : class of the
+    error that ended the run; joint and quantity : where it broke down.
+    """
+
+    method: str
+    chosen: str = ""
+    status: str = "stable"
+    error: float | None = None
+    relative: float | None = None
+    estimate: float | None = None
+    honest: bool | None = None
+    steps: int = 0
+    evaluations: int = 0
+    seconds: float = 0.0
+    energy: float | None = None
+    until: float = 0.0
+    failure: str | None = None
+    joint: str | None = None
+    quantity: str | None = None
+    message: str = ""
+
+    @property
+    def named(self) -> bool:
+        """Whether a breakdown is told with its place."""
+        return self.failure != "NumericalError" or self.joint is not None or "singular" in self.message
+
+
+def attempt(scene: Scene, method: str, ref: Reference | None, budget: Budget) -> Trial:
+    """Run one method at the settings of the scene and judge it."""
+    done = solve(scene, budget, integrator=method)
+    trial = Trial(method, seconds=done.seconds)
+    if done.result is not None:
+        summary = done.result.summary
+        trial.chosen = summary["integrator"] + "".join(f", {s['to']}" for s in summary.get("switches", ()))
+        trial.steps = summary["counters"]["steps"]
+        trial.evaluations = summary["counters"]["evaluations"]
+        trial.energy = summary["energy_drift_relative"]
+        trial.until = float(done.times[-1]) if len(done.times) else 0.0
+        estimate = summary.get("error_estimate")
+        trial.estimate = estimate.get("state_max") if isinstance(estimate, dict) else None
+    if done.error is not None:
+        trial.message = done.error.message
+        trial.failure = type(done.error).__name__
+        trial.joint = done.error.details.get("joint")
+        trial.quantity = done.error.details.get("quantity")
+        trial.status = _status(done.error)
+        if trial.status != "stable":
+            return trial
+    return judge(trial, done, ref)
+
+
+def _status(error: RobodynError) -> str:
+    if isinstance(error, SingularConfigurationError):
+        return "stable"  # the motion ends there; whether it really does is for the reference to say
+    if isinstance(error, CapabilityError):
+        return "unsupported"
+    return "too_slow" if ran_out(error) else "diverged"
+
+
+def judge(trial: Trial, done: Solution, ref: Reference | None) -> Trial:
+    """Fill in error and status of a run that got through, as far as the reference goes."""
+    if ref is None:
+        trial.message = trial.message or "no reference to compare this result with"
+        return trial
+    states = done.states[: len(ref.times)]
+    if len(states) < len(ref.times) - 2:
+        trial.status = "inaccurate"
+        trial.message = trial.message or f"ends at t = {trial.until:.6g} s, before the reference does"
+        return trial
+    apart = np.abs(states - ref.states[: len(states)])
+    if not np.all(np.isfinite(apart)):
+        trial.status, trial.message = "diverged", "a result that is not finite"
+        return trial
+    trial.error = float(apart.max(initial=0.0))
+    trial.relative = float((apart / ref.scale).max(initial=0.0))
+    if trial.relative > INACCURATE:
+        trial.status = "inaccurate"
+    elif ref.ends_early and done.error is None:
+        trial.status, trial.message = "inaccurate", f"does not notice: {ref.ends_early}"
+    if trial.estimate is not None and trial.relative > 100 * 10.0**-ref.digits:
+        trial.honest = bool(trial.estimate >= HONEST * trial.error)
+    return trial
+
+
+def methods_tried(quick: bool) -> list[str]:
+    """Return the methods that a report tries: ``auto`` and all, or with ``quick`` one of each family."""
+    return ["auto", *(name for name in registry if not quick or name in REPRESENTATIVES)]
+
+
+def attempts(scene: Scene, ref: Reference | None, budget: Budget, names: Sequence[str]) -> list[Trial]:
+    """Run these methods."""
+    # what auto does is judged, so a busy machine must not make it slow
+    patient = dataclasses.replace(budget, steps=20 * budget.steps, seconds=max(budget.seconds, 60.0))
+    return [attempt(scene, name, ref, patient if name == "auto" else budget) for name in names]

@@ -1,0 +1,227 @@
+"""The plan of ``simulate`` and ``deploy``: the accelerations, and the other programs of a step."""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+import re
+from collections.abc import Iterator
+
+from robodyn_cli.decision import Decision
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.solver import solver
+from robodyn_cli.expr.graph import Scalar, count_operations, free_symbols
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.events import EventFunction
+from robodyn_cli.formulations.rolled import Rolled
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.kernels.lower import LANES
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.observe.observe import observed
+from robodyn_cli.over.plan.programs import at_samples, in_steps
+from robodyn_cli.over.plan.report import Kernel, LoopCosts
+from robodyn_cli.over.plan.terms import Equations, Ledger, Term
+from robodyn_cli.over.plan.variants import (
+    general_drives,
+    one_pin,
+    one_prescribed,
+    serial_chain,
+    without_loops,
+)
+from robodyn_cli.over.plan.words import listed
+from robodyn_cli.scene import types as sc
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.works.deploy.deploy import build_deployment
+
+PROJECTION = "projection"
+
+
+class Forward:
+    """A simulation of one scene as the command builds it."""
+
+    def __init__(self, scene: sc.Scene, command: str) -> None:
+        if command == "deploy":
+            self.motion = build_deployment(scene, Stopwatch(), plan=True)
+        else:
+            self.motion = build_motion(scene, plan=True)
+        self.problem, self.system = self.motion.problem, self.motion.system
+        self.redundant = tuple(self.motion.assembled.redundant)
+
+    def outputs(self, problem: Problem, work: bool = True) -> list[Scalar]:
+        """Return the right-hand side that is integrated: accelerations and the work's rate."""
+        wanted = problem.scene.simulate.stabilisation
+        # projection is a program of its own; the accelerations are the same without it
+        return build_system(
+            problem, "none" if wanted == PROJECTION else wanted, work=work, expanded=True
+        ).rates
+
+    def kernels(self) -> list[Kernel]:
+        """Return the compiled programs: those of the stepping loop, then those of samples and events."""
+        motion, s = self.motion, self.system
+        for watcher in motion.watchers:
+            watcher.follow(motion)
+        # before the programs of the method, as a run has it, so that they are numbered alike
+        observed_by = dict(motion.observer.kernels)
+        method = methods[motion.choice.method]
+        if isinstance(s.dynamics, Rolled):
+            found = [in_steps("accelerations", s.dynamics, method.lanes)]
+        else:
+            found = [in_steps(p.name, p.program, p.lanes, p.hold) for p in method.programs(s)]
+        for name, program in s.programs.items():
+            lanes = LANES if program is s.switching else 1
+            found.append(in_steps(name, program, lanes, "times"))
+        if isinstance(s.dynamics, Rolled):
+            beside = s.dynamics.program.operations
+            found.append(at_samples("accelerations at the samples", s.dynamics.plan, beside=beside))
+        kernels = itertools.chain(
+            observed_by.items(), *(watcher.kernels.items() for watcher in motion.watchers)
+        )
+        found += [at_samples(name, kernel.program, kernel.compiled) for name, kernel in kernels]
+        once: dict[str, Kernel] = {}
+        for kernel in found:  # some have the same code, in another loop
+            once.setdefault(kernel.digest, kernel)
+        return list(once.values())
+
+    def choices(self) -> list[Decision]:
+        """Return the decisions of the builders."""
+        taken = self.motion.choice
+        integrator = Decision("integrator", taken.method, taken.reason)
+        return [solver(self.problem), integrator, *methods[taken.method].choices(self.system)]
+
+    # -- terms ----------------------------------------------------------------------------------------
+    def terms(self, e: Equations) -> Iterator[Term]:
+        """Yield the solution for the accelerations, drives, stabilisation, work, events and samples."""
+        p = self.problem
+        given = [*(p.applied - p.bias), *p.psi.flat, *p.constraints.gamma]
+        work = count_operations(self.outputs(p)) - count_operations(given)
+        name = "mass matrix and the solution for the accelerations"
+        yield Term(name, True, "accelerations are what is integrated", work)
+        if not p.model.loops:
+            reason = "the joints form an open chain or tree; counted: what a single pin from "
+            reason += f"{p.model.bodies[-1].name} to the base would add"
+            yield e.left_out("closed loops and their multipliers", reason, one_pin(e.here, e.plane))
+        yield from self._drives(e)
+        yield from self._stabilisation(e)
+        yield from self._redundant_rows(e)
+        yield self._manifolds()
+        yield self._work(e)
+        yield from self._events()
+        everything = count_operations([x for entries in observed(p).values() for x in entries])
+        yield Term(
+            "energies, points and multipliers at the samples",
+            True,
+            "in the result; evaluated at the samples only, not in the stepping loop",
+            everything - count_operations(list(p.forward.qdd)),
+        )
+        wanted = p.scene.simulate.error_estimate
+        again = "a second, tighter integration by the same code"
+        yield Term("error estimate", wanted, again if wanted else "simulate.error_estimate is false")
+
+    def _drives(self, e: Equations) -> Iterator[Term]:
+        here, driven, given = e.here, self.problem.scene.torques, self.problem.scene.prescribed
+        yield e.either(
+            "actuator torques", driven, f"given for {listed(driven)}", "no joint has one",
+            here.with_scene(torques={}), general_drives(here),
+        )  # fmt: skip
+        yield e.either(
+            "prescribed motion", given, f"given for {listed(given)}, by a row each", "no joint's motion is prescribed",
+            here.with_scene(prescribed={}), one_prescribed(here),
+        )  # fmt: skip
+        timed = any(s.value[1] == "t" for s in free_symbols(self.outputs(self.problem)))
+        reason = "the rates depend on t" if timed else "nothing depends on t explicitly"
+        yield Term("time as an input", timed, reason)
+
+    def _stabilisation(self, e: Equations) -> Iterator[Term]:
+        """Yield projection, or what takes its place, and Baumgarte's terms."""
+        if not self.problem.constraints.rows:
+            yield Term("stabilisation of constraints", False, "there are none, so nothing can drift")
+            return
+        gains = self.motion.scene.simulate.stabilisation
+        damped = isinstance(gains, sc.Baumgarte)
+        name, kept = "projection of positions and velocities", self.system.positions is not None
+        reason = f"simulate.stabilisation asks for {'Baumgarte terms' if damped else gains}"
+        if kept:
+            reason = "keeps the loops closed to rounding; in programs of its own, once a step"
+        work = _projection(self.system if kept else build_system(self.problem, PROJECTION))
+        yield Term(name, kept, reason, work)
+        s = e.here.symbols
+        other = "none" if damped else sc.Baumgarte(alpha=s.one(), beta=s.one())
+        simulate = dataclasses.replace(self.problem.scene.simulate, stabilisation=other)
+        why_not = "projection leaves no drift to damp" if gains == PROJECTION else "not asked for"
+        variant = e.here.with_scene(simulate=simulate)
+        yield e.either(
+            "Baumgarte's terms", damped, "asked for in simulate.stabilisation", why_not, variant, variant
+        )
+
+    def _redundant_rows(self, e: Equations) -> Iterator[Term]:
+        if not self.redundant:
+            return
+        reason = f"{listed(self.redundant)} follow from the other rows in every pose"
+        if not self.problem.dependent:
+            yield e.left_out("redundant rows", reason, dataclasses.replace(e.here, rows=None))
+            return
+        working, given = self.problem.independent_rows, self.problem.constraints
+        combined = [*working.psi(self.problem.model.nv).flat, *working.gamma]
+        work = count_operations(combined) - count_operations([*self.problem.psi.flat, *given.gamma])
+        reason += ": all rows are solved together, with multipliers of least norm"
+        yield Term("combination of dependent rows", True, reason, work)
+
+    def _manifolds(self) -> Term:
+        program, name = self.system.normal_form, "positions back on the joints' manifolds"
+        if program is None:
+            return Term(name, False, "every value of the positions is a position of the joints")
+        joints = [b.joint_name for b in self.problem.model.bodies if b.joint.quasi]
+        return Term(name, True, f"of {listed(joints)}, once a step", program.operations)
+
+    def _work(self, e: Equations) -> Term:
+        doers = self.system.work_done_by
+        problem = self.problem if doers else general_drives(e.here).problem()
+        work, without = (count_operations(self.outputs(problem, work)) for work in (True, False))
+        reason = "no force but gravity and springs does work: energy itself is conserved"
+        if doers:
+            reason = f"what the energy is balanced against: work of {listed(doers)}"
+        return Term("work integral", bool(doers), reason, work - without)
+
+    def _events(self) -> Iterator[Term]:
+        """Yield the event functions of the system; those that differ by a number share an entry."""
+        titles = {event: title_of(event) for event in self.system.events}
+        for title in dict.fromkeys(titles.values()):
+            same = [event for event in titles if titles[event] == title]
+            reason = f"watched, in a program of its own: {same[0].kind.value}"
+            yield Term(title, True, reason, count_operations([event.value for event in same]))
+        if not titles:
+            nothing = "no formula switches with the state and no joint sticks or meets a rigid stop"
+            if not self.problem.model.closures:
+                nothing += "; an open chain has no singular poses"
+            yield Term("events", False, nothing)
+
+    def equation_36(self, ledger: Ledger) -> LoopCosts | None:
+        """Return what the loops cost, None where there are none."""
+        if not self.problem.model.loops:
+            return None
+        tree = ledger.operations(without_loops(ledger.here))
+        chain = ledger.operations(serial_chain(ledger.here))
+        s = self.system
+        return LoopCosts(
+            ledger.total,
+            self.problem.constraints.names,
+            tree,
+            None if tree is None else ledger.total - tree,
+            chain,
+            round(ledger.total / chain, 3) if chain else None,
+            *(
+                0 if program is None else program.operations
+                for program in (s.positions, s.velocities, s.switching)
+            ),
+        )
+
+
+def title_of(event: EventFunction) -> str:
+    """Return the name of an event function in the plan, without a number at its end."""
+    return f"event: {re.sub(r'[.][0-9]+$', '', event.name).replace('_', ' ')}"
+
+
+def _projection(system: System) -> int:
+    """Return the operations of the projection of positions and velocities."""
+    return sum(p.operations for p in (system.positions, system.velocities) if p is not None)

@@ -1,0 +1,186 @@
+"""The terms that a scene needs and those left out, read off the equations and programs that its command builds.
+
+    operations          of the program that the command's inner loop runs: torques (inverse), accelerations
+    operations_general  of the same program with every constant of the scene a symbol
+
+An operation is an addition, a multiplication, a division or a call of a function.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from robodyn_cli.decision import Decision
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.expr.graph import Scalar, count_operations
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import Model
+from robodyn_cli.over.plan.data import idle_constants, unknown_data
+from robodyn_cli.over.plan.forward import Forward
+from robodyn_cli.over.plan.inverse import Inverse
+from robodyn_cli.over.plan.plane import Plane
+from robodyn_cli.over.plan.report import Chosen, Kernel, LoopCosts, Plan
+from robodyn_cli.over.plan.terms import MECHANISM, Equations, Ledger, Term
+from robodyn_cli.over.plan.text import render
+from robodyn_cli.over.plan.variant import Variant
+from robodyn_cli.over.plan.variants import general
+from robodyn_cli.over.plan.words import plural
+from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.scene import types as sc
+
+__all__ = ["plan", "render"]
+
+COMMANDS = ("inverse", "simulate", "deploy")
+# operations of all variants up to which they are built one by one, a second or two of work
+LARGEST = 300_000
+VARIANTS = 25
+
+
+class Subject(Protocol):
+    """A command's equations and programs, as the command builds them.
+
+    problem : the equations. redundant : names of rows that follow from the others in every pose.
+    """
+
+    problem: Problem
+    redundant: tuple[str, ...]
+
+    def outputs(self, problem: Problem) -> list[Scalar]:
+        """Return the expressions of the command's inner loop, for this problem or a variant of it."""
+
+    def terms(self, e: Equations) -> Iterator[Term]:
+        """Yield the terms of the command beside those of the mechanism: its stages, and the work around the inner
+        loop."""
+
+    def kernels(self) -> list[Kernel]:
+        """Return the compiled programs."""
+
+    def choices(self) -> list[Decision]:
+        """Return the decisions of the builders."""
+
+    def equation_36(self, ledger: Ledger) -> LoopCosts | None:
+        """Return the operations of the loops, None where they are not counted."""
+
+
+def command_of(scene: sc.Scene) -> str:
+    """Return the command that a scene is made for."""
+    if scene.command in COMMANDS:
+        return str(scene.command)
+    return "inverse" if scene.trajectory is not None else "simulate"
+
+
+@np.errstate(all="ignore")  # what absurd data make of the figures is no news for a terminal
+def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
+    """Return the terms of the general problem that the command keeps and leaves out, ready for JSON.
+
+    Parameters
+    ----------
+    command : ``inverse``, ``simulate`` or ``deploy``; default: the scene's own.
+
+    Returns
+    -------
+    ``status`` (``failed`` where data are missing); ``operations``, ``operations_general``; ``kept`` (term, reason,
+    operations: what leaving it out would save); ``left_out`` (term, reason, operations_saved); ``kernels``;
+    ``choices`` of the engine with their reasons; ``equation_36`` for mechanisms with loops; ``missing`` data,
+    without which the command stops. Counts are None where single terms of a large model are not counted.
+
+    Raises
+    ------
+    CapabilityError : the command cannot do this scene. GeometryError : its loops cannot close.
+    """
+    command = command or command_of(scene)
+    if command not in COMMANDS:
+        raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(COMMANDS)}")
+    subject: Subject = Inverse(scene) if command == "inverse" else Forward(scene, command)
+    problem = subject.problem
+    # before anything else is built in the same graph, so that the programs are those of the run
+    kernels, choices, missing = _built(subject)
+    outputs = subject.outputs(problem)
+    needed, spare = unknown_data(problem.model, outputs)
+    missing = list(dict.fromkeys([*needed, *missing]))
+    ledger, everything = _ledger(subject, count_operations(outputs))
+    idle = _idle(subject) if ledger.counted else []
+    equations = Equations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
+    for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
+        ledger.enter(term)
+    found = Plan(
+        status="failed" if missing else "ok",
+        command=command,
+        title=problem.scene.title,
+        mechanism=describe(problem, subject.redundant),
+        operations=ledger.total,
+        operations_general=everything,
+        ratio=round(everything / ledger.total, 3) if ledger.total else None,
+        kept=ledger.kept,
+        left_out=ledger.left_out,
+        kernels=kernels,
+        choices=[Chosen(d.choice, d.taken, d.reason, dict(d.operations) or ABSENT) for d in choices],
+        missing=missing,
+        not_given_and_not_needed=spare,
+        given_without_effect=idle,
+        terms_counted=ledger.counted,
+        equation_36=subject.equation_36(ledger) or ABSENT,
+    )
+    return as_keys(found)
+
+
+def _built(subject: Subject) -> tuple[list[Kernel], list[Decision], list[str]]:
+    """Return the compiled programs and the decisions, or the data without which they cannot be made."""
+    try:
+        return subject.kernels(), subject.choices(), []
+    except SceneError as error:
+        if "missing" not in error.details:
+            raise
+        return [], [], list(error.details["missing"])
+
+
+def _ledger(subject: Subject, total: int) -> tuple[Ledger, int]:
+    """Return the ledger of the subject's equations, and the operations of code for any scene."""
+    problem = subject.problem
+    rows = problem.constraints.names if subject.redundant and not problem.dependent else None
+    here = Variant(
+        problem.scene,
+        build_model(problem.scene),
+        rows=rows,
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
+
+    def count(variant: Variant) -> int:
+        return count_operations(subject.outputs(variant.problem()))
+
+    everything = count(general(here))
+    return Ledger(here, total, count, everything * VARIANTS <= LARGEST), everything
+
+
+def _idle(subject: Subject) -> list[str]:
+    """Return given data of the links that have no effect."""
+    own = subject.problem
+
+    def outputs(model: Model) -> list[Scalar]:
+        return subject.outputs(Problem(own.scene, model=model, dependent=own.dependent, braces=own.braces))
+
+    return idle_constants(own.scene, outputs)
+
+
+def describe(problem: Problem, redundant: Sequence[str]) -> str:
+    """Return the mechanism in a few words."""
+    model = problem.model
+    parts = [plural(len(model.bodies), "moving body"), plural(len(model.joint_names), "joint")]
+    if model.closures:
+        rows, given = len(problem.independent_rows.rows), problem.constraints
+        every = len(given.rows) + len(given.dropped) + (0 if problem.dependent else len(redundant))
+        parts += [plural(len(model.loops), "loop")] if model.loops else []
+        parts += [plural(len(model.couplers), "coupler")] if model.couplers else []
+        parts.append(f"{plural(rows, 'constraint row')} of {every}")
+    else:
+        branching = len({b.parent for b in model.bodies}) < len(model.bodies)
+        parts.append("an open tree" if branching else "an open chain")
+    if fixed := sum(j.type == "fixed" for j in problem.scene.robot.joints):
+        parts.append(f"{plural(fixed, 'fixed link')} merged into the parent")
+    return ", ".join(parts)

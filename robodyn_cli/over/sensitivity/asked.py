@@ -1,0 +1,186 @@
+"""What is asked of a sensitivity: outputs of a scene's command, and keys that they may depend on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+
+from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import Model
+from robodyn_cli.model.places import numbers_at_places, with_free
+from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
+from robodyn_cli.over.study.row import Rows, Task
+from robodyn_cli.over.study.study import COMMANDS, run_nominal
+from robodyn_cli.over.study.units import unit_of_output
+from robodyn_cli.record import record
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.text.nodes import Scalar, located
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.units import in_joint, node_at, refuse_doubles, unit_of
+
+NEARBY = 1e-3  # part of a key's value by which it is changed to see whether the scene takes other numbers
+
+
+@record
+class Asked:
+    """Derivatives that make sense to ask for.
+
+    task : the command, the keys and the outputs. keys : what each key is. values : of the keys, in SI units. nominal :
+    the run of the scene as it stands. units, output_units : of keys and outputs.
+    """
+
+    task: Task
+    keys: tuple[Key, ...]
+    values: tuple[float, ...]
+    nominal: Rows
+    units: tuple[str, ...]
+    output_units: tuple[str, ...]
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The scene as it stands, whose keys are numbers even where they are zero, a default or an angle."""
+        return self._free(self.task.family.own)
+
+    def _free(self, scene: Scene) -> Scene:
+        return with_free(scene, self.freed)
+
+    @property
+    def freed(self) -> frozenset[str]:
+        """Places of the keys that may be numbers of the equations."""
+        return frozenset(key.place or key.name for key in self.keys if key.sort in (NUMBER, STRUCTURE))
+
+    @property
+    def outputs(self) -> list[float]:
+        """The outputs of the scene as it stands."""
+        found: list[float] = self.nominal.rows["outputs"][0].tolist()
+        return found
+
+    @property
+    def errors(self) -> list[float]:
+        """Their estimated errors, nan where the run tells none."""
+        found: list[float] = self.nominal.rows["errors"][0].tolist()
+        return found
+
+    def changed(self, numbers: Iterable[int], part: float) -> Scene:
+        """Return the scene with some keys, by number, changed by a part of their values; numbers of formulas stay."""
+        values = {self.task.keys[k]: self.values[k] + part * (abs(self.values[k]) or 1.0) for k in numbers}
+        settable = {name: value for name, value in values.items() if "#" not in name}
+        return self._free(self.task.family.scene(settings(list(settable), settable.values())))
+
+    def places(self, numbers: Iterable[int]) -> list[str]:
+        """Return the places of some keys, empty of keys that are no numbers of the equations."""
+        found = [self.keys[k].place or self.keys[k].name for k in numbers]
+        return [place if place in self.placed else "" for place in found]
+
+    @cached_property
+    def placed(self) -> dict[str, float]:
+        """The numbers that enter the equations, by place."""
+        return numbers_at_places(self.scene)
+
+
+def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> Asked:
+    """Check what is asked for, and run the scene once as it stands.
+
+    Raises
+    ------
+    SceneError : the scene names no command, or fails; a key does not exist, has no number, or takes no others; an
+        output is not in the summary, or is no number.
+    """
+    scene = family.own
+    if scene.command not in COMMANDS:
+        what = "is missing" if scene.command is None else f"is {scene.command}"
+        raise SceneError(
+            f"{family.path}: key 'command' {what}: it says whose summary is meant; allowed: {', '.join(COMMANDS)}",
+            file=family.path, key="command",
+        )  # fmt: skip
+    if not to:
+        raise SceneError(
+            f"{family.path}: no key is named that varies; give --to KEY, e.g. robot.links.NAME.mass"
+        )
+    refuse_doubles(family.root, [key for key in to if "#" not in key], "--to")
+    placed = numbers_at_places(scene)
+    found = [_of_formula(name, placed) if "#" in name else _of_key(family, name) for name in to]
+    task = Task(family, scene.command, tuple(to), tuple(dict.fromkeys(of)))
+    nominal = run_nominal(task, "--of")
+    for reason in nominal.reasons.values():
+        raise SceneError(
+            f"{family.path}: the scene as it stands fails, so nothing has a derivative: {reason}"
+        )
+    model = build_model(scene)
+    return Asked(
+        task, tuple(key for key, _ in found), tuple(value for _, value in found), nominal,
+        tuple(_unit(family, key, model) for key, _ in found),
+        tuple(unit_of_output(name, model) for name in task.outputs),
+    )  # fmt: skip
+
+
+def _unit(family: Family, key: Key, model: Model) -> str:
+    """Return the unit of a key; nothing where it is not known."""
+    if key.sort == START:
+        group, _, column = key.place.partition(".")
+        names, units, rate = (
+            (model.q_names, model.q_units, "") if group == "q" else (model.v_names, model.v_units, "/s")
+        )
+        return units[names.index(column)] + rate
+    if "#" in key.name:
+        return ""
+    scene = family.own
+    named = ".".join(_joint_names(scene, key.name.split(".")))
+    driven = scene.control.joints if scene.control is not None and named.startswith("control.") else ()
+    return in_joint(unit_of(family.root, key.name), named, dict(zip(model.v_names, model.v_units)), driven)
+
+
+def _joint_names(scene: Scene, steps: Sequence[str]) -> list[str]:
+    """Return the steps of a key with joints by name."""
+    found = list(steps)
+    if found[:2] == ["robot", "joints"] and len(found) > 2 and found[2].isdecimal():
+        found[2] = scene.robot.joints[int(found[2])].name
+    return found
+
+
+def _of_key(family: Family, name: str) -> tuple[Key, float]:
+    """Return what a key is, and its value in the scene as it stands.
+
+    Raises
+    ------
+    SceneError : it does not exist, has no number there, or does not take others nearby.
+    """
+    node, refused = node_at(family.root, name), None
+    try:
+        key, value = understand(family, name), value_of(family, name)
+        if value is not None:
+            family.scene([setting(name, value + NEARBY * (value or 1.0))])
+            return key, value
+    except SceneError as error:
+        refused = error
+    if refused is not None and (
+        node is None or (isinstance(node, Scalar) and isinstance(node.value, (int, float)))
+    ):
+        # the key does not exist, or takes whole numbers alone; told without the value that it was tried with
+        head, _, rest = refused.message.partition(": ")
+        text = rest if head.startswith("--set ") else refused.message
+        raise SceneError(f"--to {name}: {text}", **refused.details) from refused
+    text = (
+        "the scene has no number there; allowed: a key with a number, or KEY#n, the n-th number of a formula"
+    )
+    if node is None:
+        raise SceneError(f"{family.path}: --to {name}: {text}", file=family.path, key=name)
+    raise located(node, name, text)
+
+
+def _of_formula(name: str, placed: dict[str, float]) -> tuple[Key, float]:
+    """Return a number of a formula: KEY#n, counted from 1.
+
+    Raises
+    ------
+    SceneError
+    """
+    if name not in placed:
+        known = [place for place in placed if "#" in place]
+        raise SceneError(
+            f"--to {name}: no formula has such a number{did_you_mean(name, known)}; allowed: "
+            + (", ".join(known) if known else "none, since the scene has no formulas with numbers"),
+            key=name,
+        )
+    return Key(name, NUMBER, name), placed[name]

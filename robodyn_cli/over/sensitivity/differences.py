@@ -1,0 +1,109 @@
+"""Derivatives by central differences with Richardson's extrapolation, for what has no exact ones.
+
+    D(h) = (y(k + h) - y(k - h)) / 2 h = y' + c_2 h^2 + c_4 h^4 + ...
+
+Each column of the table takes one more power out (Ridders 1982, "Accurate computation of F'(x) and F'(x) F''(x)", Adv.
+Eng. Software 4). The entry is taken whose estimated error is smallest: how it differs from its neighbours, and what the
+errors of the runs leave in it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.over.many.structure import times_vary
+from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.slope import DIFFERENCES, Slope
+from robodyn_cli.over.study.row import Points, Task
+from robodyn_cli.over.study.runs import run_points
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+WIDEST = 1e-2  # part of a key's value by which it is changed at most
+NARROWER = 4.0  # from one change to the next
+LEVELS = 5
+ROUNDING = 2e-16  # of an output, which no run tells
+SIDES = (1.0, -1.0)
+IN_FORMULA = "a number of a formula varies in exact derivatives only; make it one of `parameters`"
+
+
+def differences(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+    """Return the derivatives of all outputs by some keys, which are named by their numbers."""
+    in_formulas = [k for k in keys if "#" in asked.task.keys[k]]  # no option sets them
+    found = {
+        k: [Slope(math.nan, math.nan, DIFFERENCES, IN_FORMULA)] * len(asked.outputs) for k in in_formulas
+    }
+    others = [k for k in keys if k not in in_formulas]
+    # keys that may move times keep runs out of compiled code
+    for moves in (False, True):
+        if some := [k for k in others if times_vary([asked.keys[k]]) == moves]:
+            found.update(_together(asked, some, jobs))
+    return found
+
+
+def _together(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+    """Return the derivatives by some keys, from runs of one study."""
+    task = Task(
+        asked.task.family, asked.task.command, tuple(asked.task.keys[k] for k in keys), asked.task.outputs
+    )
+    points = np.tile([asked.values[k] for k in keys], (len(keys), LEVELS, 2, 1))
+    for place, k in enumerate(keys):
+        widest = WIDEST * (abs(asked.values[k]) or 1.0)
+        points[place, :, :, place] += np.outer(widest / NARROWER ** np.arange(LEVELS), SIDES)
+    numbers = np.arange(points.size // len(keys))
+    made = run_points(task, Points(numbers, points.reshape(-1, len(keys))), jobs)
+    rows = np.empty_like(made.rows)
+    rows[made.runs] = made.rows
+    found = {}
+    for place, (k, own) in enumerate(zip(keys, numbers.reshape(len(keys), LEVELS, 2))):
+        why = [made.reasons[run] for run in own.flat if run in made.reasons]
+        sides = Sides(points[place, :, :, place], rows[own], why[0] if why else "")
+        found[k] = [sides.slope(output) for output in range(len(task.outputs))]
+    return found
+
+
+@record
+class Sides:
+    """Runs on both sides of a key, from the widest step on: values and what they gave (LEVELS, 2); why one failed."""
+
+    values: Array
+    rows: NDArray[Any]
+    reason: str
+
+    def slope(self, output: int) -> Slope:
+        """Return the derivative of one output."""
+        y, told = self.rows["outputs"][:, :, output], self.rows["errors"][:, :, output]
+        good = ((self.rows["code"] == 0) & np.isfinite(y)).all(axis=1)
+        # runs at wide steps may fail, but what is extrapolated follows without a gap
+        first = LEVELS - int(np.argmin([*good[::-1], False]))
+        if LEVELS - first < 2:
+            return Slope(math.nan, math.nan, DIFFERENCES, self.reason or "the output is no number nearby")
+        steps = self.values[first:, 0] - self.values[first:, 1]
+        noise = np.maximum(np.nan_to_num(told[first:]), ROUNDING * np.abs(y[first:])).sum(axis=1)
+        value, error = extrapolated((y[first:, 0] - y[first:, 1]) / steps, noise / steps)
+        return Slope(float(value), float(error), DIFFERENCES)
+
+
+def extrapolated(raw: Array, noise: Array) -> tuple[Array, Array]:
+    """Return the best entry of the table that begins with central differences, and its estimated error.
+
+    Parameters
+    ----------
+    raw : differences (levels, ...), each with a step ``NARROWER`` times smaller than the one before. noise : what the
+        errors of the values leave in each.
+    """
+    best, least, column = raw[-1], np.full(raw.shape[1:], np.inf), raw
+    for power in range(1, len(raw)):
+        factor = NARROWER ** (2 * power)
+        finer = (factor * column[1:] - column[:-1]) / (factor - 1.0)
+        for k, value in enumerate(finer):
+            apart = np.maximum(np.abs(value - column[k]), np.abs(value - column[k + 1]))
+            error = apart + noise[k + power] * factor / (factor - 1.0)
+            best, least = np.where(error < least, value, best), np.minimum(error, least)
+        column = finer
+    return best, least

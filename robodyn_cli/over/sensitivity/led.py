@@ -1,0 +1,231 @@
+"""How the motion that a trajectory, a sweep or prescribed joints give changes with keys of the scene.
+
+What a trajectory asks at a sample is a formula of its own numbers; its derivatives are differences (``given_changes``).
+The joints follow from it by the implicit function theorem, level by level: with the rows F(q, t, k) = 0 of the loops
+and of what is led, and their rates,
+
+    J dq = -F_k,   J dv = -(J v)_q dq - (J v)_k,   J da = -(J v-dot + gamma)_q dq - (...)_v dv - (...)_k
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import position_rates
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of
+from robodyn_cli.given.motion import plan_motion
+from robodyn_cli.kernels.program import Program
+from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.differences import NARROWER, extrapolated
+from robodyn_cli.over.sensitivity.gradients import MotionGradients
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.guided import SINGULAR
+from robodyn_cli.spatial.algebra import Array, identity
+from robodyn_cli.trajectories.motion import TaskSpace
+
+WIDEST = 1e-3  # part of a key's value by which it is changed
+LEVELS = 3
+ROUNDED = 1e-14  # of the largest entry of an array
+JUMPS = 1e-5  # error of a derivative, of the largest one, beyond which what is asked jumps at a sample
+Arrays = Sequence[Array]
+
+
+def given_changes(asked: Asked, numbers: Sequence[int], give: Callable[[Scene], Arrays]) -> list[Array]:
+    """Return the derivatives (..., K) of arrays that a scene gives, by some of the keys.
+
+    Parameters
+    ----------
+    give : the arrays of a scene: formulas of its numbers, without anything that is solved.
+
+    Raises
+    ------
+    CapabilityError : an array jumps.
+    """
+    own = give(asked.scene)
+    found = [np.zeros((*x.shape, len(numbers))) for x in own]
+    settable = [k for k in numbers if "#" not in asked.task.keys[k]]
+    if not settable or _alike(own, give(asked.changed(settable, WIDEST))):
+        return found
+    for place, k in enumerate(numbers):
+        if k not in settable or _alike(own, give(asked.changed([k], WIDEST))):
+            continue
+        for array, slope in zip(found, _slopes(asked, k, give)):
+            array[..., place] = slope
+    return found
+
+
+def _slopes(asked: Asked, k: int, give: Callable[[Scene], Arrays]) -> list[Array]:
+    """Return the derivatives of arrays by one key."""
+    found = []
+    parts = [WIDEST / NARROWER**level for level in range(LEVELS)]
+    steps = [2.0 * part * (abs(asked.values[k]) or 1.0) for part in parts]
+    sides = [[give(asked.changed([k], way * part)) for way in (1.0, -1.0)] for part in parts]
+    for arrays in zip(*(zip(*pair) for pair in sides)):
+        raw = np.array([(a - b) / step for (a, b), step in zip(arrays, steps)])
+        size = max(float(np.abs(a).max(initial=0.0)) for pair in arrays for a in pair)
+        noise = np.array([np.full(raw[0].shape, ROUNDED * size / step) for step in steps])
+        slope, error = extrapolated(raw, noise)
+        if np.any(error > JUMPS * float(np.abs(slope).max(initial=0.0)) + noise[-1].max(initial=0.0)):
+            raise CapabilityError("what the trajectory asks jumps at a sample when the key changes")
+        found.append(slope)
+    return found
+
+
+def _alike(one: Arrays, two: Arrays) -> bool:
+    return all(x.shape == y.shape and np.array_equal(x, y) for x, y in zip(one, two))
+
+
+@record
+class Course:
+    """What a scene asks of its motion at times (T,): of the joints or the point that lead, or of all joints."""
+
+    problem: Problem
+    times: Array
+    lead: Lead | None
+
+    @staticmethod
+    def of(problem: Problem, times: Array, lead: Lead | None) -> Course:
+        """Return it; without a ``lead`` the trajectory leads an open chain, a point of it or all joints."""
+        point = lead is None and isinstance(problem.scene.trajectory, TaskSpace)
+        return Course(problem, times, lead_of(problem) if point else lead)
+
+    @property
+    def arrays(self) -> list[Array]:
+        """The times, and positions or values, rates and accelerations (T, k) that are asked for."""
+        if self.lead is not None:
+            return [self.times, *self.lead.asked(self.times)]
+        found = plan_motion(self.problem, self.times).motion
+        return [self.times, found.q, found.qd, found.qdd]
+
+
+class Led:
+    """The derivatives of the motion that a scene asks for, by some keys, which are named by their numbers.
+
+    Parameters
+    ----------
+    course_of : what a scene asks for.
+
+    Raises
+    ------
+    CapabilityError : an operation, or a number, has no derivative.
+    """
+
+    def __init__(
+        self, asked: Asked, scene: Scene, numbers: Sequence[int], course_of: Callable[[Scene], Course]
+    ) -> None:
+        self.asked, self.numbers, self.course_of = asked, numbers, course_of
+        self.course = course_of(scene)
+        self.places = asked.places(numbers)
+        self.motion: LedMotion | None = None
+        if self.course.lead is not None:
+            self.motion = LedMotion(self.course.problem, self.course.lead, self.course.times, self.places)
+
+    @property
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [] if self.motion is None else [self.motion.gradients.program]
+
+    def moved(self, groups: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the derivatives (T, n, K) of t, q, v and v-dot along a motion."""
+        if self.motion is None and any(place.startswith("prescribed.") for place in self.places):
+            raise CapabilityError(
+                "a prescribed motion changes, and only those of trajectories have exact derivatives"
+            )
+        dt, *given = given_changes(self.asked, self.numbers, lambda scene: self.course_of(scene).arrays)
+        if self.motion is None:
+            return {"t": dt[:, None], **dict(zip(("q", "v", "a"), given))}
+        return self.motion.changes(groups, dt[:, None], [*given, self.course.arrays[1]])
+
+
+class LedMotion:
+    """The derivatives of a motion that conditions determine.
+
+    Raises
+    ------
+    CapabilityError : an operation, or a number, has no derivative.
+    """
+
+    def __init__(self, problem: Problem, lead: Lead, times: Array, places: Sequence[str]) -> None:
+        self.conditions, self.nv = LoopConditions(problem, lead, times), problem.model.nv
+        if lead.led is None and not set(lead.joints) <= set(lead.positions):
+            raise CapabilityError("attitudes of joints are led")
+        levels = dict(zip((*LEVELS_OF, "J"), self.conditions.levels()))
+        self.gradients = MotionGradients(problem, {**levels, "N": velocity_map(problem)}, places)
+
+    def changes(self, groups: Mapping[str, Array], dt: Array, asked: Arrays) -> dict[str, Array]:
+        """Return the derivatives (T, n, K) of t, q, v and v-dot.
+
+        Parameters
+        ----------
+        groups : the motion. dt : of the times of the samples (T, 1, K). asked : of the values, rates and accelerations
+            that are asked for (T, k, K), and these values (T, k) themselves.
+
+        Raises
+        ------
+        CapabilityError : the conditions do not determine the motion.
+        """
+        conditions, along = self.conditions, self.gradients(groups)
+        sizes = conditions.sizes[:, None]
+        J = along["J"].reshape(len(dt), -1, self.nv) * conditions.lengths / sizes
+        s = np.linalg.svd(J, compute_uv=False)
+        if s.shape[1] < self.nv or np.any(s[:, -1] < SINGULAR * s[:, 0]):
+            raise CapabilityError("what is led leaves joints free, which go the way with the least rates")
+        back = conditions.lengths[:, None] * np.linalg.pinv(J)
+        moved = {"t": dt}
+        N = along["N"].reshape(len(dt), -1, self.nv)
+        for level, (name, group) in enumerate(LEVELS_OF.items()):
+            rows = self._rows(along[name], along.change(name, moved))
+            if conditions.led:
+                rows[:, -conditions.led :] -= self._asked_rows(asked, level)
+            step = -(back @ (rows / sizes))
+            moved[group] = N @ step if level == 0 else step
+        return moved
+
+    def _rows(self, values: Array, change: Array) -> Array:
+        """Return the change of the rows (T, m, K): of a pose that of its attitude as a rotation; none of led joints."""
+        conditions = self.conditions
+        m, led = len(conditions.names), conditions.lead.led
+        if led is None and change.shape[1] < m:
+            joints = np.zeros((len(change), m - change.shape[1], change.shape[2]))
+            return np.concatenate([change, joints], axis=1)
+        if change.shape[1] == m:
+            return change
+        return np.concatenate([change[:, : m - 3], _turned(values[:, m - 3 :], change[:, m - 3 :])], axis=1)
+
+    def _asked_rows(self, asked: Arrays, level: int) -> Array:
+        """Return the change of what is asked for, in rows (T, led, K)."""
+        change, lead = asked[level], self.conditions.lead
+        if level:
+            return change
+        if lead.led is None:
+            return change[:, [lead.positions.index(name) for name in lead.joints]]
+        if not lead.led.oriented:
+            return change
+        return np.concatenate([change[:, :-AXES], _turned(asked[3][:, -AXES:], change[:, -AXES:])], axis=1)
+
+
+AXES = 9  # of a pose, at the end of its values
+LEVELS_OF = {"values": "q", "rates": "v", "accelerations": "a"}  # names of levels, and what each determines
+
+
+def velocity_map(problem: Problem) -> list[Scalar]:
+    """Return N (nq nv,) of q-dot = N v, row by row."""
+    columns = [position_rates(problem.model, problem.q, unit) for unit in identity(problem.model.nv)]
+    return [column[i] for i in range(problem.model.nq) for column in columns]
+
+
+def _turned(R: Array, change: Array) -> Array:
+    """Return w (T, 3, K) of a change of axes: dR R^T = [w x]."""
+    R = R.reshape(-1, 3, 3)
+    dR = np.moveaxis(change.reshape(len(R), 3, 3, -1), 3, 1)
+    W = dR @ np.swapaxes(R, 1, 2)[:, None]
+    w = np.stack(
+        [W[..., 2, 1] - W[..., 1, 2], W[..., 0, 2] - W[..., 2, 0], W[..., 1, 0] - W[..., 0, 1]], axis=1
+    )
+    return 0.5 * w

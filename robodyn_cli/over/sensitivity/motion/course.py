@@ -1,0 +1,250 @@
+"""The course of a motion as its variational equations see it: smooth stretches, and the switches between them."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.equations.discontinuities import is_of_time
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
+from robodyn_cli.motion.method import supervisor_for
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.second_run import watched_again
+from robodyn_cli.over.sensitivity.motion.blocks import NEW
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+# part of the time by which samples stay on their own side of a switch; S changes by about as little over it
+BESIDE = 1e-10
+SHORTEST = 1e-3  # part of the way between switches: a shorter step is no part of its own
+
+
+@record
+class Switch:
+    """A time [s] at which the rates may jump, and the functions that may be zero there, in the integrator's symbols.
+
+    of_state : whether the motion comes to the switch, or the clock. update : number and phase of the update of a
+    sampled controller at that time, None where there is none.
+    """
+
+    time: float
+    functions: tuple[Scalar, ...]
+    of_state: bool
+    update: tuple[int, int] | None = None
+
+
+@record
+class Course:
+    """Samples of a motion, part by part: times (N,), states (N, nx), and how many each part has, 8 blocks + 1.
+
+    switched : the parts that a switch comes before.
+    """
+
+    t: Array
+    x: Array
+    samples: tuple[int, ...]
+    switched: tuple[int, ...]
+
+
+def refuse(motion: Motion) -> None:
+    """Refuse motions that jump, or whose controller has no derivative.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if motion.problem.contact_joints:
+        raise CapabilityError("joints stick, slip or meet rigid stops")
+    control = motion.problem.control
+    if control is None:
+        return
+    if control.function is not None:
+        raise CapabilityError("a function in Python controls the motion")
+    if control.controller.sensors.resolution:
+        raise CapabilityError("encoders round what the controller sees")
+
+
+def switches_of(motion: Motion, end: float) -> list[Switch]:
+    """Return the switches of a motion before ``end`` [s], in order.
+
+    Raises
+    ------
+    CapabilityError : the motion leaps over a singular pose.
+    """
+    switching, t = motion.problem.switching, motion.problem.t
+    of_time = tuple(g for _, g in switching.switches if is_of_time(g, t)) if motion.system.breakpoints else ()
+    found = [Switch(time, of_time, False) for time in motion.system.breakpoints if 0.0 < time < end]
+    found = sorted([*found, *_met(motion, end), *_updates(motion, end)], key=lambda switch: switch.time)
+    return _together(found, 4.0 * BESIDE * end)
+
+
+def _updates(motion: Motion, end: float) -> list[Switch]:
+    """Return the updates of a sampled controller behind t = 0, whose first belongs to the start."""
+    updates = motion.system.updates
+    found: list[Switch] = []
+    time = 0.0
+    while updates is not None:
+        number, phase, time = updates.after(time)
+        if time >= end * (1.0 - 4.0 * BESIDE):
+            break
+        found.append(Switch(time, (), False, (number, phase)))
+    return found
+
+
+def _together(switches: Sequence[Switch], near: float) -> list[Switch]:
+    """Return switches with those by the clock that come at one time as one."""
+    found: list[Switch] = []
+    for switch in switches:
+        last = found[-1] if found else None
+        if last is None or switch.time - last.time > near or last.of_state or switch.of_state:
+            found.append(switch)
+            continue
+        if last.update is not None and switch.update is not None:
+            raise CapabilityError("two updates of the controller come at one time")
+        both = last.functions + switch.functions
+        found[-1] = dataclasses.replace(last, functions=both, update=last.update or switch.update)
+    return found
+
+
+def _met(motion: Motion, end: float) -> list[Switch]:
+    """Return the switches that depend on the state, by integrating the motion."""
+    system, watchers = watched_again(motion)
+    if all(e.kind is EventKind.REPARTITION for e in system.events):
+        return []
+    found: list[Switch] = []
+    noting = {id(e.owner): _Noting(e.owner, found) for e in system.events if e.owner is not None}
+
+    def owner_of(function: EventFunction) -> Owner | None:
+        return function.owner if function.kind is EventKind.REPARTITION else noting.get(id(function.owner))
+
+    driver = Driver(
+        system.watched_by(owner_of), motion.choice.method, motion.options, watchers,
+        supervisor_for(motion.choice),
+    )  # fmt: skip
+    driver.start(0.0, motion.start)
+    driver.run(end, Grid(end, 0.0, 0), lambda t, x: None)
+    return [switch for switch in found if 0.0 < switch.time < end]
+
+
+class _Noting:
+    """Notes the events of another owner."""
+
+    def __init__(self, owner: Owner, found: list[Switch]) -> None:
+        self.owner, self.found = owner, found
+
+    def handle(self, event: Event) -> Outcome:
+        outcome = self.owner.handle(event)
+        if isinstance(outcome, (Jump, Leap)):
+            raise CapabilityError("the motion leaps or jumps on its way")
+        if event.function.is_discontinuity:
+            self.found.append(Switch(event.time, (event.function.value,), True))
+        return outcome
+
+    def again(self) -> Owner | None:
+        return self.owner.again()
+
+
+class _Steps:
+    """Notes the times at which steps end; changes the method as another supervisor does."""
+
+    def __init__(self, other: Supervisor | None) -> None:
+        self.other = other
+        self.times: list[float] = []
+        self.steps = 1
+
+    def reconsider(self, driver: Driver) -> MethodChange | None:
+        self.times.append(driver.time)
+        self.steps = driver.attempts + 1
+        asks = None if self.other is None else self.other.steps
+        if asks is None or driver.attempts < asks:
+            return None
+        assert self.other is not None
+        return self.other.reconsider(driver)
+
+
+def step_times(motion: Motion, end: float) -> list[float]:
+    """Return the times [s] at which the integrator's steps end, up to ``end``."""
+    driver, watch = _again(motion, motion.options)
+    steps = driver.supervisor = _Steps(driver.supervisor)
+    driver.start(0.0, motion.start)
+    driver.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=watch)
+    return list(dict.fromkeys(time for time in steps.times if 0.0 < time < end))
+
+
+def _again(motion: Motion, options: Options) -> tuple[Driver, bool]:
+    """Return the driver of another integration, and whether it has events to watch."""
+    system, watchers = watched_again(motion)
+    watch = any(e.kind is not EventKind.REPARTITION for e in system.events)
+    own = system if watch else motion.system  # whose code is there
+    return Driver(own, motion.choice.method, options, watchers, supervisor_for(motion.choice)), watch
+
+
+def follow(
+    motion: Motion, options: Options, parts: Sequence[tuple[float, float, bool]], blocks: int
+) -> Course:
+    """Integrate a motion from its start and return samples of its smooth parts.
+
+    Parameters
+    ----------
+    parts : where each begins and ends [s], and whether a switch comes before. blocks : of samples in each part.
+    """
+    driver, watch = _again(motion, options)
+    driver.start(0.0, motion.start)
+    times, states = [], []
+    for first, last, switched in parts:
+        if switched:
+            driver.run(first, Grid(first, 0.0, 0), lambda t, x: None, watch=watch)
+        grid = Grid(first, (last - first) / (NEW * blocks), NEW * blocks + 1, last)
+        times.append(grid.times(0, grid.count))
+        states.append(_samples(driver, grid, watch))
+    switches = tuple(k for k, (_, _, switched) in enumerate(parts) if switched)
+    return Course(np.concatenate(times), np.concatenate(states), tuple(map(len, times)), switches)
+
+
+def _samples(driver: Driver, grid: Grid, watch: bool) -> Array:
+    """Return the states at all samples of a grid that ends where the run is to go."""
+    states = driver.samples(float(grid.times(grid.count - 1, grid.count)[0]), grid, watch)
+    if len(states) != grid.count:
+        raise CapabilityError("the motion ends on the way")
+    return states
+
+
+def parts_of(
+    end: float, switches: Sequence[Switch], steps: Sequence[float]
+) -> list[tuple[float, float, bool]]:
+    """Return the smooth parts of a motion, as ``follow`` takes them: steps, ending a little beside the switches."""
+    beside = BESIDE * end
+    found: list[tuple[float, float, bool]] = []
+    begin, switched = 0.0, False
+    for k in range(len(switches) + 1):
+        stop = switches[k].time - beside if k < len(switches) else end
+        if stop <= begin:
+            raise CapabilityError("switches follow one another at once")
+        margin = SHORTEST * (stop - begin)
+        inner = [time for time in steps if begin + margin < time < stop - margin]
+        bounds = [begin, *inner, stop]
+        found += [(a, b, switched and a == begin) for a, b in zip(bounds, bounds[1:])]
+        begin, switched = stop + 2.0 * beside, True
+    return found
+
+
+def plain_states(system: System, plain: System, x: Array) -> Array:
+    """Return states x (T, nx) of a motion's system as states of the same equations without work."""
+    q, v, z = system.split(x)
+    found = np.zeros((len(x), plain.size))
+    found[:, list(plain.q_places)], found[:, list(plain.v_places)] = q, v
+    found[:, list(further_places(plain))] = z[:, : plain.further]
+    return found
+
+
+def further_places(plain: System) -> Sequence[int]:
+    """Return the places in x of the states beside q and v: those of a controller."""
+    return range(plain.nq + plain.nv, plain.size) if plain.layout is None else plain.layout.z

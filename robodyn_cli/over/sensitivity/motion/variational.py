@@ -1,0 +1,158 @@
+"""The variational equations of a motion: how its states change with keys of the scene.
+
+    x-dot = f(t, x, k),  S = dx/dk:  S-dot = f_x S + f_k
+
+(Hairer, Norsett and Wanner 1993, "Solving Ordinary Differential Equations I", section I.14). The equations are those
+without any stabilisation: the loops hold for all k, so S satisfies their derivatives by itself.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.formulations.build import build_system
+from robodyn_cli.formulations.system import System
+from robodyn_cli.kernels.program import Program, make_program
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.over.sensitivity.gradients import Columns, Gradients, at_one_point
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+
+@record
+class Slopes:
+    """Expressions at one point: values (n,), derivatives by the state (n, nx), by keys (n, K), by time (n,)."""
+
+    values: Array
+    state: Array
+    keys: Array
+    time: Array
+
+
+@record
+class Point:
+    """A point of a motion: time t, x (nx,), x-dot, S (nx, K), and the rates of x-dot and S."""
+
+    t: float
+    x: Array
+    rate: Array
+    S: Array
+    rate_rate: Array
+    S_rate: Array
+
+    def moved(self, dt: float) -> Point:
+        """Return the point a very short time later."""
+        x, rate, S = self.x + dt * self.rate, self.rate + dt * self.rate_rate, self.S + dt * self.S_rate
+        return dataclasses.replace(self, t=self.t + dt, x=x, rate=rate, S=S)
+
+
+@record
+class Linearised:
+    """Equations at times t (T,) and states x (T, nx): x-dot (T, nx), and for the rates of v and z their derivatives by
+    the state, A (T, nr, nx), by keys, B (T, nr, K), and by time (T, nr).
+
+    nq : positions, which lead x.
+    """
+
+    t: Array
+    x: Array
+    rate: Array
+    A: Array
+    B: Array
+    time: Array
+    nq: int
+
+    def point(self, k: int, S: Array) -> Point:
+        """Return sample k as a point of the motion with S = dx/dk there."""
+        rate, lead = self.rate[k], slice(self.nq, 2 * self.nq)
+        rate_rate = np.concatenate([rate[lead], self.A[k] @ rate + self.time[k]])
+        S_rate = np.concatenate([S[lead], self.A[k] @ S + self.B[k]])
+        return Point(float(self.t[k]), self.x[k], rate, S, rate_rate, S_rate)
+
+
+class Variational:
+    """The equations of a motion with their derivatives by the state and by numbers at places of the scene.
+
+    Parameters
+    ----------
+    places : of the numbers, such as ``robot.links.link1.mass``; an empty one stands for a key that is no number of the
+        equations.
+
+    Raises
+    ------
+    CapabilityError : an operation, or a number, has no derivative.
+    """
+
+    def __init__(self, motion: Motion, places: Sequence[str]) -> None:
+        self.system = _plain(motion)
+        self.keys = len(places)
+        self._places = tuple(places)
+        self._known: dict[tuple[int, ...], tuple[Any, ...]] = {}  # gradients, by the identity of expressions
+        rates = self.system.rates
+        self._rates = Gradients({"f": rates}, self._columns(rates), STATE_GROUPS)
+
+    def _columns(self, outputs: Sequence[Scalar]) -> Columns:
+        """Return what expressions are differentiated by: the state, time, then the keys."""
+        system, n = self.system, self.system.size
+        first = {"q": 0, "v": system.nq, "z": system.nq + system.nv, "t": n}
+        symbols = [e for e in free_symbols(outputs) if e.value[1] in first]
+        return Columns({e.index: first[e.value[1]] + e.value[2] for e in symbols}, n + 1, self._places)
+
+    def along(self, t: Array, x: Array) -> Linearised:
+        """Return the equations linearised at times t (T,) and states x (T, nx).
+
+        Raises
+        ------
+        CapabilityError : something there is not finite.
+        """
+        system, n = self.system, self.system.size
+        f, J = self._evaluate(t, x)
+        rate = np.concatenate([x[:, system.nq : system.nq + system.nv], f], axis=1)
+        if not (np.isfinite(J).all() and np.isfinite(rate).all()):
+            raise CapabilityError("derivatives along the motion are not finite")
+        return Linearised(t, x, rate, J[:, :, :n], J[:, :, n + 1 :], J[:, :, n], system.nq)
+
+    def _evaluate(self, t: Array, x: Array) -> tuple[Array, Array]:
+        """Return the rates of v and z (T, nr), and their derivatives."""
+        partition = self.system.partition
+        if partition is None:
+            return self._rates(len(t), self.system.own_groups(t, x, np.zeros(0)))["f"]
+        # accelerations on the constraints do not depend on the combination of dependent rows, if only it has full rank
+        parts = []
+        for k in range(len(t)):
+            p = np.zeros(partition.first + partition.count)
+            p[partition.first :] = partition.choose(float(t[k]), self.system.split(x[k])[0], None)
+            parts.append(self._rates(1, self.system.own_groups(t[k : k + 1], x[k : k + 1], p))["f"])
+        return np.concatenate([f for f, _ in parts]), np.concatenate([J for _, J in parts])
+
+    def slopes(self, outputs: Sequence[Scalar], t: float, x: Array, **more: Array) -> Slopes:
+        """Return the derivatives of expressions of the integrator's symbols at time t and state x (nx,).
+
+        more : values of symbols that nothing is differentiated by, by group.
+        """
+        n = self.system.size
+        identity = tuple(map(id, outputs))
+        if identity not in self._known:
+            self._known[identity] = outputs, at_one_point(outputs, self._columns(outputs))
+        _, function = self._known[identity]
+        values, J = function({**self.system.own_groups([t], x, np.zeros(0)), **more})
+        return Slopes(values, J[:, :n], J[:, n + 1 :], J[:, n])
+
+
+def programs_of(motion: Motion) -> list[Program]:
+    """Return the code of the rates of a motion, and of what a sampled controller sets."""
+    system = _plain(motion)
+    updates = () if system.updates is None else system.updates.programs
+    return [make_program({"f": system.rates}, STATE_GROUPS), *updates]
+
+
+def _plain(motion: Motion) -> System:
+    """Return the equations of a motion as they are: no stabilisation, no events, no work."""
+    return build_system(motion.problem, "none", work=False, expanded=True)

@@ -1,0 +1,150 @@
+"""The result of sensitivities: derivatives with their errors, ranked by how much a part of a key moves an output."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from robodyn_cli.over.sensitivity.slope import EXACT, Slope, why_not
+from robodyn_cli.over.sensitivity.slopes import Sensitivities
+from robodyn_cli.record import record
+from robodyn_cli.results.columns import UNKNOWN
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT, Absent
+
+
+@record
+class Number:
+    """A key or an output as it stands: its value in SI units, its estimated error where it has one, its unit."""
+
+    value: float
+    unit: str
+    error: float | Absent | None = ABSENT
+
+
+@record
+class SlopeKeys:
+    """d output / d key with its estimated error and unit.
+
+    normalised : key / output times it; None where either is zero, and 0 where the derivative is less than its error.
+    method : ``exact`` or ``differences``. reason : why there is none, or none that is exact.
+    """
+
+    derivative: float | None
+    error: float | None
+    unit: str
+    normalised: float | None
+    method: str
+    reason: str | Absent = ABSENT
+
+
+@record
+class SensitivitySummary:
+    """Keys of the summary; the keys of each output are in the order of their normalised derivatives."""
+
+    of: str
+    outputs: dict[str, Number]
+    keys: dict[str, Number]
+    sensitivities: dict[str, dict[str, SlopeKeys]]
+    seconds: float
+
+
+def report(found: Sensitivities, seconds: float) -> Result:
+    """Return the result: for each output its derivatives by the keys, their errors, and which are exact."""
+    asked = found.asked
+    task = asked.task
+    result = Result("sensitivity", asked.scene.title or task.command, "ok", asked.scene.text)
+    labelled = {"dims": ("key",), "names": task.keys}
+    result.add(
+        "keys/value", asked.values, units="SI", long_name="value of each key",
+        column_units=tuple(unit or "1" for unit in asked.units), **labelled,
+    )  # fmt: skip
+    for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes)):
+        units = tuple(quotient(asked.output_units[k], unit) for unit in asked.units)
+        value = asked.outputs[k]
+        columns = {
+            "derivatives": [s.value for s in slopes],
+            "derivative_errors": [s.error for s in slopes],
+            "normalised": [_nan(normalised(s, key, value)) for s, key in zip(slopes, asked.values)],
+            "exact": [float(s.method == EXACT) for s in slopes],
+        }
+        for group, (meaning, own) in MEANINGS.items():
+            result.add(
+                f"{group}/{name}", columns[group], units="1" if own else "SI", long_name=meaning.format(name),
+                column_units=() if own else units, **labelled,
+            )  # fmt: skip
+    result.summarise(
+        SensitivitySummary(
+            of=task.command,
+            outputs={
+                name: Number(y, unit, None if math.isnan(error) else error)
+                for name, y, unit, error in zip(task.outputs, asked.outputs, asked.output_units, asked.errors)
+            },
+            keys={name: Number(x, unit) for name, x, unit in zip(task.keys, asked.values, asked.units)},
+            sensitivities={
+                name: _ranked(found, k, slopes)
+                for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes))
+            },
+            seconds=seconds,
+        )
+    )
+    return result
+
+
+# of datasets: what they hold, and whether they are plain numbers
+MEANINGS = {
+    "derivatives": ("derivative of {} by each key", False),
+    "derivative_errors": ("estimated error of the derivative of {} by each key", False),
+    "normalised": ("derivative of {} by each key times the key over the output", True),
+    "exact": ("1 where the derivative of {} is exact, 0 where it is by differences", True),
+}
+
+
+def _ranked(found: Sensitivities, output: int, slopes: Sequence[Slope]) -> dict[str, SlopeKeys]:
+    """Return the derivatives of one output by key, those first that move it most."""
+    asked = found.asked
+    value, name_of = asked.outputs[output], asked.task.outputs[output]
+    keys = {}
+    for k, (name, slope) in enumerate(zip(asked.task.keys, slopes)):
+        reason = slope.reason or ("" if slope.method == EXACT else found.obstacles.get(k, why_not(name_of)))
+        keys[name] = SlopeKeys(
+            derivative=_finite(slope.value),
+            error=_finite(slope.error),
+            unit=quotient(asked.output_units[output], asked.units[k]),
+            normalised=normalised(slope, asked.values[k], value),
+            method=slope.method,
+            reason=reason or ABSENT,
+        )
+    return dict(sorted(keys.items(), key=lambda item: _weight(item[1]), reverse=True))
+
+
+def _weight(slope: SlopeKeys) -> tuple[float, float]:
+    """Return by what derivatives are ranked: the normalised one, else the plain one."""
+    return abs(slope.normalised or 0.0), abs(slope.derivative or 0.0)
+
+
+def normalised(slope: Slope, key: float, output: float) -> float | None:
+    """Return (key / output) d output / d key, None where either is zero or there is no derivative."""
+    if not (key and output and math.isfinite(slope.value)):
+        return None
+    return slope.value * key / output if abs(slope.value) > slope.error else 0.0
+
+
+def quotient(unit: str, of: str) -> str:
+    """Return the unit of a derivative; ``SI`` where one of both is not known."""
+    if unit in ("", UNKNOWN) or of in ("", UNKNOWN):
+        return "SI"
+    if of == "1":
+        return unit
+    below = f"({of})" if " " in of or "/" in of else of
+    return f"{unit}/{below}"
+
+
+def _finite(x: float) -> float | None:
+    return x if math.isfinite(x) else None
+
+
+def _nan(x: float | None) -> float:
+    return np.nan if x is None else x

@@ -1,0 +1,197 @@
+"""The result of a study: its rows as datasets, and the summary."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.errors import ResultFileError
+from robodyn_cli.over.batch.stored import read_stored
+from robodyn_cli.over.study.rows import RowFile
+from robodyn_cli.over.study.samples import strata
+from robodyn_cli.over.study.spread import MOST, Blocks, Moments, Spread, quantiles
+from robodyn_cli.over.study.statistics import Index, Influence, Share, influences, share, sobol
+from robodyn_cli.over.study.study import Study
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT, Absent, as_keys
+from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from robodyn_cli.results.hdf5.writer import ResultWriter
+
+DIGEST = "study_digest"  # attribute of the file
+
+
+@record
+class Case:
+    """One run: its number, why it is named, its values and the command that repeats it."""
+
+    run: int
+    why: str
+    values: dict[str, float]
+    command: str
+
+
+@record
+class InputKeys:
+    """A key that varies: as it was asked for, and its unit."""
+
+    spec: str
+    unit: str
+
+
+@record
+class StudySummary:
+    """Keys of the summary of a study, in their order; ``yield``, a word of Python, is added where there is one.
+
+    failures : number of runs by exit code. cases : extremes and first failures.
+    """
+
+    runs: int
+    of: str
+    sampler: str | Absent
+    seed: int | Absent
+    inputs: dict[str, InputKeys]
+    results: dict[str, Spread | None]
+    failures: dict[str, int]
+    failed: Share
+    cases: list[Case]
+    influence: dict[str, dict[str, Influence]]
+    sobol_indices: dict[str, dict[str, Index] | None] | Absent
+    seconds: float
+
+
+def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) -> Result:
+    """Write inputs, outputs, their estimated errors and exit codes by run; return the result without them."""
+    for first, rows in file.blocks():
+        _store(study, first, rows, writer)
+    result = Result("sweep", study.scene.title or study.task.command, "ok", study.scene.text)
+    result.attributes[DIGEST] = study.digest
+    found = Found(study, file)
+    options, sampled = study.asked.options, found.sampled
+    summary = StudySummary(
+        runs=len(file),
+        of=study.task.command,
+        sampler=options.sampler if sampled else ABSENT,
+        seed=options.seed if sampled else ABSENT,
+        inputs={key: InputKeys(v.text, study.units[key]) for key, v in options.vary.items()},
+        results=found.spreads(),
+        failures={str(code): count for code, count in sorted(found.failures.items())},
+        failed=share(found.failures.total(), len(file), sampled),
+        cases=found.cases(),
+        influence=found.influences(),
+        sobol_indices=found.sobol_indices() if study.design.indices else ABSENT,
+        seconds=seconds,
+    )
+    result.summarise(summary)
+    if study.scene.expect:
+        result.summary["yield"] = as_keys(share(found.held, len(file), sampled))
+    return result
+
+
+def _store(study: Study, first: int, rows: NDArray[Any], writer: ResultWriter) -> None:
+    """Add a block of rows to the result file."""
+    values = study.design.rows(first, first + len(rows))
+    for k, key in enumerate(study.design.keys):
+        writer.append(f"inputs/{key}", values[:, k], units=study.units[key] or "1", dims=("run",),
+                      long_name=f"value of {key}")  # fmt: skip
+    for k, key in enumerate(study.task.outputs):
+        unit = study.output_units[key]
+        writer.append(f"outputs/{key}", rows["outputs"][:, k], units=unit, dims=("run",), long_name=key)
+        writer.append(f"errors/{key}", rows["errors"][:, k], units=unit, dims=("run",),
+                      long_name=f"estimated error of {key}")  # fmt: skip
+    writer.append("runs/exit_code", rows["code"], units="1", dims=("run",), long_name="exit code of each run")
+    writer.append("runs/holds", rows["holds"], units="1", dims=("run",),
+                  long_name="1 where all that the scene expects holds")  # fmt: skip
+
+
+class Found:
+    """What the rows of a study say together.
+
+    failures : numbers of runs by exit code. held : how many hold what the scene expects. sample : the rows of ``MOST``
+    runs at most, from which influences are told.
+    """
+
+    def __init__(self, study: Study, file: RowFile) -> None:
+        self.study, self._file = study, file
+        self.sampled = study.asked.options.n is not None
+        self.failures: Counter[int] = Counter()
+        self.held = 0
+        self._moments = [Moments() for _ in study.task.outputs]
+        chosen, parts = strata(len(file), MOST), []
+        for first, rows in file.blocks():
+            codes, counts = np.unique(rows["code"], return_counts=True)
+            self.failures.update({int(c): int(n) for c, n in zip(codes, counts) if c})
+            self.held += int(np.count_nonzero(rows["holds"]))
+            for k, moments in enumerate(self._moments):
+                moments.add(first, rows["outputs"][:, k], rows["errors"][:, k])
+            low, high = np.searchsorted(chosen, (first, first + len(rows)))
+            parts.append(rows[chosen[low:high] - first])
+        self.sample = np.concatenate(parts)
+
+    def _columns(self) -> Iterator[tuple[str, Array, Blocks]]:
+        """Yield each output: its key, its values in the sample, and what gives all of them by blocks."""
+        for k, key in enumerate(self.study.task.outputs):
+
+            def blocks(k: int = k) -> Iterator[Array]:
+                return (rows["outputs"][:, k] for _, rows in self._file.blocks())
+
+            yield key, self.sample["outputs"][:, k], blocks
+
+    def spreads(self) -> dict[str, Spread | None]:
+        """Return how each output spreads."""
+        study, found = self.study, {}
+        for k, (key, sample, blocks) in enumerate(self._columns()):
+            moments = self._moments[k]
+            levels = quantiles(blocks, moments.runs, sample) if self.sampled and moments.runs else None
+            found[key] = moments.spread(study.nominal["outputs"][k], study.output_units[key], levels)
+        return found
+
+    def influences(self) -> dict[str, dict[str, Influence]]:
+        """Return the influence of each key on each output."""
+        keys, values = self.study.design.keys, self.sample["values"]
+        return {key: influences(keys, values, sample) for key, sample, _ in self._columns()}
+
+    def sobol_indices(self) -> dict[str, dict[str, Index] | None]:
+        """Return Sobol's indices of each output, which takes all of its values at once."""
+        keys = self.study.design.keys
+        return {key: sobol(keys, np.concatenate([*blocks()])) for key, _, blocks in self._columns()}
+
+    def cases(self) -> list[Case]:
+        """Return the extremes of each output, and the first run that failed with each exit code."""
+        named: dict[int, list[str]] = {}
+        for key, moments in zip(self.study.task.outputs, self._moments):
+            for word, run in (("smallest", moments.least_run), ("largest", moments.greatest_run)):
+                if run >= 0 and f"smallest {key}" not in named.get(run, ()):
+                    named.setdefault(run, []).append(f"{word} {key}")
+        for code, (run, reason) in sorted(self._file.reasons.items(), key=lambda item: item[1][0]):
+            named.setdefault(run, []).append(f"exit code {code}: {reason}")
+        return [self._case(run, "; ".join(why)) for run, why in named.items()]
+
+    def _case(self, run: int, why: str) -> Case:
+        values = self.study.design.rows(run, run + 1)[0].tolist()
+        return Case(run, why, dict(zip(self.study.task.keys, values)), self.study.repeat(values))
+
+
+def earlier_rows(study: Study, directory: Path) -> NDArray[Any] | None:
+    """Return the rows that a directory holds of a study of the same scene and outputs, None where there are none."""
+    try:
+        result = read_stored(directory)
+    except ResultFileError:
+        return None
+    if result.attributes.get(DIGEST) != study.digest:
+        return None
+    task = study.task
+    rows = np.zeros(len(result["runs/exit_code"]), task.layout)
+    for k, key in enumerate(task.keys):
+        rows["values"][:, k] = result[f"inputs/{key}"]
+    for k, key in enumerate(task.outputs):
+        rows["outputs"][:, k], rows["errors"][:, k] = result[f"outputs/{key}"], result[f"errors/{key}"]
+    rows["code"], rows["holds"], rows["done"] = result["runs/exit_code"], result["runs/holds"], True
+    return rows

@@ -1,0 +1,190 @@
+"""Runs of a study as whole commands: values in, outputs out; many of them in processes side by side."""
+
+from __future__ import annotations
+
+import concurrent.futures as futures
+import contextlib
+import dataclasses
+import multiprocessing
+import signal
+import time
+from collections import deque
+from collections.abc import Generator, Iterator, Mapping, Sequence
+from concurrent.futures.process import BrokenProcessPool
+from typing import Any, Protocol
+
+import numpy as np
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.over.batch.criteria import judge
+from robodyn_cli.over.commands import execute
+from robodyn_cli.over.many.keys import settings
+from robodyn_cli.over.many.single import ended, error_of, number_of
+from robodyn_cli.over.study.compiled import Compiled, suits
+from robodyn_cli.over.study.row import Points, Rows, Task, joined, killed
+from robodyn_cli.over.study.rows import RowFile
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.tools.progress import no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
+
+FEWEST_IN_PROCESSES = 16  # a process takes as long to start as some ten runs take
+LONGEST_CHUNK = 64  # runs that a process is given at a time
+SECONDS_OF_CHUNK = 0.5  # about
+
+
+def make_alone(task: Task, points: Points) -> Rows:
+    """Return what whole commands give, one after another."""
+    return joined([make_one(task, int(run), values)[0] for run, values in zip(points.runs, points.values)])
+
+
+def make_one(task: Task, run: int, values: Array) -> tuple[Rows, Mapping[str, Any]]:
+    """Return what a run with these values gives, and its summary; whatever ends it is part of its row."""
+    words, holds = settings(task.keys, values), False
+    found = ended(lambda: execute(task.command, task.family.scene(words), no_progress, Stopwatch()))
+    if found.summary:
+        try:
+            holds = all(outcome.holds for outcome in judge(task.family.own.expect, found.summary))
+        except SceneError as error:  # the scene expects something that this run does not have
+            found = dataclasses.replace(found, code=error.exit_code, reason=error.message)
+    row = np.zeros(1, task.layout)
+    row["values"], row["code"], row["holds"], row["done"] = values, found.code, holds, True
+    row["outputs"] = [number_of(found.summary, key) for key in task.outputs]
+    row["errors"] = [error_of(found.summary, key) for key in task.outputs]
+    return Rows(np.array([run]), row, {run: found.reason} if found.code else {}), found.summary
+
+
+# -- side by side ---------------------------------------------------------------------------------------
+_task: Task | None = None  # of this process
+
+
+def _begin(task: Task) -> None:
+    """Prepare a process for the runs of a study; interrupts are left to the process that began it."""
+    global _task
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _task = task
+
+
+def _run_chunk(points: Points) -> tuple[Rows, float]:
+    """Return what runs give, and the time that one took [s]."""
+    assert _task is not None
+    start = time.perf_counter()
+    made = make_alone(_task, points)
+    return made, (time.perf_counter() - start) / len(points)
+
+
+def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
+    """Yield the rows of all missing runs, some at a time, in the order in which they are done.
+
+    The caller puts them into the file.
+
+    Parameters
+    ----------
+    jobs : threads, or processes where compiled code does not do; with one process, or for a few points, this one runs
+        them itself.
+    """
+    if suits(task):
+        yield from Compiled(task, jobs).blocks(file.missing())
+    yield from _one_by_one(task, file.missing(), jobs)
+
+
+def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> Rows:
+    """Return the rows of runs that are few enough for memory.
+
+    jobs : as for ``run_here``. compiled : code of the task that is there already.
+    """
+    parts = []
+    if suits(task):
+        parts.append((compiled or Compiled(task, jobs)).make(points))
+        points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
+    parts += _one_by_one(task, Waiting([points]), jobs)
+    return joined(parts)
+
+
+def _one_by_one(task: Task, missing: Source, jobs: int) -> Iterator[Rows]:
+    """Yield the rows of runs that are whole commands."""
+    if jobs == 1 or missing.left < FEWEST_IN_PROCESSES:
+        while missing.left:
+            yield make_alone(task, missing.take(1))
+        return
+    suspects = Waiting()
+    while missing.left or suspects.left:
+        # what was being run as a process died is run again one by one, to find the run that does it
+        if suspects.left:
+            lost = yield from _in_processes(task, suspects, 1)
+            yield from (killed(points, task) for points in lost)
+        else:
+            suspects = Waiting((yield from _in_processes(task, missing, jobs)))
+
+
+class Source(Protocol):
+    """Where runs are taken from; ``left`` are there."""
+
+    @property
+    def left(self) -> int: ...
+    def take(self, most: int) -> Points: ...
+
+
+class Waiting:
+    """Runs that wait to be made one by one."""
+
+    def __init__(self, points: Sequence[Points] = ()) -> None:
+        self._queue: deque[Points] = deque()
+        for part in points:
+            self.add(part)
+
+    def add(self, points: Points) -> None:
+        """Put runs at the end of the queue."""
+        self._queue.extend(points.part([k]) for k in range(len(points)))
+
+    @property
+    def left(self) -> int:
+        return len(self._queue)
+
+    def take(self, most: int) -> Points:
+        """Return the next of them."""
+        return self._queue.popleft()
+
+
+def _in_processes(task: Task, source: Source, jobs: int) -> Generator[Rows, None, list[Points]]:
+    """Run what a source has in processes; return the runs that were lost with a process."""
+    alone = jobs == 1
+    size = 1
+    flying: dict[futures.Future[tuple[Rows, float]], Points] = {}
+    with _pool(task, jobs) as pool:
+        try:
+            while source.left or flying:
+                while source.left and len(flying) < (1 if alone else 2 * jobs):
+                    points = source.take(size)
+                    flying[pool.submit(_run_chunk, points)] = points
+                # without a time limit an interrupt would not be seen on every system
+                done, _ = futures.wait(flying, timeout=0.2, return_when=futures.FIRST_COMPLETED)
+                for future in done:
+                    rows, seconds = future.result()
+                    del flying[future]
+                    yield rows
+                    size = 1 if alone else _next_size(seconds, source.left, jobs)
+        except BrokenProcessPool:
+            return list(flying.values())
+    return []
+
+
+@contextlib.contextmanager
+def _pool(task: Task, jobs: int) -> Iterator[futures.ProcessPoolExecutor]:
+    """Give a pool of processes; where the block is left early, end them at once."""
+    context = multiprocessing.get_context("spawn")
+    pool = futures.ProcessPoolExecutor(jobs, context, _begin, (task,))
+    try:
+        yield pool
+    except BaseException:
+        for process in multiprocessing.active_children():
+            process.terminate()
+        # waiting lets the pool give back its semaphores, of which Python would complain otherwise
+        pool.shutdown(cancel_futures=True)
+        raise
+    pool.shutdown()
+
+
+def _next_size(seconds: float, left: int, jobs: int) -> int:
+    """Return how many runs to give a process at a time, from how long one took."""
+    fitting = int(SECONDS_OF_CHUNK / max(seconds, 1e-6))
+    return max(1, min(fitting, LONGEST_CHUNK, left // (4 * jobs) + 1))

@@ -1,0 +1,198 @@
+"""A study: many runs of one scene with other values of some keys, and what they say together."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.commands import SCENE_COMMANDS
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.variation import Variation
+from robodyn_cli.model.build import build_model
+from robodyn_cli.over.batch.criteria import lookup, lookup_number, refuse_unknown
+from robodyn_cli.over.many.keys import Allowed, setting, understand
+from robodyn_cli.over.many.single import number_of
+from robodyn_cli.over.possible import is_possible
+from robodyn_cli.over.study.design import Design, make_design
+from robodyn_cli.over.study.row import Rows, Task
+from robodyn_cli.over.study.rows import RowFile
+from robodyn_cli.over.study.runs import make_one
+from robodyn_cli.over.study.units import unit_of_output
+from robodyn_cli.record import record
+from robodyn_cli.results.provenance import sha256
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene, StudyOptions
+from robodyn_cli.scene.units import refuse_doubles, unit_of
+from robodyn_cli.version import __version__
+
+COMMANDS = tuple(name for name in SCENE_COMMANDS if name not in ("stability", "assemble"))
+NO_NUMBERS = ("wall_time_s", "counters", "run_id")
+
+
+@record
+class Asked:
+    """A study as it was asked for.
+
+    family : the scenes that are run. options : of the scene's section ``study``, with what the command line says in its
+    place. indices : whether to compute Sobol's indices.
+    """
+
+    family: Family
+    options: StudyOptions
+    indices: bool = False
+
+
+@record
+class Study:
+    """A study that makes sense, before it runs.
+
+    scene : as it stands. units : by key that varies. output_units : by output. nominal : the row of the run
+    of the scene as it stands.
+    """
+
+    asked: Asked
+    task: Task
+    design: Design
+    units: dict[str, str]
+    output_units: dict[str, str]
+    nominal: Any
+
+    @property
+    def scene(self) -> Scene:
+        return self.asked.family.own
+
+    @property
+    def digest(self) -> str:
+        """What rows of an earlier study must share with this one to stand for its own."""
+        task = self.task
+        return sha256("\n".join([__version__, self.scene.text, task.command, *task.keys, "", *task.outputs]))
+
+    @property
+    def rows_head(self) -> dict[str, str]:
+        """What rows of an unfinished study must share with this one; see ``RowFile``."""
+        return {"study": self.digest, "design": sha256(repr((self.asked.options, self.asked.indices)))}
+
+    def repeat(self, values: Sequence[float]) -> str:
+        """Return the command that repeats a run."""
+        family = self.asked.family
+        settings = [*family.overrides, *(setting(key, x) for key, x in zip(self.task.keys, values))]
+        options = " ".join(f"--set {_quoted(text)}" for text in settings)
+        return f"robodyn {self.task.command} {family.path} {options}"
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "'\\''") + "'" if any(c in text for c in " '\"$&|;<>()*?[]{}\\`") else text
+
+
+def options_of(given: StudyOptions, **own: Any) -> StudyOptions:
+    """Return the options of a scene with those of the command line in their place; None leaves one as it is."""
+    changed = {name: value for name, value in own.items() if value is not None}
+    return dataclasses.replace(given, **changed)
+
+
+def prepare(asked: Asked) -> Study:
+    """Check a study, and run its scene once as it stands.
+
+    Raises
+    ------
+    SceneError : the scene names no command, or a key does not exist or takes no such numbers; an output
+        is not in the summary; the study makes no sense.
+    """
+    family, options = asked.family, asked.options
+    scene = family.own
+    if scene.command not in COMMANDS:
+        what = "is missing" if scene.command is None else f"is {scene.command}"
+        raise SceneError(
+            f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(COMMANDS)}"
+        )
+    if options.least_yield is not None and not scene.expect:
+        raise SceneError(
+            f"{family.path}: key 'expect' is missing: a yield is the share of runs that hold what it says",
+            key="expect",
+        )
+    design = make_design(options, asked.indices)
+    for key, variation in options.vary.items():
+        _check_key(family, key, variation)
+    refuse_doubles(family.root, options.vary, "--vary")
+    wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
+    task = Task(family, scene.command, design.keys, wanted)
+    source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
+    nominal = run_nominal(task, source).rows[0]
+    units = {key: unit_of(family.root, key) for key in design.keys}
+    model = build_model(scene)
+    output_units = {key: unit_of_output(key, model) for key in wanted}
+    return Study(asked, task, design, units, output_units, nominal)
+
+
+def _check_key(family: Family, key: str, variation: Variation) -> None:
+    """Refuse a key that the scene does not have, or a value of a grid that it does not take."""
+    x = variation.example
+    words = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)
+    try:
+        family.scene([words])
+        values = np.array(variation.values)[:, None]
+        refused = Allowed(family, [understand(family, key)]).refusals(values) if variation.is_grid else {}
+        for row, error in refused.items():
+            words = setting(key, variation.values[row])
+            raise error
+    except SceneError as error:
+        message = error.message.replace(f"--set {words}", f"--vary {key}={variation.text}", 1)
+        raise SceneError(message, key=key) from error
+
+
+def run_nominal(task: Task, source: str) -> Rows:
+    """Return what the run of the scene as it stands gave; source : what named the outputs.
+
+    Raises
+    ------
+    SceneError : no output is named, or the summary of this run does not have one, or it is no number.
+    """
+    made, summary = make_one(dataclasses.replace(task, keys=()), 0, np.empty(0))
+    if not summary:
+        raise SceneError(f"the scene as it stands does not run: {made.reasons[0]}")
+    if not task.outputs:
+        known = ", ".join(_numbers(summary))
+        raise SceneError(
+            f"{task.family.path}: no output is named; give --of KEY, or study.of; numbers here: {known}"
+        )
+    for key in task.outputs:
+        asked = f"{source} {key}"
+        refuse_unknown(summary, key, asked)
+        value = lookup(summary, key)
+        nothing = value is None or (made.reasons and lookup_number(summary, key) is None)
+        if nothing and not is_possible(task.command, key, task.family.own.text):
+            raise SceneError(f"{asked}: no run of {task.command} has a number of this name", key=asked)
+        if not made.reasons and value is not None and math.isnan(number_of(summary, key)):
+            raise SceneError(f"{asked}: is {value!r}, which is not a number")
+    return made
+
+
+def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:
+    found = []
+    for name, value in facts.items():
+        if isinstance(value, Mapping) and name not in NO_NUMBERS:
+            found += _numbers(value, f"{path}{name}.")
+        elif isinstance(value, (int, float)) and not isinstance(value, bool):
+            found.append(f"{path}{name}")
+    return found
+
+
+Make = Callable[[Task, RowFile], Iterator[Rows]]
+
+
+def run_study(study: Study, file: RowFile, make: Make, tell: Callable[[int, int], None]) -> None:
+    """Make all runs of a study that are not there.
+
+    Parameters
+    ----------
+    file : that takes the rows. make : yields those of missing runs, some at a time, here or on a cluster.
+    tell : is told how many of how many runs are done.
+    """
+    tell(file.done, len(file))
+    for rows in make(study.task, file):
+        file.add(rows)
+        tell(file.done, len(file))

@@ -1,0 +1,125 @@
+"""Motions that are found before anything asks for them: least times, sequences with paths, joints along a path."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
+from robodyn_cli.fastest.resolve import with_time_law
+from robodyn_cli.given.along_path import motion_along
+from robodyn_cli.model.build import build_model
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.trajectories.fastest import FastestTrajectory
+from robodyn_cli.trajectories.led import (
+    follow_trajectory,
+    given_by_formulas,
+    position_columns,
+    velocity_columns,
+)
+from robodyn_cli.trajectories.sequence import SequenceTrajectory
+
+
+def with_motion(scene: Scene) -> Scene:
+    """Return the scene with a trajectory that has times, and within a sequence with the motion of the joints.
+
+    Raises
+    ------
+    SceneError : segments that do not meet. CapabilityError : a path within a mechanism with loops. Others as
+    ``with_time_law`` and the inverse kinematics raise.
+    """
+    if isinstance(scene.trajectory, SequenceTrajectory):
+        return _with_sequence(scene, scene.trajectory, None)
+    return with_time_law(scene)
+
+
+def with_motion_found(scene: Scene) -> Scene:
+    """Return the scene with the motion of the joints that its path leads; positions of them are where they may start.
+
+    Raises
+    ------
+    CapabilityError : the joints' rates jump on the way. Others as ``with_motion`` raises.
+    """
+    formulas = given_by_formulas(scene.prescribed)
+    found = {name: x for name, x in scene.prescribed.items() if name not in formulas}
+    columns = position_columns(found)
+    trajectory: Any = _of_joints(dataclasses.replace(scene, prescribed=formulas), columns)
+    rates = velocity_columns(found)
+    initial = dataclasses.replace(
+        scene.initial,
+        q={name: x for name, x in scene.initial.q.items() if name not in columns},
+        qd={name: x for name, x in scene.initial.qd.items() if name not in rates},
+    )
+    prescribed = {**formulas, **follow_trajectory(trajectory, scene.simulate.duration)}
+    return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
+
+
+def _of_joints(scene: Scene, columns: Sequence[str] | None) -> Any:
+    """Return the scene's trajectory in joint space, where a path leads joints with the motion of ``columns`` of q.
+
+    columns : None for all.
+    """
+    trajectory: Any = scene.trajectory
+    if isinstance(trajectory, SequenceTrajectory):
+        return _with_sequence(scene, trajectory, columns).trajectory
+    led = tuple(columns or build_model(scene).q_names)
+    if isinstance(trajectory, FastestTrajectory):
+        if hasattr(trajectory.way, "target"):
+            way = motion_along(dataclasses.replace(scene, trajectory=trajectory.way), led)
+            jumps = tuple(getattr(trajectory.way, "knots", None) or ())
+            trajectory = dataclasses.replace(trajectory, path=dataclasses.replace(way, jumps=jumps))
+        return with_time_law(dataclasses.replace(scene, trajectory=trajectory)).trajectory
+    return trajectory if hasattr(trajectory, "expressions") else motion_along(scene, led)
+
+
+def _with_sequence(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None) -> Scene:
+    """Return the scene with the motion of the joints in each segment of its trajectory."""
+    found: list[Any] = []
+    for k, segment in enumerate(sequence.segments):
+        if (scene.loops or scene.couplers) and _leads_point(segment):
+            raise CapabilityError(
+                "leads a point, and with loops or couplers a sequence leads joints; allowed here: motions of joints",
+                key=f"trajectory.segments.{k}",
+            )
+        own = _begun(segment, _end(found[-1], scene)) if found else segment
+        try:
+            found.append(_of_joints(dataclasses.replace(scene, trajectory=own), columns))
+        except RobodynError as error:
+            raise _within(f"trajectory.segments.{k}", error) from None
+    joined = dataclasses.replace(sequence, segments=tuple(found))
+    for path, message in joined.meeting_problems(scene.parameters):
+        raise SceneError(message, key=".".join(str(x) for x in ("trajectory", *path)))
+    return dataclasses.replace(scene, trajectory=joined)
+
+
+def _within(place: str, error: RobodynError) -> RobodynError:
+    """Return an error about a segment, taken for the scene's trajectory, with its place in the sequence."""
+    key = str(error.details.get("key", "trajectory"))
+    error.details["key"] = place + key.removeprefix("trajectory")
+    error.message = f"{place}: {error.message}"
+    error.args = (error.message,)
+    return error
+
+
+def _leads_point(segment: Any) -> bool:
+    return hasattr(segment, "target") or hasattr(getattr(segment, "path", None), "target")
+
+
+def _end(trajectory: Any, scene: Scene) -> dict[str, float]:
+    """Return where a motion of joints ends, by column of q; joints that it does not lead are where they start."""
+    columns = position_columns(trajectory.joints)
+    (q,) = trajectory.motion(np.array([trajectory.duration]), columns, scene.parameters).q
+    return {**scene.initial.q, **dict(zip(columns, q.tolist()))}
+
+
+def _begun(segment: Any, q: Mapping[str, float]) -> Any:
+    """Return a segment whose inverse kinematics, where it chooses no branch itself, begins at positions ``q``."""
+    if hasattr(getattr(segment, "path", None), "target"):
+        return dataclasses.replace(segment, path=_begun(segment.path, q))
+    ik = getattr(segment, "ik", None)
+    if ik is None or ik.branch is not None or ik.guess:
+        return segment
+    return dataclasses.replace(segment, ik=dataclasses.replace(ik, guess=dict(q)))

@@ -1,1 +1,0 @@
-"""A scene in another engine: Pinocchio or MuJoCo."""

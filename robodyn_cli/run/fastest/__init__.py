@@ -1,1 +1,0 @@
-"""Motion along a path in the least time."""

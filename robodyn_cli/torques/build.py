@@ -1,0 +1,137 @@
+"""The equations of an inverse run: of an open chain here, of a mechanism with loops in ``closed``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.given.motion import (
+    Planned,
+    motion_duration,
+    plan_motion,
+    with_led_point,
+    without_following,
+)
+from robodyn_cli.model.model import Model
+from robodyn_cli.observe.evaluation import SampleFunction, without_idle_unknowns
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene import types as sc
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.program import InverseProgram, Sampled, expressions_of
+
+
+def build_inverse(scene: sc.Scene) -> InverseProgram:
+    """Return the program of a scene's inverse dynamics.
+
+    Raises
+    ------
+    SceneError, CapabilityError : motion or actuators do not suffice, or inverse dynamics does not support a part of
+    the scene.
+    """
+    scene = without_following(scene)
+    problem = _problem_along(with_led_point(scene))
+    if scene.loops or scene.couplers:
+        from robodyn_cli.torques.closed import build_closed
+
+        return build_closed(problem)
+    _refuse_passive_joints(problem)
+    return OpenChain(problem, motion_duration(scene), **expressions_of(problem))
+
+
+def _problem_along(scene: sc.Scene) -> Problem:
+    """Return the equations along a motion, on which payloads may come and go."""
+    if not scene.payloads:
+        return Problem(scene)
+    from robodyn_cli.equations.payloads import switched_problem
+    from robodyn_cli.torques.payloads import refuse_events
+
+    refuse_events(scene)
+    return switched_problem(scene)
+
+
+@record
+class OpenChain(InverseProgram):
+    """Inverse dynamics of a robot without loops: every joint has an actuator, whose torque is the sum of the terms."""
+
+    def plan(self, samples: int) -> Planned:
+        return plan_motion(self.problem, self.times(samples))
+
+    def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
+        p = self.parameters(planned.times)
+        arrays = function.along(planned.times, planned.motion, p)
+        counters = {"operations": function.operations, "compiled": function.compiled, **planned.counters}
+        return Sampled(planned.times, planned.motion, p, self.loads(arrays), arrays, counters)
+
+    def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
+        problem = self.problem
+        bias, q = sampled.arrays["bias"], np.concatenate([sampled.motion.q] * 2)
+        forces = problem.graph.symbols(problem.model.v_names, "f")
+        try:
+            a = list(problem.free_accelerations(forces))
+        except ZeroDivisionError:
+            return None
+        # unknown data that cancels in M may stand in articulated inertias
+        a = without_idle_unknowns(a, _entries_of_mass_matrix(problem))
+        function = SampleFunction({"a": a}, ("q", "f", "p"), len(q))
+        p, f = np.tile(sampled.p, (2, 1)), np.concatenate([sampled.applied - bias, -bias])
+        found, free = np.split(function(q=q, f=f, p=p)["a"], 2)
+        return found, free
+
+    def row_multipliers(self, sampled: Sampled) -> None:
+        return None
+
+    def add_loops(self, result: Result, sampled: Sampled) -> None:
+        return None
+
+
+def _entries_of_mass_matrix(problem: Problem) -> Iterator[Scalar]:
+    """Give the entries of M, which is built only if somebody asks: it grows with the square of the joints."""
+    yield from problem.mass_matrix.flat
+
+
+def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
+    """Return the equations of an open chain.
+
+    Raises
+    ------
+    CapabilityError : it has loops or prescribed joints.
+    """
+    if isinstance(source, Model):
+        # every joint counts as actuated here, so torques and ``actuated`` do not matter
+        nothing = sc.Scene(schema=1, robot=sc.Robot(joints=(), links=()), gravity=(0.0, 0.0, 0.0))
+        source = Problem(nothing, model=source)
+    problem = source if isinstance(source, Problem) else Problem(source)
+    if problem.model.closures:
+        raise CapabilityError(
+            f"{what} as a function of independent samples exists for open chains only: closed loops and couplers (here "
+            f"{problem.model.closures[0]!r}) tie the joints to each other and share the load; for a mechanism use "
+            "`inverse` or `simulate`"
+        )
+    if problem.scene.prescribed:
+        name = next(iter(problem.scene.prescribed))
+        raise CapabilityError(
+            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) is not allowed there"
+        )
+    return problem
+
+
+def _refuse_passive_joints(problem: Problem) -> None:
+    """Refuse motion of joints without an actuator: passive joints of an open chain follow no given path.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    actuated = problem.scene.actuated
+    passive = [n for n in problem.model.joint_names if actuated is not None and n not in actuated]
+    if passive:
+        raise CapabilityError(
+            f"inverse dynamics needs every joint of an open chain to be actuated, and 'actuated' lacks "
+            f"{passive[0]!r}; allowed: all of {', '.join(problem.model.joint_names)}",
+            key="actuated",
+        )

@@ -1,0 +1,207 @@
+"""The figures of an inverse run, and their errors."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.given.motion import Planned
+from robodyn_cli.model.model import TORQUE
+from robodyn_cli.observe.rounding import largest_difference
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.figures import ErrorEstimate, JointFigures
+from robodyn_cli.torques.program import InverseProgram, Sampled
+
+Figure = Callable[[Array, float, Sequence[float]], Array]
+
+
+@record
+class Loaded:
+    """Columns of joints at uniform times (T,), of one run or of many: torques and rates (T, n). breaks : where torques
+    jump, in steps from the first sample."""
+
+    times: Array
+    tau: Array
+    qd: Array
+    breaks: Sequence[float] = ()
+
+    @staticmethod
+    def of(problem: Problem, sampled: Sampled) -> Loaded:
+        """Return the columns of a run."""
+        return Loaded(sampled.times, sampled.tau, sampled.motion.qd, jumps(problem, sampled.times))
+
+    @property
+    def step(self) -> float:
+        """Time between samples [s]."""
+        return float(self.times[1] - self.times[0])
+
+    @cached_property
+    def power(self) -> Array:
+        """Mechanical power (T, n) [W]."""
+        return self.tau * self.qd
+
+
+# figures (n,) that size an actuator, by key below that of its joint in the summary
+FIGURES: dict[str, Callable[[Loaded], Array]] = {
+    "peak_torque": lambda x: np.abs(x.tau).max(axis=0),
+    "peak_torque_time": lambda x: x.times[np.argmax(np.abs(x.tau), axis=0)],
+    "rms_torque": lambda x: root_mean_square(x.tau, x.step, x.breaks),
+    "torque_range.0": lambda x: x.tau.min(axis=0),
+    "torque_range.1": lambda x: x.tau.max(axis=0),
+    "peak_speed": lambda x: np.abs(x.qd).max(axis=0),
+    "peak_power": lambda x: np.abs(x.power).max(axis=0),
+    "energy": lambda x: integrate_positive(x.power, x.step, x.breaks),
+    "energy_net": lambda x: integrate(x.power, x.step, x.breaks),
+}
+
+
+def jumps(problem: Problem, times: Array) -> list[float]:
+    """Return where the torques of a motion jump, in steps from the first sample: where payloads come and go."""
+    if not problem.model.payloads:
+        return []
+    from robodyn_cli.torques.payloads import breaks, events_of
+
+    return breaks(events_of(problem.scene, times), times)
+
+
+def joint_figures(problem: Problem, sampled: Sampled) -> dict[str, JointFigures]:
+    """Return the figures that size the actuators, by velocity coordinate; in mechanisms with loops, of actuated joints
+    only.
+
+    peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of tau^2.
+    energy : integral of the positive mechanical power, which the actuator delivers if it cannot take back any;
+    energy_net : integral of the power. Integrals are of degree 5 between samples, and in pieces where payloads come and
+    go (see ``quadrature``).
+    """
+    loaded, model = Loaded.of(problem, sampled), problem.model
+    columns = {name: figure(loaded).tolist() for name, figure in FIGURES.items()}
+    figures: dict[str, JointFigures] = {}
+    for k in range(model.nv) if sampled.loops is None else sampled.loops.driven:
+        unit = model.v_units[k]
+        own = {name: column[k] for name, column in columns.items()}
+        own["torque_range"] = [own.pop("torque_range.0"), own.pop("torque_range.1")]
+        units = {"torque": TORQUE[unit], "speed": f"{unit}/s", "power": "W", "energy": "J"}
+        figures[model.v_names[k]] = JointFigures(**own, units=units)
+    return figures
+
+
+def half_turns(problem: Problem, sampled: Sampled) -> list[str]:
+    """Return a warning for each force between bodies whose angle jumps at half a turn along the motion."""
+    jumps = problem.elements.half_turns
+    change: dict[str, Array] = {}
+    for k, (name, _) in enumerate(jumps):
+        step = np.diff(sampled.arrays["half_turns"][:, k])
+        change[name] = change.get(name, 0.0) + step * step
+    jumped = {name: np.flatnonzero(square > np.pi**2) for name, square in change.items()}
+    if not jumped:
+        return []
+    from robodyn_cli.forces.element import half_turn_warning
+
+    return [half_turn_warning(name, sampled.times[at[0] + 1]) for name, at in jumped.items() if at.size]
+
+
+def path_error(planned: Planned, sampled: Sampled) -> float | Absent:
+    """Return the largest distance [m] of the led point from its target, in the coordinates of the target."""
+    if planned.target is None:
+        return ABSENT
+    gap = sampled.arrays[f"points/{planned.point}"][:, : planned.target.shape[1]] - planned.target
+    return float(np.sqrt(np.einsum("ti,ti->t", gap, gap).max()))
+
+
+def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
+    """Return the largest angle [rad] by which the led frame is turned against its target."""
+    if planned.axes is None or planned.point is None:
+        return ABSENT
+    from robodyn_cli.algorithms.kinematics import world_pose
+    from robodyn_cli.observe.evaluation import SampleFunction
+    from robodyn_cli.spatial.quaternion import logarithm
+
+    frame, q = problem.model.place(planned.point), planned.motion.q
+    axes = {"R": list(world_pose(problem.model, problem.pose, frame).R.flat)}
+    found = SampleFunction(axes, ("q",), len(q))(q=q)["R"].reshape(-1, 3, 3)
+    turn = logarithm(planned.axes @ np.swapaxes(found, 1, 2))
+    return float(np.linalg.norm(turn, axis=1).max())
+
+
+def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> ErrorEstimate:
+    """Return the errors of an inverse run.
+
+    ik_residual, attitude_residual : see ``path_error`` and ``attitude_error``. round_trip, torque_rounding : see there.
+    energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
+        large as the errors of rates, torques and quadrature together. Between samples from one to the other of which
+        a payload is gripped or released it is not taken. energy_balance_relative : over the largest
+        energy turned over.
+    energy_quadrature, rms_quadrature : largest difference of energies (net) [J] and of RMS torques [N m or N] to those
+        from every second sample.
+    closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
+    """
+    power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
+    breaks = jumps(program.problem, sampled.times)
+    total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
+    balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
+    turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
+    loops = sampled.loops
+    return ErrorEstimate(
+        ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
+        attitude_residual=attitude_error(program.problem, planned),
+        torque_rounding=torque_rounding(program, sampled),
+        round_trip=round_trip(program, sampled),
+        energy_balance=balance,
+        energy_balance_relative=balance / turned if balance else 0.0,
+        energy_quadrature=_halved(integrate, power, sampled.step, breaks),
+        rms_quadrature=_halved(root_mean_square, sampled.tau, sampled.step, breaks),
+        closure=ABSENT if loops is None else planned.residuals,
+        virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
+    )
+
+
+def energy_balance(power: Array, total: Array, h: float, at: Sequence[int]) -> float:
+    """Return the work of power (T, n) less the change of the energy (T,) [J], over the pieces between cuts."""
+    ends = [0, *at, len(total)]
+    pieces = [slice(a, b) for a, b in itertools.pairwise(ends) if b - a > 1]
+    return sum(float(integrate(power[x], h).sum() - (total[x][-1] - total[x][0])) for x in pieces)
+
+
+def cuts(p: Array) -> list[int]:
+    """Return the samples whose parameters p (T, n) are not those of the sample before."""
+    return [int(k) + 1 for k in np.flatnonzero(np.any(np.diff(p, axis=0), axis=1))]
+
+
+def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:
+    """Return how far rounding may have put the torque of any actuator off [N m or N], at a few samples.
+
+    None where that cannot be told.
+    """
+    found = program.torques_by_draw(sampled)
+    return None if found is None else largest_difference(found)
+
+
+def _halved(figure: Figure, y: Array, h: float, breaks: Sequence[float]) -> float | Absent:
+    """Return the largest change of a figure of samples y (T, n) when every second one is left out."""
+    if len(y) % 2 == 0 or len(y) < 3:
+        return ABSENT
+    half = figure(y[::2], 2.0 * h, [0.5 * x for x in breaks])
+    return float(np.abs(half - figure(y, h, breaks)).max())
+
+
+def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:
+    """Return the relative difference between the accelerations of forward dynamics under the computed torques and
+    those of the motion. Relative to the largest acceleration of the given and of a free motion. None where the mass
+    matrix is singular.
+    """
+    accelerations = program.forward(sampled)
+    if accelerations is None:
+        return None
+    asked, (found, free) = sampled.motion.qdd, accelerations
+    scale = max(float(np.abs(asked).max()), float(np.abs(free).max()))
+    residual = float(np.abs(found - asked).max())
+    if not np.isfinite(residual) or not np.isfinite(scale):
+        return None
+    return residual / scale if residual else 0.0

@@ -1,0 +1,191 @@
+"""Inverse dynamics of mechanisms with loops: actuator torques and multipliers that a motion needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from robodyn_cli.equations.gears import geared, losses_along
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.torque_terms import Outputs
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.given.guided_motion import guided_motion
+from robodyn_cli.given.loop_conditions import Lead, lead_of, velocity_places
+from robodyn_cli.given.motion import Planned, motion_duration
+from robodyn_cli.loops.base import Row
+from robodyn_cli.observe.closing import add_rows
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.rounding import few
+from robodyn_cli.observe.singular_values import singular_values
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.program import InverseProgram, Loops, Sampled, expressions_of
+from robodyn_cli.torques.sharing import refuse_idle_gears, share_load
+from robodyn_cli.trajectories.led import led_joints
+from robodyn_cli.trajectories.registry import trajectory_types
+
+
+def build_closed(problem: Problem) -> ClosedLoops:
+    """Return the program of a mechanism: its torques share the load with the multipliers of its loops.
+
+        B tau + Psi^T lambda = M qdd + h - tau_passive - tau_friction
+
+    The motion is that of the joints or of the point in ``trajectory``, or of prescribed joints; the loops decide
+    about the other joints, at position, velocity and acceleration level.
+
+    Raises
+    ------
+    SceneError : no motion, or no actuator. CapabilityError : a gear with losses that nothing drives.
+    """
+    scene = problem.scene
+    lead = lead_of(problem)
+    duration, actuated = _duration(scene), actuated_joints(problem, lead)
+    refuse_idle_gears(problem, velocity_places(problem.model, actuated))
+    rows = problem.constraints.loop_rows
+    found = expressions_of(problem)
+    found["others"] |= _loop_outputs(problem, rows)
+    return ClosedLoops(problem, duration, **found, lead=lead, actuated=actuated, rows=rows)
+
+
+def _loop_outputs(problem: Problem, rows: tuple[Row, ...]) -> Outputs:
+    return {
+        "psi": [x for row in rows for x in row.psi],
+        "gamma": [row.gamma for row in rows],
+        "M": list(problem.mass_matrix.ravel()),
+        "eta": [row.eta for row in rows],
+        "eta_t": [row.eta_t for row in rows],
+    }
+
+
+@record
+class ClosedLoops(InverseProgram):
+    """Inverse dynamics of a mechanism.
+
+    Torques are zero in joints without an actuator; where there are more actuators than degrees of freedom they are
+    of least norm, and so are multipliers of redundant rows.
+
+    lead : the joints or the point that the trajectory leads. actuated : joints with an actuator. rows : those of the
+    loops.
+    """
+
+    lead: Lead
+    actuated: tuple[str, ...]
+    rows: tuple[Row, ...]
+
+    def plan(self, samples: int) -> Planned:
+        found = guided_motion(self.problem, self.lead, self.times(samples))
+        if found.stopped is not None:
+            raise found.stopped
+        return found
+
+    def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
+        motion, times = planned.motion, planned.times
+        p = self.parameters(times)
+        arrays = function.along(times, motion, p)
+        psi = arrays["psi"].reshape(len(times), len(self.rows), self.problem.model.nv)
+        driven = velocity_places(self.problem.model, self.actuated)
+        shared = share_load(self.problem, psi, driven, self.loads(arrays), times, motion.q)
+        terms = dict(shared.terms)
+        if geared(self.problem.model):
+            lost = self._losses(self.loads(arrays), shared.tau, motion.qdd, motion.qd)
+            arrays["torque_terms/gear"] = terms["gear"] = -lost
+            arrays["dissipation"] = arrays["dissipation"] + (lost * motion.qd).sum(axis=1)[:, None]
+        # closures to a ground that moves do work at the rate -lambda eta_t
+        work = (shared.multipliers * arrays["eta_t"]).sum(axis=1)[:, None]
+        arrays["dissipation"] = arrays["dissipation"] - work
+        loops = Loops(psi, shared, planned.residuals, self.actuated, driven)
+        return Sampled(times, motion, p, terms, arrays, planned.counters, loops)
+
+    def _losses(self, loads: Mapping[str, Array], tau: Array, a: Array, v: Array) -> Array:
+        """Return the torques (T, nv) of the losses of gears, with the actuators' torques tau if there were none."""
+        friction = -loads["friction"] if "friction" in loads else np.zeros_like(tau)
+        return losses_along(self.problem.model, tau, friction, a, v)
+
+    def _shared_by(self) -> list[Scalar]:
+        return self.others["psi"]
+
+    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
+        assert sampled.loops is not None
+        psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
+        try:
+            tau = share(psi, sampled.loops.driven, loads).tau
+        except (LostRank, TooFewActuators):
+            return None
+        if not geared(self.problem.model):
+            return tau
+        places = few(len(sampled.times))
+        a, v = (
+            np.tile(x[places], (len(tau) // len(places), 1)) for x in (sampled.motion.qdd, sampled.motion.qd)
+        )
+        return tau - self._losses(loads, tau, a, v)
+
+    def forward(self, sampled: Sampled) -> tuple[Array, Array]:
+        # solves for the free motion with M and h, which the torques did not use
+        assert sampled.loops is not None
+        psi, arrays = sampled.loops.psi, sampled.arrays
+        nv = psi.shape[2]
+        M, bias = arrays["M"].reshape(-1, nv, nv), arrays["bias"]
+        found = accelerations(M, sampled.applied - bias, psi, arrays["gamma"])
+        return found, accelerations(M, -bias, psi, 0.0 * arrays["gamma"])
+
+    def row_multipliers(self, sampled: Sampled) -> Array:
+        # those of prescribed joints are torques of their actuators here
+        assert sampled.loops is not None
+        out = np.zeros((len(sampled.times), len(self.problem.constraints.rows)))
+        out[:, self.problem.constraints.of_loops] = sampled.loops.shared.multipliers
+        return out
+
+    def add_loops(self, result: Result, sampled: Sampled) -> None:
+        assert sampled.loops is not None
+        psi, arrays = sampled.loops.psi, sampled.arrays
+        velocity = np.einsum("tmv,tv->tm", psi, sampled.motion.qd) + arrays["eta_t"]
+        found = {
+            "constraints/multipliers": sampled.loops.shared.multipliers,
+            "constraints/position_residual": arrays["eta"],
+            "constraints/velocity_residual": velocity,
+        }
+        add_rows(result, self.rows, found, not sampled.loops.shared.unique_multipliers)
+        for path, data in singular_values(psi).items():
+            result.add(path, data)
+
+
+def _duration(scene: Scene) -> float:
+    """Return the length of the motion.
+
+    Raises
+    ------
+    SceneError : nothing moves.
+    """
+    if scene.trajectory is not None or scene.prescribed:
+        return motion_duration(scene)
+    raise SceneError(
+        f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion, of as many joints as the "
+        f"mechanism has degrees of freedom, or of a point or frame (kinds: {', '.join(trajectory_types)}); "
+        "or prescribe joints",
+        key="trajectory",
+    )
+
+
+def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
+    """Return the joints that have an actuator: ``actuated``, else those that are led or have torques.
+
+    Raises
+    ------
+    SceneError : a point is led and 'actuated' is missing.
+    """
+    scene = problem.scene
+    if scene.actuated is not None:
+        return scene.actuated
+    led = (*lead.joints, *led_joints(scene.prescribed))
+    found = tuple(dict.fromkeys(led if led else scene.torques))
+    if not found:
+        raise SceneError(
+            f"{scene.path}: a point is led, so the scene must say which joints drive the mechanism: key 'actuated'",
+            key="actuated",
+        )
+    return found

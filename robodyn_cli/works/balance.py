@@ -1,0 +1,106 @@
+"""Where a mechanism balances: springs, weights, forces and the scene's torques at t = 0."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.algorithms.kinematics import position_rates
+from robodyn_cli.equations.contact_joints import moving_freely
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.given.loop_conditions import Lead, LoopConditions
+from robodyn_cli.observe.evaluation import without_idle_unknowns
+from robodyn_cli.observe.finite import cause
+from robodyn_cli.ready.prepare import held_columns
+from robodyn_cli.solve.equilibrium import Balance, balance
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.led import position_columns
+from robodyn_cli.works.at_rest import AtRest, refuse_unknown
+from robodyn_cli.works.mechanism_summary import Balanced
+
+
+class _RestForces:
+    """Generalised forces at rest (see ``solve.equilibrium.Forces``): r = G - tau_passive - tau_a at v = 0, t = 0."""
+
+    def __init__(self, problem: Problem, conditions: LoopConditions) -> None:
+        model = self.model = problem.model
+        self.parameters = moving_freely(problem.contact_joints)  # no joint sticks or rests on a stop
+        load = load_at_rest(problem)
+        lam = problem.graph.symbols(list(conditions.names), "lam")
+        rows = problem.constraints.rows
+        held: list[Scalar] = list(load)
+        for row, multiplier in zip(rows, lam):  # led rows have a constant Psi
+            for k, x in enumerate(row.psi):
+                held[k] = held[k] - x * multiplier
+        entries: list[Scalar] = []
+        for j in range(model.nv):
+            unit: list[Any] = [1.0 if k == j else 0.0 for k in range(model.nv)]
+            entries += directional(held, problem.q, position_rates(model, problem.q, unit))
+        refuse_unknown(load)
+        self._slopes = entries
+        self._load, self._stiffness = Evaluator(load), Evaluator(without_idle_unknowns(entries, load))
+
+    def _values(self, q: Array) -> dict[str, Any]:
+        return {"q": q.tolist(), "v": [0.0] * self.model.nv, "t": [0.0], "p": self.parameters}
+
+    def load(self, q: Array) -> Array:
+        return np.array(self._load(self._values(q)), dtype=float)
+
+    def stiffness(self, q: Array, lam: Array) -> Array:
+        values = {**self._values(q), "lam": lam.tolist()}
+        found = np.array(self._stiffness(values), dtype=float)
+        if not np.isfinite(found).all():
+            place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.model.q_names, q))
+            raise NumericalError(
+                f"the forces have no finite slope at {place}, so no balance can be sought from there: "
+                f"{cause(self._slopes, values)}",
+                q=q.tolist(),
+            )
+        return found.reshape(self.model.nv, self.model.nv).T
+
+
+def load_at_rest(problem: Problem) -> list[Scalar]:
+    """Return r = h - tau_passive - tau_a (nv,), the forces that constraints must give where nothing moves."""
+    return list(problem.bias - problem.applied)
+
+
+def staying(problem: Problem, q: Array) -> Lead:
+    """Return a lead that keeps the held joints where they are."""
+    model = problem.model
+    prescribed = position_columns(problem.scene.prescribed)
+    held = [x for x in held_columns(problem.scene, problem) if x not in prescribed]
+    return Lead.staying(model, held, q[[model.q_names.index(name) for name in held]].tolist())
+
+
+def balanced(problem: Problem, q: Array) -> AtRest:
+    """Return the balance that is reached downhill from a closed configuration q (nq,).
+
+    Raises
+    ------
+    NumericalError : none is found.
+    """
+    conditions = LoopConditions(problem, staying(problem, q), np.zeros(1))
+    found = balance(conditions, _RestForces(problem, conditions), q)
+    if not found.converged:
+        raise NumericalError(
+            f"no balance found in {found.iterations} steps: a force of {found.residual:.3g} N m or N is left; start "
+            "nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
+            residual=found.residual, q=found.q.tolist(),
+        )  # fmt: skip
+    loops = problem.constraints.of_loops
+    tau = problem.numbers(problem.actuator_torques, found.q)
+    _, J = conditions.at(found.q, 0.0)
+    holding = [i for i in range(len(conditions.names)) if i not in loops]
+    tau += J[holding].T @ found.lam[holding]
+    return AtRest(problem, found.q, tau, found.lam[loops], _described(found), {})
+
+
+def _described(found: Balance) -> Balanced:
+    real = bool(np.all(np.abs(found.stiffness.imag) <= 1e-9 * np.abs(found.stiffness).max(initial=1.0)))
+    stiffness = found.stiffness.real.tolist() if real else [[x.real, x.imag] for x in found.stiffness]
+    return Balanced(found.stability, stiffness, found.residual, found.iterations)

@@ -1,0 +1,292 @@
+"""Deployment of a mechanism until it locks."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.motion.self_check import Judgement, Run, motion_warnings, redundant_rows
+from robodyn_cli.motion.summary import motion_summary
+from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.ready.prepare import refuse_changes
+from robodyn_cli.ready.singularity import refuse_singular_start
+from robodyn_cli.record import record
+from robodyn_cli.results.hdf5.writer import ResultWriter
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.tools.progress import Progress, no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.trajectories.led import led_joints
+from robodyn_cli.works.deploy.lock import (
+    Latch,
+    Lock,
+    bifurcation_error,
+    close,
+    criteria,
+    describe_lock,
+    doubt,
+    events,
+    find_lock,
+    time_error,
+)  # fmt: skip
+from robodyn_cli.works.deploy.locked_motion import Followed, first_overload, follow_locked, join
+from robodyn_cli.works.deploy.recording import record_motion
+from robodyn_cli.works.deploy.scan import End, Scan, decide, follow_deployment, latch_position, scan
+from robodyn_cli.works.deploy.summary import AfterLock, DeploySummary, LockKeys, Overload
+
+
+@record
+class Deployment(Run):
+    """What a deployment came to.
+
+    estimate : of the error of the recorded run. lock : None where no criterion fired, or the run failed before.
+    time_error : of the lock [s]. followed : the locked structure after the lock, where that was asked for.
+    """
+
+    found: Scan
+    end: End
+    estimate: ErrorEstimate | None = None
+    lock: Lock | None = None
+    latch: Latch | None = None
+    time_error: float | None = None
+    followed: Followed | None = None
+
+
+def deploy(
+    scene: Scene,
+    progress: Progress = no_progress,
+    watch: Stopwatch | None = None,
+    writer: ResultWriter | None = None,
+) -> Result:
+    """Simulate a mechanism until it locks.
+
+    Parameters
+    ----------
+    writer : as for ``simulate``.
+
+    Returns
+    -------
+    A Result with status ``locked``, ``no_lock`` or ``overload``, and ``summary["lock"]``.
+
+    Raises
+    ------
+    RobodynError : with ``result``; SingularConfigurationError at a bifurcation.
+    """
+    watch = watch or Stopwatch()
+    if scene.control is not None:
+        raise CapabilityError(
+            f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
+            "'simulate'"
+        )
+    motion = build_deployment(scene, watch)
+    with watch.stage("scan"):
+        found = scan(motion, motion.options, progress=progress)
+    done = _record(motion, found, writer, progress, watch)
+    redundant = redundant_rows(done)
+    failure = (redundant and redundant.violated) or failure_of_motion(done)
+    if failure is None:
+        done = _estimate(done, watch)
+        done = _lock(done, watch)
+        failure = doubt(done.lock, done.time_error)
+    if failure is None:
+        try:
+            done = _follow(done, watch)
+        except CapabilityError as refusal:
+            failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
+    return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
+
+
+def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Motion:
+    """Build the motion of a mechanism that is to lock; ``plan`` as for ``build_motion``.
+
+    Raises
+    ------
+    CapabilityError : it has no loops. SingularConfigurationError : it starts where it is to end.
+    """
+    refuse_open_chain(scene)
+    refuse_changes(scene, "deploy")
+    reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
+    motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
+    refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
+    return motion
+
+
+def refuse_open_chain(scene: Scene) -> None:
+    """Refuse a scene without closed loops, in which nothing locks but a latch at a position.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if not scene.loops and not scene.couplers and scene.deploy.criterion != "latch":
+        raise CapabilityError(
+            f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none; allowed in an open chain: "
+            "a latch that closes at a position (deploy.criterion: latch)",
+            key="loops",
+        )
+
+
+def _record(
+    motion: Motion, found: Scan, writer: ResultWriter | None, progress: Progress, watch: Stopwatch
+) -> Deployment:
+    """Integrate the motion once more and record it, up to what ends the deployment."""
+    end = decide(motion, found)
+    with watch.stage("equations"):
+        recorder = Recorder.of(motion.observer, writer)
+    with watch.stage("integrate"):
+        driver = record_motion(motion, found, end, recorder, progress)
+    return Deployment(motion, motion.beginning, driver, recorder, found, end)
+
+
+def failure_of_motion(done: Deployment) -> RobodynError | None:
+    """Return why there is no lock to speak of: the loops lose rank first, or the integration could not go on."""
+    if done.end.bifurcated:
+        return bifurcation_error(done.motion, done.found)
+    return done.found.stopped if done.end.time is None else None
+
+
+def _estimate(done: Deployment, watch: Stopwatch) -> Deployment:
+    """Estimate the error of the recorded run, where that is asked for."""
+    if not done.motion.scene.simulate.error_estimate:
+        return done
+    reached = float(done.recorder.array("time")[-1])
+    first = FirstRun.of(done.motion, reached, done.driver.counters.steps)
+    with watch.stage("error_estimate"):
+        return dataclasses.replace(done, estimate=estimate_error(done.motion, first, done.recorder))
+
+
+def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
+    """Look at the lock: its kind, the latch that closes there, the error of its time."""
+    motion, found = done.motion, done.found
+    with watch.stage("lock"):
+        lock = find_lock(motion, found, done.end, done.recorder)
+        latch = close(motion, found, lock)
+    if lock is None or not motion.scene.simulate.error_estimate:
+        return dataclasses.replace(done, lock=lock, latch=latch)
+    with watch.stage("error_estimate"):
+        error = time_error(motion, found, lock)
+    return dataclasses.replace(done, lock=lock, latch=latch, time_error=error)
+
+
+def _follow(done: Deployment, watch: Stopwatch) -> Deployment:
+    """Go on as the locked structure, where that is asked for and a latch has closed."""
+    if done.motion.scene.deploy.after != "continue" or done.lock is None or done.latch is None:
+        return done
+    followed = follow_locked(done.motion, done.lock, done.latch, done.recorder, watch)
+    return dataclasses.replace(done, followed=followed)
+
+
+# -- the report ---------------------------------------------------------------------------------------------
+def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
+    """Return the result with its summary.
+
+    Raises
+    ------
+    RobodynError : why the deployment failed, with the result.
+    """
+    failure, limits = judgement.failure, done.motion.scene.deploy.loads
+    summary = motion_summary(done, judgement, done.estimate)
+    result = Result.of("deploy", done.motion.scene, "failed")
+    result.events = [
+        *events(done.found),
+        *done.driver.log,
+    ]
+    done.recorder.fill(result)
+    add_joint_limits(result, done.motion.scene, done.motion.problem.model)
+    overload: Overload | None = None
+    if failure is None:
+        if done.followed is not None:
+            add_followed(result, done)
+        overload = first_overload(result, limits)
+        result.status, termination = verdict(done, overload)
+        summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
+    if overload is not None:
+        result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
+    result.events.sort(key=lambda event: float(event["time"]))
+    keys = DeploySummary(
+        criteria=criteria(done.motion, done.found),
+        lock=_lock_keys(done),
+        after_lock=ABSENT if failure is not None else _after_lock(done),
+        overload=overload if limits and failure is None else ABSENT,
+    )
+    result.summarise(summary, keys, seconds=watch.report())
+    return result.unless(failure)
+
+
+def _lock_keys(done: Deployment) -> LockKeys | None:
+    if done.lock is None:
+        return None
+    return describe_lock(done.motion, done.found, done.lock, done.latch, done.time_error, done.recorder)
+
+
+def _after_lock(done: Deployment) -> AfterLock | Absent | None:
+    """Return what followed the lock; None where it was asked for and no latch could close."""
+    if done.followed is not None:
+        return done.followed.keys
+    locked = done.lock is not None and done.lock.kind != "overload"
+    return None if locked and done.motion.scene.deploy.after == "continue" else ABSENT
+
+
+def add_followed(result: Result, done: Deployment) -> None:
+    """Add the event of the lock and the samples behind it."""
+    assert done.lock is not None and done.latch is not None and done.followed is not None
+    lost = {
+        "energy_lost": done.latch.impact.energy_lost,
+        "degrees_of_freedom": done.latch.locked.freedom,
+    }
+    result.events.append({"time": done.lock.time, "name": done.latch.locked.name, "kind": "lock", **lost})
+    later = done.followed.recorder
+    if later is not None:
+        for path, data in join(done.recorder, later).items():
+            result.add(path, data, **later.described(path))
+
+
+def verdict(done: Deployment, overload: Overload | None) -> tuple[str, dict[str, Any]]:
+    """Return the status and how the run ended, in words."""
+    lock = done.lock
+    termination: dict[str, Any]
+    if lock is None:
+        status = "no_lock"
+        termination = {"reason": "duration: no lock", "time": done.motion.scene.simulate.duration}
+    else:
+        status = "overload" if lock.kind == "overload" else "locked"
+        termination = {"reason": _reason(done, lock), "time": lock.time, "kind": lock.kind}
+    if done.followed is not None and done.followed.recorder is not None:
+        termination["reason"] += "; then followed as the locked structure"
+        termination["followed_until"] = done.followed.keys.until
+    if overload is None:
+        return status, termination
+    unit = "N" if overload.quantity == "force" else "N m"
+    termination["overload"] = (
+        f"{overload.name} bears a {overload.quantity} of {overload.value:.6g} {unit} at t = {overload.time:.6g} s, "
+        f"more than its {overload.limit:.6g} {unit}"
+    )
+    return "overload", termination
+
+
+def _reason(done: Deployment, lock: Lock) -> str:
+    """Return why the run ended at the lock."""
+    if lock.kind == "overload":
+        return "the multipliers passed their threshold away from any singular configuration: overload"
+    if lock.criterion == "latch":
+        joint, at = latch_position(done.motion.scene)
+        return f"joint {joint} has come to {at:.6g}, where the latch closes"
+    if lock.criterion == "multipliers":
+        reason = "the multipliers passed their threshold"
+        if lock.kind != "approaching_dead_point":
+            return reason
+        ahead = next(time for time, _ in done.found.dead_points if time >= lock.time)
+        return f"{reason}, on the way to the dead point at t = {ahead:.9g} s"
+    if done.found.driven:
+        names = ", ".join(led_joints(done.motion.scene.prescribed))
+        return (
+            f"dead point under the prescribed motion of {names}: the passive joints cannot follow, and the "
+            "multipliers diverge"
+        )
+    return "dead point: the passive block of Psi loses rank while Psi keeps it"

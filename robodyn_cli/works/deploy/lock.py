@@ -1,0 +1,244 @@
+"""The lock of a deployment: the pose, its kind, the latch that closes there, and the error of its time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.second_run import other_steps, remainder, tighter
+from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
+from robodyn_cli.record import record
+from robodyn_cli.results.summary import ABSENT, Absent
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.works.deploy.growth import GRID, multiplier_norm
+from robodyn_cli.works.deploy.latch import LatchImpact, Locked, close_latch, locked
+from robodyn_cli.works.deploy.scan import End, Scan, fired, scan
+from robodyn_cli.works.deploy.summary import (
+    Criteria,
+    Growth,
+    LatchKeys,
+    LockKeys,
+    MultiplierKeys,
+    SingularValues,
+)  # fmt: skip
+
+ROUNDING = 1e-14  # part of a time that rounding leaves over the steps of a run
+TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
+
+
+@record
+class Lock:
+    """Where and how a deployment locks.
+
+    state : x (nx,) before the latch closes. kind : ``dead_point``, ``bifurcation``, ``approaching_dead_point``,
+    ``overload`` (the multipliers passed their threshold away from any singular pose) or ``latched`` (a latch has closed
+    at its position).
+    """
+
+    time: float
+    criterion: str
+    state: Array
+    kind: str
+    singular: Singularity
+
+
+@record
+class Latch:
+    """The structure that a latch makes of the mechanism, and its impact."""
+
+    locked: Locked
+    impact: LatchImpact
+
+
+def find_lock(motion: Motion, found: Scan, end: End, recorder: Recorder) -> Lock | None:
+    """Return the lock of the recorded run, None where no criterion fired."""
+    if end.time is None:
+        return None
+    if found.dead_point is not None and end.criterion == "dead_point":
+        state = found.dead_point[1]
+    elif found.latched is not None and end.criterion == "latch":
+        state = found.latched[1]
+    else:
+        z = recorder.array("energy/work")[-1:] if "energy/work" in recorder.blocks else None
+        state = motion.system.join(recorder.array("q")[-1], recorder.array("qd")[-1], z)
+    here = classify(motion.problem, motion.system.split(state)[0], motion.passive)
+    kind = here.kind
+    if kind == "regular" and end.criterion == "latch":
+        kind = "latched"
+    if kind == "regular":
+        kind = "approaching_dead_point" if _approaches(motion, found, end.time) else "overload"
+    return Lock(end.time, end.criterion, state, kind, here)
+
+
+def _approaches(motion: Motion, found: Scan, stop: float) -> bool:
+    """Tell multipliers that rise from the stop to a dead point from an overload that passes by itself."""
+    if all(time < stop for time, _ in found.dead_points):
+        return False
+    growth, own = found.growth, motion.scene.deploy.growth
+    assert growth is not None
+    first = own if growth.times.get(own) == stop else "limit"
+    return first not in growth.calmed
+
+
+def close(motion: Motion, found: Scan, lock: Lock | None) -> Latch | None:
+    """Close the scene's latch at the lock; None without one, at an overload, or where rates are unbounded."""
+    asked = motion.scene.deploy.latch
+    if lock is None or asked is None or lock.kind == "overload" or found.driven:
+        return None
+    q, qd, _ = motion.system.split(lock.state)
+    structure = locked(motion.problem, asked.between[0], asked.between[1], q, lock.time)
+    return Latch(structure, close_latch(motion.problem, structure, q, qd, lock.time))
+
+
+def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
+    """Estimate the error of the lock's time [s] from a second, tighter scan; None where that finds no lock."""
+    if lock.criterion == "multipliers":
+        return GRID
+    if found.driven:  # pure geometry: the root of a smooth function, to rounding
+        return 1e-15 * max(1.0, abs(lock.time)) * 10
+    method, mean_step = motion.choice.method, found.end / max(found.steps, 1)
+    second, _ = tighter(motion.options, mean_step, method)
+    twin = motion.with_own_watchers()
+    other = scan(twin, second, multipliers=False)
+    if other.steps <= 1.02 * found.steps and motion.options.step is None:
+        other = scan(twin, other_steps(second, mean_step)[0], multipliers=False)
+    again = other.latched if lock.criterion == "latch" else other.dead_point
+    if again is None:
+        return None
+    # the scans may end at different times, so it is steps per second that count
+    pace = found.end / max(other.end, 1e-300)
+    apart = abs(again[0] - lock.time) * remainder(method, found.steps, round(other.steps * pace))
+    # an agreement below what rounding leaves over the steps of a run says nothing
+    return max(apart, ROUNDING * lock.time)
+
+
+def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
+    """Return the error of a lock whose time is too uncertain to be one, else None."""
+    if lock is None or lock.criterion == "multipliers" or error is None or error <= TRUSTED * lock.time:
+        return None
+    what = "the latch closes" if lock.criterion == "latch" else "a dead point"
+    return NumericalError(
+        f"{what} at t = {lock.time:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
+        "motion is too sensitive to say when it locks",
+        time=lock.time,
+        time_error=error,
+    )
+
+
+def bifurcation_error(motion: Motion, found: Scan) -> RobodynError:
+    """Return the error of a deployment that comes to a loss of rank before it locks."""
+    assert found.bifurcation is not None
+    time, state = found.bifurcation
+    q, _, _ = motion.system.split(state)
+    kind = classify(motion.problem, q, motion.passive)
+    named = culprit(motion.problem, q, range(motion.problem.model.nv), time)
+    angles = dict(zip(motion.problem.model.q_names, q.tolist()))
+    return SingularConfigurationError(
+        f"bifurcation instead of a lock at t = {time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank "
+        f"(singular values {kind.psi[0]:.3g} to {kind.psi[-1]:.1e}); the multipliers are not unique there and the "
+        "mechanism may go on in more than one way",
+        time=time, kind="bifurcation", singular_values=kind.psi.tolist(), angles=angles,
+        loop=named.loop, joint=named.joint,
+    )  # fmt: skip
+
+
+# -- what is reported ---------------------------------------------------------------------------------------
+def events(found: Scan) -> list[dict[str, Any]]:
+    """Return what the scan met."""
+    listed = [{"time": time, "name": "dead_point", "kind": "dead_point"} for time, _ in found.dead_points]
+    if found.bifurcation:
+        listed.append({"time": found.bifurcation[0], "name": "rank", "kind": "bifurcation"})
+    growth = found.growth
+    for level, time in growth.times.items() if growth else ():
+        listed.append({"time": time, "name": f"multipliers {level:g} x median", "kind": "growth"})
+    if growth and growth.limit_time is not None:
+        listed.append({"time": growth.limit_time, "name": "multipliers over the limit", "kind": "limit"})
+    return listed
+
+
+def growth_times(found: Scan) -> dict[str, float | None]:
+    """Return when each level of growth was passed [s]."""
+    growth = found.growth
+    return {f"{level:g}": growth.times.get(level) for level in growth.levels} if growth else {}
+
+
+def criteria(motion: Motion, found: Scan) -> Criteria:
+    """Say when each criterion fired, whichever was chosen."""
+    return Criteria(
+        chosen=motion.scene.deploy.criterion,
+        dead_point=found.dead_point[0] if found.dead_point else None,
+        multipliers=fired(found.growth, motion.scene.deploy.growth),
+        growth_times=growth_times(found),
+        limit_time=found.growth.limit_time if found.growth else None,
+        grid=GRID,
+        latch=(found.latched[0] if found.latched else None)
+        if motion.scene.deploy.criterion == "latch"
+        else ABSENT,
+    )
+
+
+def describe_lock(
+    motion: Motion, found: Scan, lock: Lock, latch: Latch | None, error: float | None, recorder: Recorder
+) -> LockKeys:
+    """Describe the lock: time and its ``error``, configuration, kind, multipliers, latch."""
+    problem, model = motion.problem, motion.problem.model
+    q, qd, _ = motion.system.split(lock.state)
+    named = culprit(problem, q, motion.passive, lock.time) if motion.passive and found.growth else None
+    times = growth_times(found)
+    asked = motion.scene.simulate.error_estimate
+    angles = [(name, float(x), unit) for name, x, unit in zip(model.q_names, q, model.q_units)]
+    keys, note = _latch_keys(motion, lock, latch)
+    return LockKeys(
+        time=lock.time,
+        time_error=error,
+        time_error_method="difference from a second, tighter integration; for growth, one grid interval"
+        if asked or error is not None
+        else "not asked for",
+        angles={name: x for name, x, _ in angles},
+        angles_deg={name: float(np.degrees(x)) for name, x, unit in angles if unit == "rad"},
+        rates=dict(zip(model.v_names, qd.tolist())) if not found.driven else None,
+        kind=lock.kind,
+        joint=named.joint if named else None,
+        loop=named.loop if named else None,
+        criterion=lock.criterion,
+        driven=found.driven,
+        multiplier_growth=Growth(found.growth.ratio, times, GRID) if found.growth else None,
+        growth_times=times,
+        multipliers=_multiplier_keys(motion, found, recorder) if found.growth else None,
+        singular_values=SingularValues(
+            np.linalg.svd(psi_at(problem, q), compute_uv=False).tolist(), lock.singular.passive.tolist()
+        )
+        if found.growth
+        else None,
+        latch=keys,
+        latch_note=note,
+    )
+
+
+def _multiplier_keys(motion: Motion, found: Scan, recorder: Recorder) -> MultiplierKeys:
+    constraints = motion.problem.constraints
+    norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
+    return MultiplierKeys(
+        start=float(norm[0]),
+        at_lock=float(norm[-1]),
+        largest_until_lock=float(norm.max()),
+        rows=[row.name for row in constraints.loop_rows],
+        diverge=found.driven,
+    )
+
+
+def _latch_keys(
+    motion: Motion, lock: Lock, latch: Latch | None
+) -> tuple[LatchKeys | Absent | None, str | Absent]:
+    """Return what is said of the latch, and a note where one was asked for and none could close."""
+    if latch is not None:
+        return latch.impact.keys(motion.problem.model.v_names), ABSENT
+    if lock.kind == "overload":
+        return None, ABSENT
+    if motion.scene.deploy.latch is None:
+        return ABSENT, ABSENT
+    return None, "rates are unbounded at a dead point that is driven through, so no impulse exists"

@@ -1,0 +1,250 @@
+"""Inverse dynamics: what torques does this motion need."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.given.motion import Planned
+from robodyn_cli.observe.finite import refuse_result
+from robodyn_cli.observe.places import FORCES, add_places
+from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.tools.progress import Progress, no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.torques.build import build_inverse
+from robodyn_cli.torques.checks import (
+    error_estimate,
+    half_turns,
+    joint_figures,
+    path_error,
+)
+from robodyn_cli.torques.figures import ErrorEstimate
+from robodyn_cli.torques.program import InverseProgram, Loops, Sampled
+from robodyn_cli.works.inverse_summary import (
+    CLOSED_DEFINITIONS,
+    DEFINITIONS,
+    InverseSummary,
+    Mechanism,
+)
+
+if TYPE_CHECKING:
+    from robodyn_cli.fastest.report import FastestFigures
+    from robodyn_cli.observe.reactions import Loads
+
+
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
+def inverse(
+    scene: Scene,
+    *,
+    samples: int | None = None,
+    progress: Progress = no_progress,
+    watch: Stopwatch | None = None,
+) -> Result:
+    """Compute the joint torques that the scene's trajectory needs.
+
+        tau = M qdd + C qd + G - tau_passive - tau_friction - tau_external
+
+    ``tau`` (T, nv) is the actuators' torque [N m or N]; the terms are signed so that they sum to it. With closed
+    loops the left side is B tau + Psi^T lambda (see ``closed``).
+
+    Parameters
+    ----------
+    samples : number of uniform samples; default: the scene's ``inverse.samples``.
+    progress : called when the work is done. watch : adds up wall times by stage.
+
+    Returns
+    -------
+    A Result with the contract's datasets (``docs/hdf5.md``); joints, residuals and errors in the summary.
+
+    Raises
+    ------
+    SceneError : no motion, data that the equations need is not given, or inertias that no robot has. CapabilityError :
+    motion or actuators do not suffice. GeometryError : the motion cannot be met. SingularConfigurationError : a
+    singular pose on the way. NumericalError : a number of the result is not finite.
+    """
+    watch = watch or Stopwatch()
+    count = scene.inverse.samples if samples is None else samples
+    if count < 2:
+        raise ValueError(f"samples: {count}; allowed: 2 or more")
+    with watch.stage("equations"):
+        program = program_of(scene)
+    with watch.stage("solve"):
+        planned = at_rest(program.problem, program.plan(count))
+    with watch.stage("equations"):
+        function = program.compile(count)
+    with watch.stage("evaluate"):
+        sampled = program.evaluate(planned, function)
+    _refuse_indefinite(program.problem, sampled)
+    with watch.stage("error_estimate"):
+        errors = error_estimate(program, planned, sampled)
+    with watch.stage("evaluate"):
+        loads = loads_of(program, sampled) if scene.outputs.reactions else None
+    progress(program.duration, program.duration)
+    result = report(program, planned, sampled, loads)
+    summary = summarise(program, planned, sampled, errors, loads)
+    if scene.drives:
+        from robodyn_cli.drives.report import with_drives
+
+        with watch.stage("drives"):
+            summary = with_drives(summary, result, scene, program.problem)
+    result.summarise(summary, seconds=watch.report())
+    refuse_result(result)
+    return result
+
+
+def program_of(scene: Scene) -> InverseProgram:
+    """Return the program of a scene, whose motion is found first where it follows from the dynamics or from paths.
+
+    Raises
+    ------
+    RobodynError : see ``inverse``.
+    """
+    if getattr(scene.trajectory, "to_be_found", False):
+        from robodyn_cli.ready.in_time import with_motion
+
+        scene = with_motion(scene)
+    return build_inverse(scene)
+
+
+def at_rest(problem: Problem, planned: Planned) -> Planned:
+    """Return the motion with joints at rest where only rounding moves them (see ``rest``)."""
+    if not any(body.forces for body in problem.model.bodies):
+        return planned
+    from robodyn_cli.torques.rest import with_rest
+
+    return with_rest(problem, planned)
+
+
+def _beyond_limits(problem: Problem, sampled: Sampled) -> list[str]:
+    """Return a warning for each limit of a joint that the motion, or the torque that it needs, is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.observe.joint_limits import limit_warnings, limited_joints
+
+    motion = sampled.motion
+    rates = {"qd": motion.qd, "qdd": motion.qdd, "tau": sampled.tau}
+    return limit_warnings(limited_joints(problem.scene, problem.model), sampled.times, rates, motion.q)
+
+
+def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
+    if not any(body.forces for body in problem.model.bodies):
+        return []
+    from robodyn_cli.torques.rest import rest_warnings
+
+    return rest_warnings(problem, planned)
+
+
+def _refuse_indefinite(problem: Problem, sampled: Sampled) -> None:
+    from robodyn_cli.model.consistency import doubtful_bodies
+
+    if doubtful_bodies(problem.scene):
+        from robodyn_cli.observe.rounding import few
+        from robodyn_cli.ready.mass_matrix import refuse_indefinite
+
+        refuse_indefinite(problem.scene, sampled.motion.q[few(len(sampled.times))])
+
+
+def _payload_warnings(problem: Problem, sampled: Sampled) -> list[str]:
+    if not problem.model.payloads:
+        return []
+    from robodyn_cli.torques.payloads import impact_warnings
+
+    return impact_warnings(problem, sampled)
+
+
+def loads_of(program: InverseProgram, sampled: Sampled) -> Loads:
+    """Return forces and moments in joints and closures."""
+    from robodyn_cli.observe.reactions import loads_along
+
+    lam = program.row_multipliers(sampled)
+    return loads_along(program.problem, sampled.times, sampled.motion, lam, sampled.p)
+
+
+def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: Loads | None) -> Result:
+    """Return the datasets of a run."""
+    problem, arrays = program.problem, sampled.arrays
+    scene, columns = problem.scene, joint_columns(problem.model)
+    result = Result.of("inverse", scene)
+    if problem.model.payloads:
+        from robodyn_cli.torques.payloads import events_of
+
+        result.events = events_of(scene, sampled.times)
+    add_motion(result, problem.model, sampled.times, sampled.motion)
+    add_joint_limits(result, scene, problem.model)
+    result.add("tau", sampled.tau, **columns["tau"].described())
+    for name, term in sampled.terms.items():
+        result.add(f"torque_terms/{name}", term, **columns["tau"].described())
+    kinetic, potential = arrays["energy/kinetic"][:, 0], arrays["energy/potential"][:, 0]
+    result.add("energy/kinetic", kinetic)
+    result.add("energy/potential", potential)
+    result.add("energy/total", kinetic + potential)
+    for path in FORCES:
+        if path in arrays:
+            result.add(path, arrays[path], names=problem.elements.names)
+    program.add_loops(result, sampled)
+    add_places(result, {path: arrays[path] for path in program.places})
+    if planned.target is not None:
+        # coordinates that the target leaves free are those of the point
+        asked = result[f"points/{planned.point}"].copy()
+        asked[:, : planned.target.shape[1]] = planned.target
+        result.add(f"targets/{planned.point}", asked)
+    if program.scaling is not None:
+        from robodyn_cli.fastest.report import add_limits
+
+        add_limits(result, program.scaling, problem.model, sampled)
+    if loads is not None:
+        loads.add_to(result)
+    return result
+
+
+def summarise(
+    program: InverseProgram,
+    planned: Planned,
+    sampled: Sampled,
+    errors: ErrorEstimate,
+    loads: Loads | None,
+) -> InverseSummary:
+    """Return the summary of a run."""
+    problem, loops = program.problem, sampled.loops
+    fastest: FastestFigures | Absent = ABSENT
+    inexact: list[str] = []
+    if program.scaling is not None:
+        from robodyn_cli.fastest.report import figures, warnings
+
+        fastest, inexact = figures(program.scaling, problem.model, sampled), warnings(program.scaling)
+    return InverseSummary(
+        termination=Termination("end of the trajectory", float(sampled.times[-1])),
+        samples=len(sampled.times),
+        warnings=[
+            *_beyond_limits(problem, sampled),
+            *half_turns(problem, sampled),
+            *_rest_warnings(problem, planned),
+            *_payload_warnings(problem, sampled),
+            *inexact,
+        ]
+        or ABSENT,
+        mechanism=ABSENT if loops is None else _mechanism(loops),
+        fastest=fastest,
+        inverse_kinematics=planned.method or ABSENT,
+        ik_residual=path_error(planned, sampled),
+        attitude_residual=errors.attitude_residual,
+        error_estimate=errors,
+        round_trip=errors.round_trip,
+        constraint_residual=ABSENT
+        if loops is None
+        else Residual(loops.residual["position"], loops.residual["velocity"]),
+        joints=joint_figures(problem, sampled),
+        definitions=DEFINITIONS if loops is None else CLOSED_DEFINITIONS,
+        counters=dict(sampled.counters),
+        reactions=ABSENT if loads is None else loads.summary(),
+    )
+
+
+def _mechanism(loops: Loops) -> Mechanism:
+    shared = loops.shared
+    return Mechanism(shared.freedom, list(loops.actuated), *shared.uniqueness)

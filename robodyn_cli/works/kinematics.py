@@ -1,0 +1,256 @@
+"""Kinematic analysis: where a mechanism goes, how fast, and how well it transmits, without any forces."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.given.guided_motion import guided_motion
+from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
+from robodyn_cli.given.motion import (
+    Planned,
+    motion_duration,
+    plan_motion,
+    with_led_point,
+    without_following,
+)
+from robodyn_cli.model.model import MOTION_GROUPS
+from robodyn_cli.observe.closing import add_rows
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.finite import refuse_result
+from robodyn_cli.observe.places import add_places, place_outputs, point_motion
+from robodyn_cli.observe.singular_values import singular_values
+from robodyn_cli.observe.units import add_joint_limits, add_motion
+from robodyn_cli.ready.mobility import Mobility, mobility
+from robodyn_cli.ready.prepare import held_columns
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import ABSENT, Absent, Termination
+from robodyn_cli.scene.points import with_points
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.tools.progress import Progress, no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.trajectories.led import velocity_columns
+from robodyn_cli.works.mechanism_summary import (
+    Closure,
+    JointRange,
+    KinematicsSummary,
+    PointPath,
+    SingularRatio,
+    TransmissionAngle,
+)
+
+
+@np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
+def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | None = None) -> Result:
+    """Compute the motion that a sweep, a trajectory or prescribed joints give: no mass is needed.
+
+    Returns
+    -------
+    A Result with positions, rates and accelerations of joints and named points, singular values of the loops' Psi
+    and of its passive block, the transmission angle where three points are given; mobility and extremes in the
+    summary.
+
+    Raises
+    ------
+    SceneError : nothing moves. GeometryError, SingularConfigurationError : the motion cannot be met, or ends at a
+    singular configuration; attribute ``result`` then holds what was reached.
+    """
+    watch = watch or Stopwatch()
+    with watch.stage("equations"):
+        problem = problem_of(scene)
+    with watch.stage("solve"):
+        planned, led = plan(problem)
+    times = planned.times
+    with watch.stage("equations"):
+        function = SampleFunction(outputs(problem), MOTION_GROUPS, len(times))
+    with watch.stage("evaluate"):
+        arrays = function.along(times, planned.motion)
+    progress(float(times[-1]), float(times[-1]))
+    mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
+    result = report(problem, planned, led, arrays)
+    result.summarise(summarise(problem, planned, result, mobile), seconds=watch.report())
+    refuse_result(result)
+    return result.unless(planned.stopped)
+
+
+def problem_of(scene: Scene) -> Problem:
+    """Return the equations of a scene for its kinematics, with the points that are wanted."""
+    if scene.kinematics.sweep is None:
+        scene = without_following(scene)
+        if getattr(scene.trajectory, "to_be_found", False):
+            from robodyn_cli.ready.in_time import with_motion
+
+            scene = with_motion(scene)
+    return Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
+
+
+def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
+    """Return the motion and the velocity coordinates that lead it.
+
+    Raises
+    ------
+    SceneError : nothing moves. Others as ``plan_motion`` and ``guided_motion``.
+    """
+    lead, times = leading(problem)
+    if lead is None:
+        return plan_motion(problem, times), problem.model.v_names
+    return guided_motion(problem, lead, times), (*lead.joints, *velocity_columns(problem.scene.prescribed))
+
+
+def leading(problem: Problem) -> tuple[Lead | None, Array]:
+    """Return what leads the mechanism, and times (T,); None in an open chain that a trajectory leads.
+
+    Raises
+    ------
+    SceneError : nothing moves.
+    """
+    scene, samples = problem.scene, problem.scene.kinematics.samples
+    sweep = scene.kinematics.sweep
+    if sweep is not None:
+        duration = abs(sweep.stop - sweep.start) / sweep.rate
+        return _swept(problem), np.linspace(0.0, duration, samples)
+    if scene.trajectory is None and not scene.prescribed:
+        raise SceneError(
+            f"{scene.path}: nothing moves: kinematics needs `kinematics.sweep`, `trajectory` or `prescribed`",
+            key="kinematics",
+        )
+    times = np.linspace(0.0, motion_duration(scene), samples)
+    return (lead_of(problem) if problem.model.closures else None), times
+
+
+def _swept(problem: Problem) -> Lead:
+    """Return a lead with the swept joint and the joints that stay: held ones, or all others in an open chain."""
+    scene = problem.scene
+    sweep = scene.kinematics.sweep
+    assert sweep is not None
+    model = problem.model
+    refuse_quasi(model, sweep.joint)
+    others = held_columns(scene, problem) if model.closures else model.q_names
+    held = [name for name in others if name != sweep.joint and name not in scene.prescribed]
+    missing = [name for name in held if name not in scene.initial.q]
+    if missing:
+        raise SceneError(
+            f"{scene.path}: initial.q: joint {missing[0]!r} stays where it is during the sweep, and has no position",
+            key="initial.q",
+        )
+    rate = sweep.rate if sweep.stop > sweep.start else -sweep.rate
+    stay = [scene.initial.q[name] for name in held]
+    return Lead.staying(model, (sweep.joint, *held), [sweep.start, *stay], rate)
+
+
+def outputs(problem: Problem) -> dict[str, list[Scalar]]:
+    """Return the expressions evaluated along the motion by result path, and Psi and eta of the loops."""
+    rows = problem.constraints.loop_rows
+    loops = {"psi": [x for row in rows for x in row.psi], "eta": [row.eta for row in rows]}
+    return {**place_outputs(problem), **point_motion(problem), **loops}
+
+
+def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Mapping[str, Array]) -> Result:
+    """Return the datasets of a run; ``led`` are the velocity coordinates that lead."""
+    scene = problem.scene
+    result = Result.of("kinematics", scene, "ok" if planned.stopped is None else "failed")
+    add_motion(result, problem.model, planned.times, planned.motion)
+    add_joint_limits(result, scene, problem.model)
+    add_places(result, {path: array for path, array in arrays.items() if path not in ("psi", "eta")})
+    rows = problem.constraints.loop_rows
+    if rows:
+        add_rows(result, rows, {"constraints/position_residual": arrays["eta"]})
+        passive = [k for k, name in enumerate(problem.model.v_names) if name not in led]
+        leads = len(passive) < problem.model.nv
+        for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
+            result.add(path, data)
+    if scene.kinematics.transmission is not None:
+        result.add("transmission_angle", transmission_angle(result, scene.kinematics.transmission))
+    return result
+
+
+def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
+    """Return Psi of the loops (T, m, nv)."""
+    psi = arrays["psi"]
+    return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
+
+
+def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
+    """Return the angle at the second of three points (T,) [rad], from 0 to pi."""
+    a, b, c = (result[f"points/{name}"] for name in points)
+    u, w = a - b, c - b
+    across = np.linalg.norm(np.cross(u, w), axis=1)
+    along: Array = np.einsum("ti,ti->t", u, w)
+    angle: Array = np.arctan2(across, along)
+    return angle
+
+
+def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:
+    """Return a warning for each limit of a joint that the motion is beyond."""
+    if not problem.scene.robot.limited:
+        return []
+    from robodyn_cli.observe.joint_limits import limit_warnings, limited_joints
+
+    motion, joints = planned.motion, limited_joints(problem.scene, problem.model)
+    return limit_warnings(joints, planned.times, {"qd": motion.qd, "qdd": motion.qdd}, motion.q)
+
+
+def summarise(
+    problem: Problem, planned: Planned, result: Result, mobile: Mobility | None
+) -> KinematicsSummary:
+    """Return the summary of a run."""
+    times, stopped = planned.times, planned.stopped
+    whole = Termination("end of the motion", float(times[-1]))
+    return KinematicsSummary(
+        termination=whole if stopped is None else stopped.termination,
+        mobility=ABSENT if mobile is None else mobile,
+        samples=len(times),
+        warnings=_beyond_limits(problem, planned) or ABSENT,
+        joints=_joint_ranges(result),
+        points=_point_paths(result),
+        singular_ratio=_singular_ratio(result),
+        transmission_angle=_transmission(result),
+        error_estimate=Closure(planned.residuals) if planned.residuals else ABSENT,
+        counters=planned.counters,
+    )
+
+
+def _joint_ranges(result: Result) -> dict[str, JointRange]:
+    found, positions = {}, result.variables["q"].names
+    for k, name in enumerate(result.variables["qd"].names):
+        # quasi-velocities are the rates of no position
+        q = result["q"][:, positions.index(name)] if name in positions else None
+        found[name] = JointRange(
+            smallest=None if q is None else float(q.min()),
+            largest=None if q is None else float(q.max()),
+            peak_speed=float(np.abs(result["qd"][:, k]).max()),
+            peak_acceleration=float(np.abs(result["qdd"][:, k]).max()),
+        )
+    return found
+
+
+def _point_paths(result: Result) -> dict[str, PointPath]:
+    found = {}
+    for name, item in result.group("point_velocities").items():
+        found[name] = PointPath(
+            peak_speed=float(np.linalg.norm(item.data, axis=1).max()),
+            peak_acceleration=float(np.linalg.norm(result[f"point_accelerations/{name}"], axis=1).max()),
+            path_length=float(np.linalg.norm(np.diff(result[f"points/{name}"], axis=0), axis=1).sum()),
+        )
+    return found
+
+
+def _singular_ratio(result: Result) -> SingularRatio | Absent:
+    if "singularity/passive" not in result:
+        return ABSENT
+    ratio = result["singularity/passive"][:, -1] / result["singularity/psi"][:, 0]
+    at = int(np.argmin(ratio))
+    return SingularRatio(float(ratio[at]), float(result.time[at]))
+
+
+def _transmission(result: Result) -> TransmissionAngle | Absent:
+    if "transmission_angle" not in result:
+        return ABSENT
+    angle, times = np.degrees(result["transmission_angle"]), result.time
+    low, high = int(np.argmin(angle)), int(np.argmax(angle))
+    return TransmissionAngle(float(angle[low]), float(times[low]), float(angle[high]), float(times[high]))

@@ -1,0 +1,156 @@
+"""Forward dynamics: what motion do these torques give."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.method import supervisor_for
+from robodyn_cli.motion.motion import Beginning
+from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error, grid_of
+from robodyn_cli.motion.self_check import Judgement, Run, judge
+from robodyn_cli.motion.summary import motion_summary
+from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.results.hdf5.writer import ResultWriter
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.tools.progress import Progress, no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
+
+if TYPE_CHECKING:
+    from robodyn_cli.motion.going_on.journal import Journal
+
+
+def simulate(
+    scene: Scene,
+    progress: Progress = no_progress,
+    watch: Stopwatch | None = None,
+    writer: ResultWriter | None = None,
+    journal: Journal | None = None,
+) -> Result:
+    """Integrate the scene over its duration.
+
+    Parameters
+    ----------
+    writer : takes the datasets block by block while the run goes on; the Result then holds a selection of the
+        samples, and the caller finishes the file.
+    journal : takes what a run that is killed goes on from; one with blocks of such a run goes on with them.
+
+    Returns
+    -------
+    A Result with the contract's datasets (``docs/hdf5.md``) and its error estimate in the summary.
+
+    Raises
+    ------
+    RobodynError : with ``result`` holding what was computed until then.
+    """
+    watch = watch or Stopwatch()
+    run = _start(scene, writer, watch)
+    stopped = _drive(run, progress, watch, journal)
+    judgement = judge(run, stopped)
+    estimate = None
+    if judgement.failure is None and scene.simulate.error_estimate:
+        with watch.stage("error_estimate"):
+            estimate = _estimate(run, progress)
+    return _report(run, judgement, estimate, watch)
+
+
+def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
+    """Build everything, and put the driver to the start."""
+    if scene.initial.source is None:
+        motion = build_motion(scene, watch)
+        beginning = motion.beginning
+    else:
+        from robodyn_cli.motion.going_on.stored import stored_run
+
+        stored = stored_run(scene)
+        motion = build_motion(stored.completed(), watch)
+        beginning = stored.beginning(motion)
+    with watch.stage("equations"):
+        recorder = Recorder.of(motion.observer, writer)
+    with watch.stage("method"):
+        driver = Driver.of(motion, supervisor_for(motion.choice))
+        driver.start(beginning.time, beginning.state)
+    return Run(motion, beginning, driver, recorder)
+
+
+def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:
+    """Integrate over the duration and record; return why the run ended before, with its last state recorded."""
+    s, driver, recorder = run.motion.scene.simulate, run.driver, run.recorder
+    driver.tick = lambda time: progress(time, s.duration)
+
+    def emit(t: Array, x: Array) -> None:
+        if t[0] <= recorder.last_time:  # a run that is taken up begins with the last sample that it has
+            t, x = t[1:], x[1:]
+        if not len(t):
+            return
+        recorder.emit(t, x, driver.parameters)
+        if journal is not None:
+            journal.add(t, x, driver)
+        progress(float(t[-1]), s.duration)
+
+    with watch.stage("integrate"):
+        if journal is not None and journal.taken:
+            _take_up(run, journal)
+        try:
+            driver.run(s.duration, grid_of(run.motion.scene, run.beginning), emit)
+        except RobodynError as error:
+            from robodyn_cli.motion.failure import explained
+
+            recorder.keep_last_state(driver.time, driver.state, driver.parameters)
+            return explained(error, run.motion, driver)
+    return None
+
+
+def _take_up(run: Run, journal: Journal) -> None:
+    """Record the samples that an earlier process has come to, and put the driver to the last of them.
+
+    Raises
+    ------
+    CapabilityError : events have changed the motion, and who answers them does not know of earlier ones.
+    """
+    if any(watcher.changes_motion for watcher in run.driver.watchers):
+        raise CapabilityError(
+            f"{run.motion.scene.path}: a run with joints that stick or meet rigid stops, that picks up masses, or "
+            "that passes singular poses, does not go on after it was killed; run it without --resume"
+        )
+    for block in journal.blocks():
+        for watcher in run.driver.watchers:
+            watcher.see(block.t, block.x)
+        run.recorder.emit(block.t, block.x, block.p)
+    run.driver.go_on(Beginning(float(block.t[-1]), block.x[-1]), block.counters, block.changes)
+    for watcher, noted in zip(run.driver.watchers, block.noted):
+        watcher.recall(noted)
+
+
+def _estimate(run: Run, progress: Progress) -> ErrorEstimate:
+    """Return the error of the run just made."""
+    duration = run.motion.scene.simulate.duration
+    first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps, run.beginning)
+    return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
+
+
+def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watch: Stopwatch) -> Result:
+    """Return the result with its summary.
+
+    Raises
+    ------
+    RobodynError : why the run failed, with the result.
+    """
+    failure = judgement.failure
+    result = Result.of("simulate", run.motion.scene, "ok" if failure is None else "failed")
+    result.events = run.driver.log
+    run.recorder.fill(result)
+    add_joint_limits(result, run.motion.scene, run.motion.problem.model)
+    summary = motion_summary(run, judgement, estimate)
+    if run.motion.scene.drives and failure is None:
+        from robodyn_cli.drives.report import with_drives
+
+        with watch.stage("drives"):
+            summary = with_drives(summary, result, run.motion.scene, run.motion.problem)
+    result.summarise(summary, seconds=watch.report())
+    return result.unless(failure)

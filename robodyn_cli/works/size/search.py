@@ -1,0 +1,180 @@
+"""The search for a motor and a gear of each joint that bear its motion, with the masses of all others."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.drives.cycle import Duty
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.motors.drive import Catalogue, Drive, Train
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.works.size.candidates import Candidates, stacked
+from robodyn_cli.works.size.responses import Responses
+
+MOST_SWEEPS = 40
+ALIKE = 1e-9  # relative change of a load that is rounding
+CALM = 8  # sweeps after which a mass that was chosen once is never taken as less
+
+
+@record
+class Front:
+    """A combination that no other beats in both: cost or mass of all equal drives, and margin of what decides."""
+
+    motor: str
+    gear: str | None
+    cost: float
+    mass: float
+    margin: float
+    decides: str
+
+
+@record
+class Search:
+    """The search over all joints. candidates : by joint. uses : of each combination, by joint and limit, (M, G), under
+    the loads (T,) of each joint."""
+
+    responses: Responses
+    candidates: dict[str, Candidates]
+    by: str
+    chosen: dict[str, int]
+    uses: dict[str, dict[str, Array]]
+    loads: dict[str, Array]
+
+    @staticmethod
+    def of(responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, by: str) -> Search:
+        """Return the search, in which nothing is chosen yet.
+
+        Raises
+        ------
+        SceneError : the catalogue has nothing that moves a joint.
+        """
+        types = {joint.name: joint_types[joint.type] for joint in responses.scene.robot.joints}
+        alike: dict[Any, Candidates] = {}  # most joints have the same to choose from
+        found = {}
+        for name, drive in drives.items():
+            key = dataclasses.replace(drive, motor="", gear=None), types[name].v_units[0]
+            if key not in alike:
+                alike[key] = Candidates.of(drive, catalogue, key[1])
+            one = found[name] = alike[key]
+            if not one.usable.any():
+                what = f"{responses.scene.path}: catalogue: no motor and gear for joint {name!r}"
+                raise SceneError(
+                    f"{what}; allowed: a catalogue with some that run and move it", key="catalogue"
+                )
+        return Search(responses, found, by, {}, {}, {})
+
+    def run(self) -> int:
+        """Choose for all joints, and return in how many sweeps.
+
+        Raises
+        ------
+        CapabilityError : the choice does not settle.
+        """
+        assumed = dict.fromkeys(self.candidates, 0.0)
+        for sweep in range(1, MOST_SWEEPS + 1):
+            before = dict(self.chosen), dict(assumed)
+            for name in reversed(list(self.candidates)):
+                self.chosen[name] = self._best(name, assumed)
+                mass = self.figure(name, "masses")
+                assumed[name] = max(assumed[name], mass) if sweep > CALM else mass
+            if before == (self.chosen, assumed):
+                return sweep
+        raise CapabilityError(f"the choice of drives does not settle in {MOST_SWEEPS} sweeps")
+
+    def figure(self, name: str, key: str) -> float:
+        """Return a figure of the chosen combination of a joint, 0 where none is chosen yet."""
+        values: Array = getattr(self.candidates[name], key)
+        return float(values.flat[self.chosen[name]]) if name in self.chosen else 0.0
+
+    def _duty(self, name: str, masses: Mapping[str, float]) -> Duty:
+        """Return what a joint's drive has to bear, with drives of these masses elsewhere."""
+        responses = self.responses
+        k = responses.columns[responses.joints.index(name)]
+        m = np.array([masses[n] for n in responses.joints])
+        I = np.array([self.figure(n, "inertias") for n in responses.joints])
+        tau = responses.tau.at(m, I)[:, k]
+        load = tau - self.figure(name, "inertias") * responses.qdd[:, k]
+        hold = None if responses.hold is None else responses.hold.at(m, I)[:, k]
+        qd, qdd = responses.qd[:, k], responses.qdd[:, k]
+        return Duty(responses.times, qd, qdd, load, hold, breaks=responses.breaks)
+
+    def _best(self, name: str, masses: Mapping[str, float]) -> int:
+        """Return the combination to choose for a joint, and keep how much of the limits all use."""
+        one, duty = self.candidates[name], self._duty(name, masses)
+        if name in self.uses:
+            change = np.abs(duty.load - self.loads[name]).max()
+            if change <= ALIKE * np.abs(duty.load).max():
+                return self.chosen[name]
+        self.uses[name], self.loads[name] = one.uses(duty), duty.load
+        margins = self.margins(name)
+        passing = margins >= one.drive.margin
+        if not passing.any():
+            return int(np.argmax(margins))
+        first, second = self.prices(name)
+        ranks = np.lexsort((-margins.ravel(), second, first, ~passing.ravel()))
+        return int(ranks[0])
+
+    def take(self, choice: Mapping[str, int]) -> None:
+        """Choose combinations of all joints, and keep how much of the limits all use with these."""
+        self.chosen.update(choice)
+        masses = {name: self.figure(name, "masses") for name in self.candidates}
+        for name, one in self.candidates.items():
+            duty = self._duty(name, masses)
+            self.uses[name], self.loads[name] = one.uses(duty), duty.load
+
+    @property
+    def all_pass(self) -> bool:
+        """Whether what is chosen bears the motion of all joints."""
+        return all(
+            self.margins(name).flat[self.chosen[name]] >= one.drive.margin
+            for name, one in self.candidates.items()
+        )
+
+    def prices(self, name: str) -> tuple[Array, Array]:
+        """Return of each combination what is to be small, and what decides between equals."""
+        one = self.candidates[name]
+        costs, masses = one.costs.ravel(), one.masses.ravel()
+        return (costs, masses) if self.by == "cost" else (masses, costs)
+
+    def margins(self, name: str) -> Array:
+        """Return the margin of each combination (M, G), -inf where it cannot run."""
+        return self.candidates[name].margins(self.uses[name])
+
+    def margins_under(self, name: str, masses: Mapping[str, float]) -> Array:
+        """Return the same with drives of other masses elsewhere."""
+        one = self.candidates[name]
+        return one.margins(one.uses(self._duty(name, masses)))
+
+    def train(self, name: str) -> Train:
+        """Return what is chosen for a joint."""
+        return self.candidates[name].train(self.chosen[name])
+
+    def _figures(self, name: str, k: int) -> Front:
+        """Return the figures of the k-th combination of a joint."""
+        one, use = self.candidates[name], stacked(self.uses[name])
+        drive = one.train(k).drive
+        decides = list(self.uses[name])[int(use.reshape(len(use), -1)[:, k].argmax())]
+        cost, mass, margin = (float(x.flat[k]) for x in (one.costs, one.masses, self.margins(name)))
+        return Front(drive.motor, drive.gear, cost, mass, margin, decides)
+
+    def best(self, name: str) -> Front:
+        """Return the combination of a joint with the largest margin."""
+        return self._figures(name, int(np.argmax(self.margins(name))))
+
+    def front(self, name: str) -> list[Front]:
+        """Return the combinations of a joint that none beats in both cost (or mass) and margin, the cheapest first."""
+        one, margins = self.candidates[name], self.margins(name)
+        price = one.costs if self.by == "cost" else one.masses
+        found: list[int] = []
+        best = -np.inf
+        for k in np.lexsort((-margins.ravel(), price.ravel())).tolist():
+            if margins.flat[k] > best and margins.flat[k] >= one.drive.margin:
+                best = float(margins.flat[k])
+                found.append(k)
+        return [self._figures(name, k) for k in found]
