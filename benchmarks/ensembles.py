@@ -269,7 +269,7 @@ def command(words: list[str], cache: str) -> float:
         return time.perf_counter() - start
 
 
-def studies(count: int) -> list[dict[str, Any]]:
+def studies(count: int, turns: int) -> list[dict[str, Any]]:
     rows = []
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "pendulum.yaml"
@@ -281,7 +281,7 @@ def studies(count: int) -> list[dict[str, Any]]:
             ("sweep of 100 springs of a six-bar, cold cache", SIX_BAR, springs, False),
         ):
             singles, wholes = [], []
-            for turn in range(3):
+            for turn in range(turns):
                 shared = f"{folder}/shared"
                 single, whole = ([f"{folder}/a{turn}", f"{folder}/b{turn}"], [shared, shared])[warm]
                 if warm and not turn:
@@ -297,13 +297,13 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true")
     parser.add_argument("--json")
     chosen = parser.parse_args()
-    count, repeats = (200, 1) if chosen.quick else (10_000, 5)
+    count, repeats = (50, 1) if chosen.quick else (10_000, 5)
     rows = double_pendulums(count, repeats)
     rows += stiff(20 if chosen.quick else 1000, repeats)
     rows += four_bars(count, repeats)
     precise = work_precision(count // 5, repeats) if has("heyoka") else []
     side = threads(count, repeats)
-    whole = studies(count)
+    whole = studies(count, 1 if chosen.quick else 3)
     measure.print_machine()
     print(f"\nTwo threads: {side['threads']:.2f} times one, by the clock\n")
     head = ["work", "way", "runs", "runs/s", "median error", "to heyoka's batch"]

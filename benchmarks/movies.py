@@ -1,6 +1,6 @@
 """Whole-process times of a movie: the deploying four-bar as a GIF, beside matplotlib's FuncAnimation.
 
-    python benchmarks/movies.py [--repeats N] [--alone] [--json FILE]
+    python benchmarks/movies.py [--repeats N] [--alone] [--quick] [--json FILE]
 
 Every figure is a process from start to end, the file written. The processes take turns; times are medians, by the
 clock and of the processor (all threads). FuncAnimation draws as many frames of the same size with nothing but the
@@ -56,10 +56,13 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
     parser.add_argument("--alone", action="store_true", help="leave FuncAnimation out")
+    parser.add_argument("--quick", action="store_true", help="fewer frames, one repeat")
     options = parser.parse_args()
+    options.repeats = 1 if options.quick else options.repeats
+    more = ["--fps", "5"] if options.quick else []
     environment = {**os.environ, "PYTHONPATH": measure.search_path(), "MPLBACKEND": "Agg"}
     with tempfile.TemporaryDirectory() as folder:
-        rows, made = bench(Path(folder), environment, options.repeats, options.alone)
+        rows, made = bench(Path(folder), environment, options.repeats, options.alone, more)
     measure.print_machine()
     print(
         f"medians of {options.repeats} alternating processes; {made['frames']} frames, {made['size'] / 1024:.0f} KiB"
@@ -71,14 +74,14 @@ def main() -> None:
 
 
 def bench(
-    folder: Path, environment: dict[str, str], repeats: int, alone: bool
+    folder: Path, environment: dict[str, str], repeats: int, alone: bool, more: list[str]
 ) -> tuple[list[dict[str, Any]], dict[str, Any]]:
-    """Time the processes in turn; return their rows, and what ``animate`` says of its movie."""
+    """Time the processes in turn; return their rows, and what ``animate`` says of its movie. more : its options."""
     from PIL import Image
 
     run([*robodyn(), "deploy", str(SCENE), "--no-plots", "--out", str(folder / "result")], environment)
     gif = folder / "movie.gif"
-    animate = [*robodyn(), "animate", str(folder / "result"), "--file", str(gif), "--json"]
+    animate = [*robodyn(), "animate", str(folder / "result"), "--file", str(gif), "--json", *more]
     made = json.loads(subprocess.run(animate, env=environment, check=True, stdout=subprocess.PIPE).stdout)
     with Image.open(gif) as image:
         size = image.size

@@ -23,6 +23,11 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text(encoding="utf-8"))
 
 
+@functools.cache
+def _imports_of(path: Path) -> list[ast.Import | ast.ImportFrom]:
+    return [node for node in ast.walk(tree_of(path)) if isinstance(node, (ast.Import, ast.ImportFrom))]
+
+
 def name_of(path: Path) -> str:
     """Return a path as it is written in messages: from the root of the repository, with slashes."""
     return path.relative_to(ROOT).as_posix()
@@ -64,10 +69,10 @@ def imported(path: Path, module: str, known: Container[str] = ()) -> set[str]:
     """
     package = module if path.name == "__init__.py" else module.rpartition(".")[0]
     found: set[str] = set()
-    for node in ast.walk(tree_of(path)):
+    for node in _imports_of(path):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
-        elif isinstance(node, ast.ImportFrom):
+        else:
             above = package.rsplit(".", node.level - 1)[0] if node.level else ""
             source = ".".join(x for x in (above, node.module or "") if x)
             members = {f"{source}.{alias.name}" for alias in node.names}

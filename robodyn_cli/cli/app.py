@@ -13,6 +13,7 @@ import typer.main
 from typer.core import TyperGroup
 
 from robodyn_cli.cli.console import Console, guarded, output_lost
+from robodyn_cli.cli.options import with_shared
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import RobodynError, did_you_mean
 from robodyn_cli.exit_codes import WRONG_USAGE
@@ -36,7 +37,10 @@ class Commands(TyperGroup):
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:
         if cmd_name in COMMANDS and cmd_name not in self.commands:
-            self.commands[cmd_name] = _load(cmd_name)
+            module = importlib.import_module(f"robodyn_cli.cli.commands.{cmd_name.replace('-', '_')}")
+            alone = typer.Typer(add_completion=False, rich_markup_mode=None)
+            alone.command(cmd_name, help=COMMANDS[cmd_name].help)(guarded(with_shared(module.command)))
+            self.commands[cmd_name] = typer.main.get_command(alone)
         return self.commands.get(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -98,14 +102,6 @@ def _message(error: Any, words: list[str]) -> str:
     text = " ".join(str(error.format_message()).split())
     page = f"{PROGRAM} {words[0]}" if words[:1] and words[0] in COMMANDS else PROGRAM
     return f"{text}{'' if text.endswith(('.', '?')) else '.'} See '{page} --help'."
-
-
-def _load(name: str) -> Any:
-    """Return a command of the table for the parser."""
-    module = importlib.import_module(f"robodyn_cli.cli.commands.{name.replace('-', '_')}")
-    alone = typer.Typer(add_completion=False, rich_markup_mode=None)
-    alone.command(name, help=COMMANDS[name].help)(guarded(module.command))
-    return typer.main.get_command(alone)
 
 
 app = typer.Typer(

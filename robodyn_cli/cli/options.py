@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import dataclasses
+import functools
+import inspect
 import math
 import os
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.console import Console
+from robodyn_cli.cli.runner import SceneRun, default_directory
 from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import did_you_mean
+from robodyn_cli.record import record
 
 if TYPE_CHECKING:
     from robodyn_cli.report.registry import Drawings
@@ -130,15 +136,6 @@ def plot_list(words: str) -> tuple[str, ...]:
     return names
 
 
-def drawings(no_plots: bool, plots: Any, format_: str) -> Drawings | None:
-    """Return which plots a command draws; None for none."""
-    if no_plots:
-        return None
-    from robodyn_cli.report.registry import Drawings
-
-    return Drawings(plots, format_)
-
-
 PlotNames = Annotated[
     Any,
     typer.Option("--plots", metavar="NAME,...", parser=plot_list, help="Draw these plots. [default: all]"),
@@ -195,6 +192,81 @@ Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but er
 NoErrorEstimate = Annotated[
     bool, typer.Option("--no-error-estimate", help="Skip the second integration that estimates the error.")
 ]
+NO_ERROR_ESTIMATE = ("simulate.error_estimate=false",)  # the override that it stands for
+
 Strict = Annotated[
     bool, typer.Option("--strict", help="Take warnings about the scene and the result as errors.")
 ]
+
+
+@record
+class SharedOptions:
+    """The options of a command on a scene: where its results go, keys that are set, what is drawn and printed.
+
+    A command has these options where it has a parameter of this class; ``with_shared`` puts them there.
+    """
+
+    out: OutDir = None
+    overrides: Overrides = None
+    no_plots: NoPlots = False
+    plots: PlotNames = None
+    format_: PlotFormat = "png"
+    as_json: AsJson = False
+    quiet: Quiet = False
+
+    @property
+    def drawings(self) -> Drawings | None:
+        """Return which plots the command draws; None for none."""
+        if self.no_plots:
+            return None
+        from robodyn_cli.report.registry import Drawings
+
+        return Drawings(self.plots, self.format_)
+
+    def directory(self, scene: Path, command: str) -> Path:
+        """Return where the results of a command on a scene go."""
+        return self.out or default_directory(scene, command)
+
+    @property
+    def console(self) -> Console:
+        return Console(self.as_json, self.quiet)
+
+    def job(
+        self, command: str, scene: Path, strict: bool = False, changes: Sequence[str] = (), **more: Any
+    ) -> SceneRun:
+        """Return a run of a scene; changes : overrides that other options stand for; more : fields of ``SceneRun``."""
+        overrides = [*(self.overrides or ()), *changes]
+        return SceneRun(
+            command, scene, self.directory(scene, command), overrides, self.drawings, strict, **more
+        )
+
+
+def with_shared(command: Callable[..., int]) -> Callable[..., int]:
+    """Return a command that takes the options of ``SharedOptions`` one by one, in place of its parameter of that class.
+
+    An option that the command declares itself, with a help or at a place of its own, goes to both.
+    """
+    own = inspect.signature(command, eval_str=True).parameters
+    place = next((name for name, parameter in own.items() if parameter.annotation is SharedOptions), None)
+    if place is None:
+        return command
+    kinds = inspect.get_annotations(SharedOptions, eval_str=True)
+    shared = [
+        inspect.Parameter(f.name, inspect.Parameter.KEYWORD_ONLY, default=f.default, annotation=kinds[f.name])
+        for f in dataclasses.fields(SharedOptions)
+    ]
+
+    @functools.wraps(command)
+    def run(**values: Any) -> int:
+        given = {option.name: values[option.name] for option in shared}
+        rest = {name: value for name, value in values.items() if name in own}
+        return command(**rest, **{place: SharedOptions(**given)})
+
+    parameters: list[inspect.Parameter] = []
+    for name, parameter in own.items():
+        if name == place:
+            parameters += [option for option in shared if option.name not in own]
+        else:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    return run

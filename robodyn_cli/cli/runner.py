@@ -36,23 +36,19 @@ def default_directory(scene: Path, command: str) -> Path:
 class SceneRun:
     """A command on a scene, as it was asked for on the command line.
 
-    out : None for the default directory. overrides : ``key.path=value`` texts. drawings : None for none. options : what
+    directory : of its results. overrides : ``key.path=value`` texts. drawings : None for none. options : what
     the command has of its own, as its function in ``works/`` takes it (``quick`` of ``stability``). resume : go on
     with a long run that was killed.
     """
 
     command: str
     scene: Path
-    out: Path | None = None
+    directory: Path
     overrides: Sequence[str] = ()
     drawings: Drawings | None = None
     strict: bool = False
     resume: bool = False
     options: Mapping[str, Any] = dataclasses.field(default_factory=dict)
-
-    @property
-    def directory(self) -> Path:
-        return self.out or default_directory(self.scene, self.command)
 
 
 def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
@@ -89,3 +90,17 @@ def check_place(marked: str, key: str, *fragments: str) -> None:
     assert {name: error.details[name] for name in expected} == expected
     for fragment in fragments:
         assert fragment in error.message[len(prefix) :], error.message
+
+
+def refusals(cases: dict[str, tuple[str, ...]]) -> Callable[[str], None]:
+    """Return the test that each case is refused at its place.
+
+    cases : by name, what is replaced, by what, with a mark; the key that is complained of, words of the message.
+    """
+
+    @pytest.mark.parametrize("name", cases)
+    def test(name: str) -> None:
+        old, new, key, *words = cases[name]
+        check_place(spoiled(old, new), key, *words)
+
+    return test

@@ -108,6 +108,7 @@ def test_every_function_of_formulas_is_in_the_reference() -> None:
 
 
 YAML_BLOCKS = [(page.name, *block) for page in PAGES for block in blocks(page.read_text("utf-8"), "yaml")]
+BEGINNINGS = [f"{page} {' '.join(block.split())[:60]}" for page, block, _ in YAML_BLOCKS]
 
 
 def completed(block: str, base: str) -> str:
@@ -117,7 +118,7 @@ def completed(block: str, base: str) -> str:
     return "\n".join([*(line for key, line in default.items() if key not in given), block])
 
 
-@pytest.mark.parametrize(("page", "block", "base"), YAML_BLOCKS)
+@pytest.mark.parametrize(("page", "block", "base"), YAML_BLOCKS, ids=BEGINNINGS)
 def test_examples_load(page: str, block: str, base: str) -> None:
     scene = load_scene_text(completed(block, base), str(ROOT / "configs" / "example.yaml"))
     assert scene.robot.joints

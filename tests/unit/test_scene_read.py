@@ -16,7 +16,7 @@ from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Baumgarte, Initial, Scene, Torque
 from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import Inline, Kind
-from tests.unit.scene_text import SCENE, check_place, spoiled
+from tests.unit.scene_text import SCENE, refusals, spoiled
 
 
 def load(old: str = "", new: str = "") -> Scene:
@@ -254,10 +254,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_refused_at_its_place(name: str) -> None:
-    old, new, key, *words = BAD[name]
-    check_place(spoiled(old, new), key, *words)
+test_refused_at_its_place = refusals(BAD)
 
 
 def test_every_kind_of_every_key_can_be_described() -> None:

@@ -10,7 +10,7 @@ from robodyn_cli.scene import load_scene_text
 from robodyn_cli.trajectories.circle import CircleTrajectory
 from robodyn_cli.trajectories.table import TableTrajectory
 from robodyn_cli.trajectories.way_points import QuinticTrajectory
-from tests.unit.scene_text import check_place, spoiled
+from tests.unit.scene_text import refusals, spoiled
 
 JOINT = "trajectory: {{type: joint, duration: 1, q: {}}}"
 TABLE = "trajectory: {{type: table, columns: {}, rows: {}}}"
@@ -137,10 +137,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_refused_at_its_place(name: str) -> None:
-    old, new, key, *words = BAD[name]
-    check_place(spoiled(old, new), key, *words)
+test_refused_at_its_place = refusals(BAD)
 
 
 def trajectory(text: str) -> Any:

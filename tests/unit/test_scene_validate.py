@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robodyn_cli.scene import load_scene_text
-from tests.unit.scene_text import check_place, spoiled
+from tests.unit.scene_text import refusals, spoiled
 
 PIN = "loops: [{{name: pin, type: revolute, between: [{}]}}]"
 
@@ -240,10 +240,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("name", BAD)
-def test_refused_at_its_place(name: str) -> None:
-    old, new, key, *words = BAD[name]
-    check_place(spoiled(old, new), key, *words)
+test_refused_at_its_place = refusals(BAD)
 
 
 GOOD = {

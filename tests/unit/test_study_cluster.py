@@ -72,9 +72,10 @@ class Cluster:
 
 
 @pytest.fixture
-def dask(tmp_path: Path) -> Iterator[Cluster]:
+def dask(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
+    """A cluster whose processes share compiled code with those of other tests."""
     with contextlib.ExitStack() as stack:
-        yield Cluster(stack, tmp_path / "cache")
+        yield Cluster(stack, tmp_path_factory.getbasetemp() / "code of clusters")
 
 
 def sweep(*words: object) -> Any:
@@ -88,51 +89,18 @@ def same_rows(one: Path, other: Path) -> None:
         assert np.array_equal(a[name], b[name], equal_nan=True), name
 
 
-def test_two_workers_one_of_them_killed_give_the_bits_of_this_machine(
-    scene: Path, tmp_path: Path, dask: Cluster
-) -> None:
-    """Runs in compiled code, and whole commands, some of which fail."""
-    workers = [dask.worker(), dask.worker()]
-    for name, words in (
-        ("compiled", [*VARY, "-n", 2500, "--of", "final.q.b"]),
-        (
-            "whole",
-            [*VARY, "-n", 30, "--of", "energy_drift", "--vary", "robot.links.two.mass=normal(0.7, 0.5)"],
-        ),
-    ):
-        here, there = tmp_path / f"{name} here", tmp_path / f"{name} there"
-        assert sweep(scene, *words, "--out", here).exit_code == 0
-        command = [sys.executable, "-m", "robodyn_cli", "sweep", str(scene), *map(str, words), "--no-plots",
-                   "--scheduler", dask.address, "--out", str(there)]  # fmt: skip
-        study = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
-        if name == "compiled":
-            wait_for_rows(there)
-            workers[0].kill()
-        _, errors = study.communicate(timeout=120)
-        assert study.returncode == 0, errors
-        assert "Traceback" not in errors and "differ" not in errors
-        same_rows(here, there)
-        failures = json.loads((there / "summary.json").read_text())["failures"]
-        assert ("2" in failures) == (name == "whole")
+def remote(dask: Cluster, scene: Path, words: list[Any], out: Path) -> subprocess.Popen[str]:
+    """Start a study on the cluster, as a process of its own."""
+    command = [sys.executable, "-m", "robodyn_cli", "sweep", str(scene), *map(str, words), "--no-plots",
+               "--scheduler", dask.address, "--out", str(out)]  # fmt: skip
+    return subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
 
 
-def test_a_worker_compiles_a_study_once(scene: Path, tmp_path: Path, dask: Cluster) -> None:
-    def code() -> list[Any]:
-        return list(cluster._code.values())
-
-    def mark() -> int:
-        for compiled in code():
-            compiled.marked = True
-        return len(code())
-
-    dask.worker()
-    words = [*VARY, "-n", 300, "--of", "final.q.b", "--scheduler", dask.address]
-    with distributed.Client(dask.address, set_as_default=False) as client:
-        assert sweep(scene, *words, "--out", tmp_path / "one").exit_code == 0
-        assert list(client.run(mark).values()) == [1]
-        assert sweep(scene, *words, "--out", tmp_path / "two").exit_code == 0
-        assert list(client.run(lambda: [hasattr(x, "marked") for x in code()]).values()) == [[True]]
-    same_rows(tmp_path / "one", tmp_path / "two")
+def ended(study: subprocess.Popen[str], code: int) -> str:
+    """Return what a study said that has ended, with this exit code."""
+    _, errors = study.communicate(timeout=120)
+    assert study.returncode == code and "Traceback" not in errors, errors
+    return errors
 
 
 def wait_for_rows(directory: Path) -> None:
@@ -141,27 +109,70 @@ def wait_for_rows(directory: Path) -> None:
     limit = time.monotonic() + 60
     while time.monotonic() < limit:
         with contextlib.suppress(OSError):
-            if any((directory / ROWS_NAME).read_bytes()):
+            if (directory / ROWS_NAME).read_bytes().strip(b"\0"):
                 return
         time.sleep(0.01)
 
 
-def test_a_study_goes_on_when_the_scheduler_is_gone(scene: Path, tmp_path: Path, dask: Cluster) -> None:
-    dask.worker()
-    words = [*VARY, "-n", 2500, "--of", "final.q.b"]
-    out, here = tmp_path / "out", tmp_path / "here"
-    command = [sys.executable, "-m", "robodyn_cli", "sweep", str(scene), *map(str, words), "--no-plots",
-               "--scheduler", dask.address, "--out", str(out)]  # fmt: skip
-    study = subprocess.Popen(command, stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+COMPILED = [*VARY, "-n", 2500, "--of", "final.q.b"]
+WHOLE = [*VARY, "-n", 16, "--of", "energy_drift", "--vary", "robot.links.two.mass=normal(0.7, 0.5)"]
+
+
+def test_workers_and_the_scheduler_come_and_go(scene: Path, tmp_path: Path, dask: Cluster) -> None:
+    """Processes take long to start, so one cluster serves: two workers, one of them killed, give the bits of this
+    machine; the other compiles a study once; the study goes on here when the scheduler is gone.
+    """
+    first, _ = dask.worker(), dask.worker()
+    with distributed.Client(dask.address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=60)
+    here, there, out = tmp_path / "here", tmp_path / "there", tmp_path / "out"
+    assert sweep(scene, *COMPILED, "--out", here).exit_code == 0
+    study = remote(dask, scene, COMPILED, there)
+    wait_for_rows(there)
+    first.kill()
+    assert "differ" not in ended(study, 0)
+    same_rows(here, there)
+    assert "2" not in failures(there)
+    _compiled_once(scene, tmp_path, dask)
+
+    # whole commands, some of which fail
+    assert sweep(scene, *WHOLE, "--out", tmp_path / "whole here").exit_code == 0
+    assert "differ" not in ended(remote(dask, scene, WHOLE, tmp_path / "whole there"), 0)
+    same_rows(tmp_path / "whole here", tmp_path / "whole there")
+    assert "2" in failures(tmp_path / "whole there")
+
+    study = remote(dask, scene, COMPILED, out)
     wait_for_rows(out)
     dask.scheduler.kill()
-    _, errors = study.communicate(timeout=120)
-    assert study.returncode == 74 and "does not answer any more" in errors, errors
-    assert "Traceback" not in errors
-    done = sweep(scene, *words, "--out", out)
+    assert "does not answer any more" in ended(study, 74)
+    done = sweep(scene, *COMPILED, "--out", out)
     assert done.exit_code == 0 and "runs are there from an earlier study" in done.output
-    assert sweep(scene, *words, "--out", here).exit_code == 0
     same_rows(here, out)
+
+
+def failures(directory: Path) -> dict[str, int]:
+    found: dict[str, int] = json.loads((directory / "summary.json").read_text())["failures"]
+    return found
+
+
+def _compiled_once(scene: Path, tmp_path: Path, dask: Cluster) -> None:
+    """Check that the second of two equal studies finds the code of the first in the one worker."""
+
+    def code() -> list[Any]:
+        return list(cluster._code.values())
+
+    def mark() -> int:
+        for compiled in code():
+            compiled.marked = True
+        return len(code())
+
+    words = [*VARY, "-n", 300, "--of", "final.q.b", "--scheduler", dask.address]
+    with distributed.Client(dask.address, set_as_default=False) as client:
+        assert sweep(scene, *words, "--out", tmp_path / "one").exit_code == 0
+        assert list(client.run(mark).values()) == [1]
+        assert sweep(scene, *words, "--out", tmp_path / "two").exit_code == 0
+        assert list(client.run(lambda: [hasattr(x, "marked") for x in code()]).values()) == [[True]]
+    same_rows(tmp_path / "one", tmp_path / "two")
 
 
 KILLER = """

@@ -7,21 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    Strict,
-    drawings,
-    utf8,
-)
-from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import closure_text, mobility_lines, number, table
 
 
@@ -39,26 +26,20 @@ def command(
             help="Joints to hold, and where; rates as qd.NAME=... too.",
         ),
     ] = None,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
     strict: Strict = False,
 ) -> int:
     """Run the command; return its exit code."""
-    settings = list(overrides or ())
+    changes: list[str] = []
     if at:
         from robodyn_cli.scene.load import load_scene
         from robodyn_cli.works.state_text import state_overrides
 
-        settings += state_overrides(load_scene(scene, settings), at)
+        changes += state_overrides(load_scene(scene, shared.overrides or ()), at)
     if branches:
-        settings.append("assemble.branches=true")
-    job = SceneRun("assemble", scene, out, settings, drawings(no_plots, plots, format_), strict)
-    return run_scene(job, Console(as_json, quiet), describe)
+        changes.append("assemble.branches=true")
+    return run_scene(shared.job("assemble", scene, strict, changes), shared.console, describe)
 
 
 def describe(summary: Mapping[str, Any]) -> str:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.scene_command import integrating_command
+from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import cost_line, error_lines, number
 
 
@@ -63,4 +64,12 @@ def _after_lock(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-command = integrating_command("deploy", describe)
+def command(
+    scene: SceneFile,
+    shared: SharedOptions,
+    strict: Strict = False,
+    no_error_estimate: NoErrorEstimate = False,
+) -> int:
+    """Simulate a mechanism until it locks; return the exit code."""
+    job = shared.job("deploy", scene, strict, NO_ERROR_ESTIMATE if no_error_estimate else ())
+    return run_scene(job, shared.console, describe)

@@ -16,7 +16,6 @@ from robodyn_cli.cli.options import (
     Quiet,
     ReportAsJson,
     SceneFile,
-    drawings,
     utf8,
 )
 from robodyn_cli.cli.runner import begun, default_directory, output, publish
@@ -41,6 +40,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Print the report of a scene at a state, and draw it; return the exit code."""
+    from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.summary import jsonable
     from robodyn_cli.works.info import info
 
@@ -49,7 +49,7 @@ def command(
         result = info(scene, overrides or (), at or ())
         if not no_plots:
             with begun(directory, console):
-                publish(result, directory, drawings(no_plots, None, format_))
+                publish(result, directory, Drawings(None, format_))
     console.data(jsonable(result.summary))
     console.say(describe(result.summary))
     if not no_plots:

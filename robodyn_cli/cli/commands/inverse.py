@@ -6,7 +6,8 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.scene_command import scene_command
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import cost_line, drive_lines, multiplier_lines, number, table
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
@@ -70,4 +71,6 @@ def _fastest(summary: Mapping[str, Any]) -> list[str]:
     ]
 
 
-command = scene_command("inverse", describe)
+def command(scene: SceneFile, shared: SharedOptions, strict: Strict = False) -> int:
+    """Compute the torques of a motion; return the exit code."""
+    return run_scene(shared.job("inverse", scene, strict), shared.console, describe)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.cli.scene_command import scene_command
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import closure_text, mobility_lines, number, table
 
 
@@ -42,4 +43,6 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-command = scene_command("kinematics", describe)
+def command(scene: SceneFile, shared: SharedOptions, strict: Strict = False) -> int:
+    """Move a mechanism by its driven joints; return the exit code."""
+    return run_scene(shared.job("kinematics", scene, strict), shared.console, describe)

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    Strict,
-    drawings,
-    utf8,
-)
-from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import number, table
 from robodyn_cli.errors import SceneError
 
@@ -76,30 +64,22 @@ def command(
             help="With --along: times [s] at which modes and frequency response are wanted.",
         ),
     ] = None,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
     strict: Strict = False,
 ) -> int:
     """Linearise a scene; return the exit code."""
     state = [text for text in at or () if text != BALANCE]
     about = _about(at or (), state, hold, along)
-    changes, of = list(overrides or ()), {"inputs": _names(inputs), "outputs": _names(outputs)}
+    of = {"inputs": _names(inputs), "outputs": _names(outputs)}
     times = _times(_names(instants))
     if times and about != "motion":
         raise SceneError("--instants are those of a motion; allowed: with --along")
     if about != "motion":
-        changes = _changes(scene, changes, state)
-    job = SceneRun(
-        "linearise", scene, out, changes, drawings(no_plots, plots, format_), strict,
-        options={"about": times or about, **of},
-    )  # fmt: skip
+        shared = dataclasses.replace(shared, overrides=_changes(scene, shared.overrides or (), state))
+    job = shared.job("linearise", scene, strict, options={"about": times or about, **of})
     try:
-        return run_scene(job, Console(as_json, quiet), describe)
+        return run_scene(job, shared.console, describe)
     except SceneError as error:
         from robodyn_cli.works.info import of_state
 

@@ -7,21 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    Strict,
-    drawings,
-    utf8,
-)
-from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import number, table
 from robodyn_cli.errors import SceneError
 
@@ -46,13 +33,8 @@ def command(
     branch: Annotated[
         str | None, typer.Option("--branch", metavar="NAME", parser=utf8, help="The branch to take.")
     ] = None,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
     strict: Strict = False,
 ) -> int:
     """Run the command; return its exit code."""
@@ -64,11 +46,8 @@ def command(
     }
     given = (frame, position, rpy, branch)
     settings = {text: option for (text, option), x in zip(settings.items(), given) if x is not None}
-    job = SceneRun(
-        "reach", scene, out, [*(overrides or ()), *settings], drawings(no_plots, plots, format_), strict
-    )
     try:
-        return run_scene(job, Console(as_json, quiet), describe)
+        return run_scene(shared.job("reach", scene, strict, [*settings]), shared.console, describe)
     except SceneError as error:
         for text, option in settings.items():  # the option as it was typed
             error.message = error.message.replace(f"--set {text}", option, 1)

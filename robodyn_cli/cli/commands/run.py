@@ -17,16 +17,13 @@ from robodyn_cli.cli.options import (
     RTOL,
     AbsoluteTolerance,
     Jobs,
-    NoPlots,
     Overrides,
-    PlotFormat,
-    PlotNames,
     Quiet,
     RelativeTolerance,
     ReportAsJson,
     SceneFiles,
+    SharedOptions,
     cores,
-    drawings,
     number,
 )
 from robodyn_cli.cli.worker import command_line
@@ -61,9 +58,8 @@ def command(
             help="Time that each scene may take. [default: no limit]",
         ),
     ] = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
+    *,
+    shared: SharedOptions,
     baseline: Annotated[
         Path | None,
         typer.Option(
@@ -96,7 +92,7 @@ def command(
         from robodyn_cli.over.batch.gather import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes
-        settings, drawn = overrides or (), drawings(no_plots, plots, format_)
+        settings, drawn = overrides or (), shared.drawings
         stored = None if baseline is None else Baseline(baseline, out, rtol, atol, update)
         entries += listed(gather(scenes))
         load(entries, out, settings)

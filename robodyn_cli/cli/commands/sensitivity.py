@@ -8,21 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    Jobs,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    cores,
-    drawings,
-)
-from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, cores
+from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
 
@@ -41,13 +28,8 @@ def command(
         typer.Option("--of", metavar="KEY", help="Output: a key of the summary, as in expect, e.g. lock.time."),
     ] = None,
     jobs: Jobs = None,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
 ) -> int:  # fmt: skip
     """Compute derivatives of outputs by keys."""
     from robodyn_cli.over.sensitivity.asked import prepare
@@ -55,16 +37,16 @@ def command(
     from robodyn_cli.over.sensitivity.slopes import sensitivities
     from robodyn_cli.scene.load import Family
 
-    console = Console(as_json, quiet)
-    target = out or default_directory(scene, "sensitivity")
+    console = shared.console
+    target = shared.directory(scene, "sensitivity")
     start = time.perf_counter()
     with output(target, scene, console) as directory:
-        asked = prepare(Family(scene, overrides or ()), to or (), of or ())
+        asked = prepare(Family(scene, shared.overrides or ()), to or (), of or ())
         with begun(directory, console):
             found = sensitivities(asked, jobs or cores())
             result = report(found, time.perf_counter() - start)
             store(result, directory)
-            publish(result, directory, drawings(no_plots, plots, format_))
+            publish(result, directory, shared.drawings)
     show(result, directory, console, describe)
     return 0
 

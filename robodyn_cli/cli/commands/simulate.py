@@ -7,22 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoErrorEstimate,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    Strict,
-    drawings,
-)
-from robodyn_cli.cli.runner import SceneRun, run_scene
-from robodyn_cli.cli.scene_command import settings
+from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import cost_line, drive_lines, error_lines, number, table
 
 MOST_ROWS = 12  # of the table of tracking errors
@@ -72,13 +58,7 @@ def _tracking_table(tracking: Mapping[str, Any], saturated: Mapping[str, float])
 
 def command(
     scene: SceneFile,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    shared: SharedOptions,
     strict: Strict = False,
     no_error_estimate: NoErrorEstimate = False,
     resume: Annotated[
@@ -87,6 +67,5 @@ def command(
     ] = False,
 ) -> int:
     """Run the simulation, from its start or from where it was killed."""
-    changes = settings(overrides, no_error_estimate)
-    job = SceneRun("simulate", scene, out, changes, drawings(no_plots, plots, format_), strict, resume)
-    return run_scene(job, Console(as_json, quiet), describe)
+    job = shared.job("simulate", scene, strict, NO_ERROR_ESTIMATE if no_error_estimate else (), resume=resume)
+    return run_scene(job, shared.console, describe)

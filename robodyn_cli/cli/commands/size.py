@@ -7,20 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    Strict,
-    drawings,
-)
-from robodyn_cli.cli.runner import SceneRun, run_scene
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
+from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import cost_line, drive_lines, margin_text, number, table
 from robodyn_cli.errors import SceneError
 from robodyn_cli.motors.registry import motor_types
@@ -90,13 +78,8 @@ def command(
             help="Try combinations of all joints together until none is better, for some minutes at most.",
         ),
     ] = False,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
     strict: Strict = False,
 ) -> int:
     """Size the drives of a scene; return the exit code, 1 where nothing bears the motion of a joint."""
@@ -106,13 +89,6 @@ def command(
     for kind in kinds:
         if kind not in motor_types:
             raise SceneError(f"--types: unknown kind of motor {kind!r}; allowed: {', '.join(motor_types)}")
-    job = SceneRun(
-        "size",
-        scene,
-        out,
-        overrides or (),
-        drawings(no_plots, plots, format_),
-        strict,
-        options={"by": by, "margin": margin, "types": kinds, "thorough": thorough},
-    )
-    return run_scene(job, Console(as_json, quiet), describe)
+    own = {"by": by, "margin": margin, "types": kinds, "thorough": thorough}
+    job = shared.job("size", scene, strict, options=own)
+    return run_scene(job, shared.console, describe)

@@ -4,29 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    drawings,
-    file,
-)
-from robodyn_cli.cli.runner import SceneRun, begun, output, publish, run_scene, show, store
+from robodyn_cli.cli.options import SharedOptions, file
+from robodyn_cli.cli.runner import begun, output, publish, run_scene, show, store
 from robodyn_cli.cli.words import table
 from robodyn_cli.errors import SceneError
 from robodyn_cli.exit_codes import FAILED
-
-if TYPE_CHECKING:
-    from robodyn_cli.report.registry import Drawings
 
 
 def command(
@@ -51,46 +37,29 @@ def command(
     cases: Annotated[
         str | None, typer.Option("--cases", metavar="A,B", help="Cases of the suite to run. [default: all]")
     ] = None,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
 ) -> int:
     """Report on a scene, or run the suite; return the exit code."""
-    console = Console(as_json, quiet)
     if suite == (scene is not None):
         raise SceneError("stability: give either a scene or --suite")
     if scene is not None:
         if cases is not None:
             raise SceneError("--cases: only with --suite")
-        job = SceneRun(
-            "stability",
-            scene,
-            out,
-            overrides or (),
-            drawings(no_plots, plots, format_),
-            options={"quick": quick},
-        )
-        return run_scene(job, console, describe)
-    if overrides:
+        return run_scene(shared.job("stability", scene, options={"quick": quick}), shared.console, describe)
+    if shared.overrides:
         raise SceneError("--set: not with --suite, whose cases have their own settings")
-    return run_suite(
-        cases.split(",") if cases else None, quick, out, drawings(no_plots, plots, format_), console
-    )
+    return run_suite(cases.split(",") if cases else None, quick, shared)
 
 
-def run_suite(
-    cases: Sequence[str] | None, quick: bool, out: Path | None, drawn: Drawings | None, console: Console
-) -> int:
+def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -> int:
     """Run the suite; return 1 where a case misses its expectation."""
     from robodyn_cli.over.numerics.stability_suite import suite
     from robodyn_cli.results.atomic import write_bytes
 
+    console = shared.console
     with (
-        output(out or Path("outputs") / "stability-suite", None, console) as directory,
+        output(shared.out or Path("outputs") / "stability-suite", None, console) as directory,
         begun(directory, console),
     ):
         try:
@@ -100,7 +69,7 @@ def run_suite(
         store(result, directory)
         for case in result.summary["cases"]:
             write_bytes(directory.new / f"{case['name']}.yaml", case.pop("scene").encode())
-        publish(result, directory, drawn)
+        publish(result, directory, shared.drawings)
     show(result, directory, console, describe_suite)
     return 0 if result.summary["missed"] == 0 else FAILED
 

@@ -11,23 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    Jobs,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    choice,
-    cores,
-    drawings,
-    number,
-    utf8,
-)
-from robodyn_cli.cli.runner import begun, default_directory, output, publish, show, store
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, choice, cores, number, utf8
+from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
 from robodyn_cli.commands import SAMPLERS
@@ -83,13 +68,8 @@ def command(
         typer.Option("--scheduler", metavar="ADDRESS", parser=utf8,
                      help="Make the runs on a Dask cluster, e.g. tcp://host:8786, in place of this machine."),
     ] = None,
-    out: OutDir = None,
-    overrides: Overrides = None,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
 ) -> int:  # fmt: skip
     """Run the study; return 0 even where runs failed, 1 below the yield."""
     from robodyn_cli.over.study.study import Asked, options_of, prepare
@@ -99,8 +79,8 @@ def command(
         raise SceneError(
             "--jobs does not go with --scheduler: each worker has the threads that it was started with"
         )
-    console = Console(as_json, quiet)
-    target, family = out or default_directory(scene, "sweep"), Family(scene, overrides or ())
+    console = shared.console
+    target, family = shared.directory(scene, "sweep"), Family(scene, shared.overrides or ())
     options = options_of(
         family.own.study, vary=_variations(vary) if vary else None, n=n, sampler=sampler,
         seed=seed, of=tuple(of) if of else None, least_yield=least_yield,
@@ -109,7 +89,7 @@ def command(
         study = prepare(Asked(family, options, indices))
         with begun(directory, console):
             maker = _maker(scheduler, jobs or cores(), console)
-            result = _run(study, directory, maker, console, drawings(no_plots, plots, format_))
+            result = _run(study, directory, maker, console, shared.drawings)
     judged = options.least_yield is not None
     show(result, directory, console, lambda summary: describe(summary, judged))
     return _judge(result.summary, options.least_yield, console)

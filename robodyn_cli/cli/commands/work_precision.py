@@ -9,20 +9,8 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import (
-    AsJson,
-    NoPlots,
-    OutDir,
-    Overrides,
-    PlotFormat,
-    PlotNames,
-    Quiet,
-    SceneFile,
-    drawings,
-    number,
-)
-from robodyn_cli.cli.runner import begun, default_directory, output, placed, publish, show, store
+from robodyn_cli.cli.options import OutDir, Overrides, SceneFile, SharedOptions, number
+from robodyn_cli.cli.runner import begun, output, placed, publish, show, store
 from robodyn_cli.cli.words import table
 
 COLUMNS = (
@@ -63,20 +51,17 @@ def command(
             help="Runs that a median is taken of.",
         ),
     ] = 7,
-    no_plots: NoPlots = False,
-    plots: PlotNames = None,
-    format_: PlotFormat = "png",
-    as_json: AsJson = False,
-    quiet: Quiet = False,
+    *,
+    shared: SharedOptions,
 ) -> int:
     """Compare the methods, write every run, print the best; return the exit code."""
     from robodyn_cli.over.numerics.work_precision import work_precision
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.scene.load import load_scene
 
-    console = Console(as_json, quiet)
+    console = shared.console
     names = methods.split(",") if methods else None
-    with output(out or default_directory(scene, "work-precision"), scene, console) as directory:
+    with output(shared.directory(scene, "work-precision"), scene, console) as directory:
         loaded = load_scene(scene, list(overrides or ()))
         with begun(directory, console):
             try:
@@ -86,7 +71,7 @@ def command(
                 console.clear()
             store(result, directory)
             write_bytes(directory.new / "runs.csv", as_csv(result.summary["runs"]).encode())
-            publish(result, directory, drawings(no_plots, plots, format_))
+            publish(result, directory, shared.drawings)
     show(result, directory, console, describe)
     return 0
 
