@@ -15,9 +15,10 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.motion.method import choose
-from robodyn_cli.motion.motion import Choice, Gains, Motion, Watcher
+from robodyn_cli.motion.motion import Choice, Motion, Watcher
 from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare
 from robodyn_cli.scene.types import Baumgarte, Scene
+from robodyn_cli.summaries.motion import Gains
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import is_to_find
 

@@ -20,6 +20,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import Gains
 
 
 @record
@@ -29,26 +30,6 @@ class Choice:
     method: str
     reason: str
     may_change: bool = False
-
-
-@record
-class Gains:
-    """Baumgarte's gains as a study of them has chosen: alpha = beta = c / h.
-
-    step : h, the mean step of the projected run [s]. factor : c. drift : of the positions from the constraints
-    [rad, m]. error : largest of any q. integration_error : of the projected run (or what rounding leaves), the bar for
-    the drift. over : length of the trial runs [s]. met : whether the drift stays below the bar.
-    """
-
-    alpha: float
-    beta: float
-    factor: float
-    step: float
-    drift: float
-    error: float
-    integration_error: float
-    over: float
-    met: bool
 
 
 class Watcher:

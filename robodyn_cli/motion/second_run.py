@@ -21,9 +21,10 @@ from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import MotionErrors
 
 Tick = Callable[[float], None] | None
 MORE_STEPS = 1.9  # times the steps of the first run: both together take less than three times its time
@@ -120,27 +121,6 @@ def grid_of(scene: Scene, beginning: Beginning) -> Grid:
 
 
 @record
-class ErrorEstimate:
-    """Keys of ``summary.error_estimate``: largest errors over the samples [rad, m and 1/s of these], and how found.
-
-    state_max : None where the second integration failed, for ``reason``. at_rounding : the error is no larger than what
-    rounding leaves. meaningful_until : time [s] from which on the estimate says only that digits are lost.
-    """
-
-    method: str
-    q_max: float | Absent = ABSENT
-    qd_max: float | Absent = ABSENT
-    state_max: float | None = None
-    q_end: float | Absent = ABSENT
-    qd_end: float | Absent = ABSENT
-    rounding_floor: float | Absent = ABSENT
-    steps: int | Absent = ABSENT
-    at_rounding: bool | Absent = ABSENT
-    meaningful_until: float | Absent = ABSENT
-    reason: str | Absent = ABSENT
-
-
-@record
 class Second:
     """What the second integration came to: states (T, nx), its steps, and how it differed, in words."""
 
@@ -215,7 +195,7 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     return Second(states, steps, how)
 
 
-def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Tick = None) -> ErrorEstimate:
+def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Tick = None) -> MotionErrors:
     """Estimate the global error by a second integration that is more accurate than the first.
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
@@ -228,7 +208,7 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         second = second_run(motion, dataclasses.replace(first, grid=grid), tick)
     except SecondFailed as failed:
         reason = f"the second integration failed: {failed.message}"
-        return ErrorEstimate(f"difference from a second integration with {failed.how}", reason=reason)
+        return MotionErrors(f"difference from a second integration with {failed.how}", reason=reason)
     states = recorder.observer.project(grid.times(0, len(second.states)), second.states)
     q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
     other_q, other_qd, _ = motion.system.split(states[: len(q)])
@@ -245,7 +225,7 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         spread = max(float(np.ptp(x, axis=0).max(initial=0.0)), 1e-300)
         lost |= error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
     time = float(recorder.array("time")[int(np.argmax(lost))])
-    return ErrorEstimate(
+    return MotionErrors(
         method=f"difference from a second integration with {second.how}",
         q_max=q_max,
         qd_max=qd_max,

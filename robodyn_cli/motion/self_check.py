@@ -10,11 +10,12 @@ from robodyn_cli.errors import NumericalError, RobodynError
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.second_run import NOT_MEANINGFUL, ErrorEstimate
+from robodyn_cli.motion.second_run import NOT_MEANINGFUL
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import MotionErrors
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.redundancy import Redundant
@@ -158,7 +159,7 @@ def is_judged_by_energy(motion: Motion) -> bool:
     return methods[motion.choice.method].adaptive and (kept_closed or not motion.problem.constraints.rows)
 
 
-def estimate_warnings(estimate: ErrorEstimate | None) -> list[str]:
+def estimate_warnings(estimate: MotionErrors | None) -> list[str]:
     """Return warnings about a motion that no second run confirms, or whose estimated error is beyond all use."""
     if estimate is not None and estimate.reason is not ABSENT:
         return [f"no second run confirms this motion: {estimate.reason}"]

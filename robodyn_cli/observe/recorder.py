@@ -13,6 +13,7 @@ from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import PeakLoad
 
 KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file
 
@@ -34,7 +35,7 @@ class Recorder:
         self.energy_scale = 0.0
         self.position_residual = 0.0
         self.velocity_residual = 0.0
-        self.loads: dict[str, dict[str, float]] = {}
+        self.loads: dict[str, PeakLoad] = {}
         self.not_finite: NumericalError | None = None
         self._start: float | None = None
         self._last = -np.inf
@@ -104,10 +105,9 @@ class Recorder:
         name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
         return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)
 
-    def _keep_largest_loads(self, loads: dict[str, dict[str, float]]) -> None:
+    def _keep_largest_loads(self, loads: dict[str, PeakLoad]) -> None:
         for name, load in loads.items():
-            held = self.loads.setdefault(name, load)
-            self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
+            self.loads[name] = load.or_larger(self.loads.get(name, load))
 
     def _stream(self, path: str, block: Array) -> None:
         assert self.writer is not None

@@ -14,16 +14,16 @@ from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops
 from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
+from robodyn_cli.summaries.mechanism import AssembleSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.works.branches import Branches, find_branches
-from robodyn_cli.works.mechanism_summary import AssembleSummary
 
 
 @record
@@ -112,7 +112,7 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
         accelerations=dict(zip(model.v_names, closed.a.tolist())),
         held=list(held),
         solved=[name for name in model.joint_names if name not in held],
-        residual=Residual(
+        residual=LoopResidual(
             *(float(np.abs(x).max(initial=0.0)) for x in (closed.F, closed.rates, closed.accelerations))
         ),
         residual_by_loop=_by_loop(problem, closed.F),

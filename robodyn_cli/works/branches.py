@@ -18,7 +18,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.solve.branches import halton, search
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.mechanism_summary import Branch, BranchSearch
+from robodyn_cli.summaries.mechanism import BranchSearch, ClosedBranch
 
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
 
@@ -29,7 +29,7 @@ class Branches:
 
     problem: Problem
     configurations: list[Array]
-    described: list[Branch]
+    described: list[ClosedBranch]
     search: BranchSearch
 
     def add_to(self, result: Result) -> None:
@@ -118,7 +118,7 @@ def _starts(
 
 def _describe(
     problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], chosen: bool
-) -> Branch:
+) -> ClosedBranch:
     F, J = conditions.at(q, 0.0)
     block = J[problem.constraints.of_loops][:, list(free)]
     s = np.linalg.svd(block, compute_uv=False)
@@ -126,4 +126,6 @@ def _describe(
     determinant = float(np.linalg.det(block)) if block.shape[0] == block.shape[1] else None
     orientation = None if determinant is None else int(np.sign(determinant)) if ratio > SINGULAR else 0
     configuration = dict(zip(problem.model.q_names, q.tolist()))
-    return Branch(configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen)
+    return ClosedBranch(
+        configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen
+    )

@@ -25,24 +25,25 @@ from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.places import add_places, place_outputs, point_motion
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.observe.units import add_joint_limits, add_motion
-from robodyn_cli.ready.mobility import Mobility, mobility
+from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
-from robodyn_cli.trajectories.led import velocity_columns
-from robodyn_cli.works.mechanism_summary import (
-    Closure,
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
+from robodyn_cli.summaries.mechanism import (
+    ClosureErrors,
     JointRange,
     KinematicsSummary,
+    Mobility,
     PointPath,
     SingularRatio,
     TransmissionAngle,
 )
+from robodyn_cli.tools.progress import Progress, no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.trajectories.led import velocity_columns
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -210,7 +211,7 @@ def summarise(
         points=_point_paths(result),
         singular_ratio=_singular_ratio(result),
         transmission_angle=_transmission(result),
-        error_estimate=Closure(planned.residuals) if planned.residuals else ABSENT,
+        error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
         counters=planned.counters,
     )
 

@@ -13,41 +13,13 @@ from robodyn_cli.model.placement import orientation
 from robodyn_cli.observe.closing import add_sample
 from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.units import joint_columns
-from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Termination
+from robodyn_cli.summaries.mechanism import ReachedBranch, ReachSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
-
-
-@record
-class ReachedBranch:
-    """One way to reach the pose."""
-
-    name: str
-    configuration: dict[str, float]
-    reached: bool
-    within_limits: bool
-    error: float
-    chosen: bool
-
-
-@record
-class ReachSummary:
-    """The summary of ``reach`` (see docs/cli.md)."""
-
-    termination: Termination
-    samples: int
-    frame: str
-    method: str
-    configuration: dict[str, float]
-    branch: str | Absent
-    error: float
-    freedom: int
-    singular_ratio: float
-    branches: list[ReachedBranch] | Absent
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite

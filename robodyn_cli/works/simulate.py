@@ -9,9 +9,9 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning
-from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error, grid_of
+from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, judge
-from robodyn_cli.motion.summary import motion_summary
+from robodyn_cli.motion.summary import motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.results.hdf5.writer import ResultWriter
@@ -23,6 +23,7 @@ from robodyn_cli.tools.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.going_on.journal import Journal
+from robodyn_cli.summaries.motion import MotionErrors
 
 
 def simulate(
@@ -127,14 +128,14 @@ def _take_up(run: Run, journal: Journal) -> None:
         watcher.recall(noted)
 
 
-def _estimate(run: Run, progress: Progress) -> ErrorEstimate:
+def _estimate(run: Run, progress: Progress) -> MotionErrors:
     """Return the error of the run just made."""
     duration = run.motion.scene.simulate.duration
     first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps, run.beginning)
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 
-def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watch: Stopwatch) -> Result:
+def _report(run: Run, judgement: Judgement, estimate: MotionErrors | None, watch: Stopwatch) -> Result:
     """Return the result with its summary.
 
     Raises
@@ -146,11 +147,11 @@ def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watc
     result.events = run.driver.log
     run.recorder.fill(result)
     add_joint_limits(result, run.motion.scene, run.motion.problem.model)
-    summary = motion_summary(run, judgement, estimate)
+    records = motion_records(run, judgement, estimate)
     if run.motion.scene.drives and failure is None:
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            summary = with_drives(summary, result, run.motion.scene, run.motion.problem)
-    result.summarise(summary, seconds=watch.report())
+            records = with_drives(records, result, run.motion.scene, run.motion.problem)
+    result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

@@ -13,14 +13,15 @@ from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.formulas import check_formulas
 from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
-from robodyn_cli.ready.mobility import Mobility, mobility
+from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns, initial_positions, plant_of
 from robodyn_cli.ready.singularity import psi_at
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
+from robodyn_cli.summaries.mechanism import ForceResidual, Mobility, StaticsSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import position_columns
@@ -28,7 +29,6 @@ from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.works.at_rest import AtRest
 from robodyn_cli.works.balance import balanced
 from robodyn_cli.works.holding import held
-from robodyn_cli.works.mechanism_summary import ForceResidual, StaticsSummary
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -165,7 +165,7 @@ def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
         mobility=mobility_at(state) if rows else ABSENT,
         warnings=_beyond_limits(state) or ABSENT,
         multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
-        constraint_residual=Residual(float(np.abs(eta).max())) if rows else ABSENT,
+        constraint_residual=LoopResidual(float(np.abs(eta).max())) if rows else ABSENT,
         samples=1,
         find=find,
         configuration=dict(zip(model.q_names, state.q.tolist())),

@@ -377,7 +377,7 @@ def test_shapes_and_keys_that_do_not_fit_are_refused() -> None:
         mechanism.simulate_many([[1.0, 2.0]])
     with pytest.raises(CapabilityError, match="needed"):
         mechanism.simulate_many([[1.0]], q=np.zeros((2, 2)))
-    with pytest.raises(CapabilityError, match="no run of simulate has a number of this name"):
+    with pytest.raises(CapabilityError, match="of: .title.: is not a number but a text"):
         mechanism.simulate_many([[1.0]], of=["final.time", "title"])
     with pytest.raises(RobodynError):
         Mechanism(PENDULUM, [MASS, MASS])

@@ -10,10 +10,10 @@ import pytest
 from robodyn_cli import InverseKinematics, load_scene
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
-from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.solve.poses.subproblems import rotations
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import attitude_error
 from robodyn_cli.trajectories.base import Ik

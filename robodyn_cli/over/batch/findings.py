@@ -24,11 +24,10 @@ from robodyn_cli.over.plan.words import listed_data
 from robodyn_cli.ready.mass_matrix import refuse_indefinite
 from robodyn_cli.ready.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.ready.singularity import passive_determinant
-from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.load import examine
 from robodyn_cli.scene.text.nodes import Node, dotted, located, name_of, nearest
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.checks import Finding
 from robodyn_cli.tools.progress import no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.motion import JointMotion
@@ -36,22 +35,6 @@ from robodyn_cli.works.inverse import program_of
 
 # at most so many samples of a trajectory are tried
 TRIED = 501
-
-
-@record
-class Finding:
-    """One thing that is wrong: ``severity`` is ``error`` or ``warning``, the message begins with the place.
-
-    The fields are keys of the report; those of the place are there as far as it is known.
-    """
-
-    severity: str
-    message: str
-    exit_code: int
-    file: str | Absent = ABSENT
-    line: int | Absent = ABSENT
-    column: int | Absent = ABSENT
-    key: str | Absent = ABSENT
 
 
 @np.errstate(all="ignore")  # what is found is said in words

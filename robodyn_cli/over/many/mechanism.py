@@ -177,11 +177,12 @@ class Mechanism(ModelFunctions):
         """
         if not of:
             return
-        from robodyn_cli.over.possible import is_possible
+        from robodyn_cli.scene.checks.scene import key_names
+        from robodyn_cli.summaries.refusals import refusal
 
         for key in of:
-            if not is_possible(command, key, self.scene.text):
-                raise CapabilityError(f"of: {key!r}: no run of {command} has a number of this name")
+            if wrong := refusal(command, key, key_names(self.scene), number=True):
+                raise CapabilityError(f"of: {key!r}: {wrong}")
 
     @property
     def _key_names(self) -> list[str]:

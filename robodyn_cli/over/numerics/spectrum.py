@@ -17,6 +17,7 @@ from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.kernels.rolled.kernels import RolledForwardDynamics
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.stability import SpectrumKeys
 
 DENSE = 120  # velocities up to which all eigenvalues are worth their time
 LARGEST = 8  # eigenvalues of greatest magnitude that are looked for beyond
@@ -89,6 +90,14 @@ class Spectrum:
     def stiffness_ratio(self) -> float:
         """Largest stiffness ratio along the run."""
         return abs(float(self.ratios().max(initial=0.0)))
+
+    @property
+    def keys(self) -> SpectrumKeys:
+        """What the summary says of it."""
+        return SpectrumKeys(
+            self.stiffness_ratio, self.fastest_decay, self.fastest_oscillation, self.fastest_growth,
+            self.slowest, len(self.times), self.complete,
+        )  # fmt: skip
 
 
 def spectrum(problem: Problem, system: System, times: Array, states: Array, duration: float) -> Spectrum:

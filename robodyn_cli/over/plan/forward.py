@@ -20,7 +20,6 @@ from robodyn_cli.kernels.lower import LANES
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.observe.observe import observed
 from robodyn_cli.over.plan.programs import at_samples, in_steps
-from robodyn_cli.over.plan.report import Kernel, LoopCosts
 from robodyn_cli.over.plan.terms import Equations, Ledger, Term
 from robodyn_cli.over.plan.variants import (
     general_drives,
@@ -31,6 +30,7 @@ from robodyn_cli.over.plan.variants import (
 )
 from robodyn_cli.over.plan.words import listed
 from robodyn_cli.scene import types as sc
+from robodyn_cli.summaries.checks import Kernel, LoopCosts
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment
 
@@ -205,7 +205,7 @@ class Forward:
         s = self.system
         return LoopCosts(
             ledger.total,
-            self.problem.constraints.names,
+            list(self.problem.constraints.names),
             tree,
             None if tree is None else ledger.total - tree,
             chain,

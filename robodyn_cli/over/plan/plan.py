@@ -24,14 +24,15 @@ from robodyn_cli.over.plan.data import idle_constants, unknown_data
 from robodyn_cli.over.plan.forward import Forward
 from robodyn_cli.over.plan.inverse import Inverse
 from robodyn_cli.over.plan.plane import Plane
-from robodyn_cli.over.plan.report import Chosen, Kernel, LoopCosts, Plan
 from robodyn_cli.over.plan.terms import MECHANISM, Equations, Ledger, Term
 from robodyn_cli.over.plan.text import render
 from robodyn_cli.over.plan.variant import Variant
 from robodyn_cli.over.plan.variants import general
 from robodyn_cli.over.plan.words import plural
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene import types as sc
+from robodyn_cli.summaries.checks import Chosen, Kernel, LoopCosts, PlanReport
+from robodyn_cli.summaries.facts import ABSENT
 
 __all__ = ["plan", "render"]
 
@@ -108,7 +109,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     equations = Equations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
     for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
         ledger.enter(term)
-    found = Plan(
+    found = PlanReport(
         status="failed" if missing else "ok",
         command=command,
         title=problem.scene.title,

@@ -11,8 +11,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
 from robodyn_cli.over.study.row import Rows, Task
-from robodyn_cli.over.study.study import COMMANDS, run_nominal
-from robodyn_cli.over.study.units import unit_of_output
+from robodyn_cli.over.study.study import COMMANDS, run_nominal, units_of_keys
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.nodes import Scalar, located
@@ -111,7 +110,7 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> Asked:
     return Asked(
         task, tuple(key for key, _ in found), tuple(value for _, value in found), nominal,
         tuple(_unit(family, key, model) for key, _ in found),
-        tuple(unit_of_output(name, model) for name in task.outputs),
+        tuple(units_of_keys(task, model).values()),
     )  # fmt: skip
 
 

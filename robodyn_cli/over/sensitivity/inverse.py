@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from robodyn_cli.drives.figures import DriveFigures
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
@@ -26,13 +25,14 @@ from robodyn_cli.over.sensitivity.gradients import MotionGradients
 from robodyn_cli.over.sensitivity.led import Course, Led
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import share_change
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.drives import DriveFigures
+from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
+from robodyn_cli.summaries.inverse import JointFigures
 from robodyn_cli.torques.checks import joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
-from robodyn_cli.torques.figures import JointFigures
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import at_rest, program_of
 
@@ -43,7 +43,7 @@ class Figures:
 
     termination: Termination
     joints: dict[str, JointFigures]
-    reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
+    reactions: PeakLoads | Absent = ABSENT
     drives: dict[str, DriveFigures] | Absent = ABSENT
 
 
@@ -148,7 +148,9 @@ class InverseSlopes:
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
-            found = dataclasses.replace(found, reactions={"largest": largest_loads(data, self.loads.names)})
+            found = dataclasses.replace(
+                found, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(data, self.loads.names))
+            )
         if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
             found = dataclasses.replace(found, drives=self._drives(sampled, step, k))
         return found

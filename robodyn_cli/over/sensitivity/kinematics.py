@@ -18,8 +18,8 @@ from robodyn_cli.over.sensitivity.led import Course, Led
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.mechanism import KinematicsSummary
 from robodyn_cli.works.kinematics import leading, outputs, plan, problem_of, report, summarise
-from robodyn_cli.works.mechanism_summary import KinematicsSummary
 
 
 class KinematicsSlopes:

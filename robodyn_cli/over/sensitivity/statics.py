@@ -29,10 +29,10 @@ from robodyn_cli.over.sensitivity.led import velocity_map
 from robodyn_cli.over.sensitivity.motion.start import Closing, given_slopes
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, share, share_change
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.works.balance import balanced, load_at_rest, staying
 from robodyn_cli.works.holding import holding_joints
 from robodyn_cli.works.statics import closed_configuration, problem_of
@@ -48,7 +48,7 @@ class Figures:
     configuration: dict[str, float]
     torques_of_joints: dict[str, float]
     multipliers: dict[str, float] | Absent = ABSENT
-    reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
+    reactions: PeakLoads | Absent = ABSENT
 
 
 @record
@@ -185,10 +185,10 @@ class StaticsSlopes:
         multipliers = dict(
             zip([row.name for row in problem.constraints.loop_rows], there["lam"][loops].tolist())
         )
-        reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
+        reactions: PeakLoads | Absent = ABSENT
         if self.loads is not None:
             data = {path: there[path][None] for path in self.loads.names}
-            reactions = {"largest": largest_loads(data, self.loads.names)}
+            reactions = PeakLoads(ABSENT, ABSENT, largest_loads(data, self.loads.names))
         return Figures(
             dict(zip(problem.model.q_names, there["q"].tolist())),
             dict(zip(problem.model.v_names, there["tau"].tolist())),

@@ -8,9 +8,9 @@ from typing import Any
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.motion.second_run import FirstRun, estimate_error
 from robodyn_cli.motion.self_check import Judgement, Run, motion_warnings, redundant_rows
-from robodyn_cli.motion.summary import motion_summary
+from robodyn_cli.motion.summary import motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.prepare import refuse_changes
@@ -18,8 +18,10 @@ from robodyn_cli.ready.singularity import refuse_singular_start
 from robodyn_cli.record import record
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
+from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.motion import MotionErrors
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import led_joints
@@ -38,7 +40,6 @@ from robodyn_cli.works.deploy.lock import (
 from robodyn_cli.works.deploy.locked_motion import Followed, first_overload, follow_locked, join
 from robodyn_cli.works.deploy.recording import record_motion
 from robodyn_cli.works.deploy.scan import End, Scan, decide, follow_deployment, latch_position, scan
-from robodyn_cli.works.deploy.summary import AfterLock, DeploySummary, LockKeys, Overload
 
 
 @record
@@ -51,7 +52,7 @@ class Deployment(Run):
 
     found: Scan
     end: End
-    estimate: ErrorEstimate | None = None
+    estimate: MotionErrors | None = None
     lock: Lock | None = None
     latch: Latch | None = None
     time_error: float | None = None
@@ -191,7 +192,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     RobodynError : why the deployment failed, with the result.
     """
     failure, limits = judgement.failure, done.motion.scene.deploy.loads
-    summary = motion_summary(done, judgement, done.estimate)
+    summary, *others = motion_records(done, judgement, done.estimate)
     result = Result.of("deploy", done.motion.scene, "failed")
     result.events = [
         *events(done.found),
@@ -215,7 +216,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         after_lock=ABSENT if failure is not None else _after_lock(done),
         overload=overload if limits and failure is None else ABSENT,
     )
-    result.summarise(summary, keys, seconds=watch.report())
+    result.summarise(summary, *others, keys, seconds=watch.report())
     return result.unless(failure)
 
 

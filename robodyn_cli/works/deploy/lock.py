@@ -12,19 +12,19 @@ from robodyn_cli.motion.second_run import other_steps, remainder, tighter
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.deploy.growth import GRID, multiplier_norm
-from robodyn_cli.works.deploy.latch import LatchImpact, Locked, close_latch, locked
-from robodyn_cli.works.deploy.scan import End, Scan, fired, scan
-from robodyn_cli.works.deploy.summary import (
-    Criteria,
-    Growth,
+from robodyn_cli.summaries.deploy import (
+    CriterionTimes,
     LatchKeys,
     LockKeys,
+    MultiplierGrowth,
     MultiplierKeys,
     SingularValues,
 )  # fmt: skip
+from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.works.deploy.growth import GRID, multiplier_norm
+from robodyn_cli.works.deploy.latch import LatchImpact, Locked, close_latch, locked
+from robodyn_cli.works.deploy.scan import End, Scan, fired, scan
 
 ROUNDING = 1e-14  # part of a time that rounding leaves over the steps of a run
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
@@ -166,9 +166,9 @@ def growth_times(found: Scan) -> dict[str, float | None]:
     return {f"{level:g}": growth.times.get(level) for level in growth.levels} if growth else {}
 
 
-def criteria(motion: Motion, found: Scan) -> Criteria:
+def criteria(motion: Motion, found: Scan) -> CriterionTimes:
     """Say when each criterion fired, whichever was chosen."""
-    return Criteria(
+    return CriterionTimes(
         chosen=motion.scene.deploy.criterion,
         dead_point=found.dead_point[0] if found.dead_point else None,
         multipliers=fired(found.growth, motion.scene.deploy.growth),
@@ -206,7 +206,7 @@ def describe_lock(
         loop=named.loop if named else None,
         criterion=lock.criterion,
         driven=found.driven,
-        multiplier_growth=Growth(found.growth.ratio, times, GRID) if found.growth else None,
+        multiplier_growth=MultiplierGrowth(found.growth.ratio, times, GRID) if found.growth else None,
         growth_times=times,
         multipliers=_multiplier_keys(motion, found, recorder) if found.growth else None,
         singular_values=SingularValues(
