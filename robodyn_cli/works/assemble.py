@@ -10,6 +10,7 @@ from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.closing import add_sample
 from robodyn_cli.observe.finite import refuse_result
+from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.record import record
@@ -66,7 +67,7 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
     if not scene.loops and not scene.couplers:
         raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none", key="loops")
     with watch.stage("equations"):
-        problem = Problem(scene)
+        problem = Problem(at_rest(scene))
         held = tuple(dict.fromkeys((*scene.initial.hold, *position_columns(scene.prescribed))))
     with watch.stage("assemble"):
         closed = close(problem)

@@ -13,10 +13,11 @@ from robodyn_cli.model.placement import orientation
 from robodyn_cli.observe.closing import add_sample
 from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.units import joint_columns
+from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Absent, Termination
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
@@ -68,7 +69,7 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     if options is None:
         raise SceneError(f"{scene.path}: key 'reach' is missing: which frame is to go where", key="reach")
     with watch.stage("equations"):
-        solver = _solver(scene)
+        solver = _solver(at_rest(scene))
     target = np.array(options.position or (0.0, 0.0, 0.0), dtype=float)
     R = None if options.orientation is None else np.array(orientation(options.orientation), dtype=float)
     with watch.stage("solve"):
@@ -108,7 +109,7 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     return result
 
 
-def _solver(scene: Scene) -> InverseKinematics:
+def _solver(scene: Ready) -> InverseKinematics:
     options = scene.reach
     assert options is not None
     axis = options.axis

@@ -14,6 +14,7 @@ from robodyn_cli.motion.self_check import Judgement, Run, judge
 from robodyn_cli.motion.summary import motion_summary
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -62,13 +63,13 @@ def simulate(
 def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
     """Build everything, and put the driver to the start."""
     if scene.initial.source is None:
-        motion = build_motion(scene, watch)
+        motion = build_motion(integrable(scene, watch), watch)
         beginning = motion.beginning
     else:
         from robodyn_cli.motion.going_on.stored import stored_run
 
         stored = stored_run(scene)
-        motion = build_motion(stored.completed(), watch)
+        motion = build_motion(integrable(stored.completed(), watch), watch)
         beginning = stored.beginning(motion)
     with watch.stage("equations"):
         recorder = Recorder.of(motion.observer, writer)

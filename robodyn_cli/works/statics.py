@@ -13,8 +13,9 @@ from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.formulas import check_formulas
 from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
+from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.mobility import Mobility, mobility
-from robodyn_cli.ready.prepare import held_columns, initial_positions, plant_of
+from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import psi_at
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import ABSENT, Residual, Termination
@@ -78,7 +79,7 @@ def problem_of(scene: Scene) -> Problem:
             "statics knows no controller, whose torques may depend on more than the configuration; take "
             "'control' away, or simulate until the motion comes to rest"
         )
-    return Problem(plant_of(scene))
+    return Problem(at_rest(scene))
 
 
 def closed_configuration(problem: Problem) -> Array:

@@ -104,7 +104,7 @@ def test_a_run_imports_the_members_that_its_scene_names(tmp_path: Path) -> None:
 
 
 # modules of ours; a run that needs more of them may raise its figure, knowingly: each costs time at every start
-MOST = {"inverse configs/2r_circle.yaml": 135, "simulate configs/double_pendulum.yaml": 181}
+MOST = {"inverse configs/2r_circle.yaml": 134, "simulate configs/double_pendulum.yaml": 180}
 
 
 @pytest.mark.parametrize("run", MOST)

@@ -15,12 +15,13 @@ from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.model.consistency import doubtful_bodies
 from robodyn_cli.model.model import Model
-from robodyn_cli.motion.build import payload_watchers, ready
+from robodyn_cli.motion.build import payload_watchers
 from robodyn_cli.observe.rounding import few
 from robodyn_cli.over.commands import execute
 from robodyn_cli.over.placing import owners, place
 from robodyn_cli.over.plan.data import unknown_data
 from robodyn_cli.over.plan.words import listed_data
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.mass_matrix import refuse_indefinite
 from robodyn_cli.ready.prepare import passive_coordinates, prepare, refuse_changes
 from robodyn_cli.ready.singularity import passive_determinant
@@ -143,7 +144,7 @@ def _forward(scene: Scene, command: str) -> tuple[Model, list[Scalar]]:
 
         refuse_open_chain(scene)
         refuse_changes(scene, command)
-    problem = prepare(ready(scene, Stopwatch())).problem
+    problem = prepare(integrable(scene)).problem
     payload_watchers(problem)
     if command == "deploy" and scene.deploy.criterion != "multipliers":
         passive_determinant(problem, passive_coordinates(problem))

@@ -30,6 +30,7 @@ from robodyn_cli.over.plan.variants import (
     without_loops,
 )
 from robodyn_cli.over.plan.words import listed
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene import types as sc
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment
@@ -44,7 +45,7 @@ class Forward:
         if command == "deploy":
             self.motion = build_deployment(scene, Stopwatch(), plan=True)
         else:
-            self.motion = build_motion(scene, plan=True)
+            self.motion = build_motion(integrable(scene), plan=True)
         self.problem, self.system = self.motion.problem, self.motion.system
         self.redundant = tuple(self.motion.assembled.redundant)
 

@@ -96,14 +96,15 @@ def refuse_structure(asked: Asked, numbers: Sequence[int], own: Programs, other:
 # -- what motions end with ------------------------------------------------------------------------------------
 def _simulate(asked: Asked, numbers: Sequence[int]) -> Found:
     from robodyn_cli.motion.build import build_motion
+    from robodyn_cli.ready.integrable import integrable
 
     outputs, scene = asked.task.outputs, asked.scene
     if not any(name.startswith("final.") or name == "termination.time" for name in outputs):
         return {}
     if scene.initial.source is not None:
         raise CapabilityError("the run goes on from a stored one")
-    motion = build_motion(scene)
-    other = build_motion(asked.changed(numbers, NEARBY))
+    motion = build_motion(integrable(scene))
+    other = build_motion(integrable(asked.changed(numbers, NEARBY)))
     refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
     slopes = MotionSlopes(
         motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(scene.simulate.duration)

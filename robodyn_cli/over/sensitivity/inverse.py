@@ -56,7 +56,7 @@ class InverseSlopes:
     """
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
-        if getattr(scene.trajectory, "to_be_found", False):
+        if scene.trajectory is not None and not scene.trajectory.in_time:
             raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.program = program_of(scene)

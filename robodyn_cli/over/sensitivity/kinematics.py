@@ -31,7 +31,7 @@ class KinematicsSlopes:
     """
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
-        if getattr(scene.trajectory, "to_be_found", False):
+        if scene.trajectory is not None and not scene.trajectory.in_time:
             raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.led = Led(asked, scene, numbers, _course)

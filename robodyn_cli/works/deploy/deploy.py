@@ -13,6 +13,7 @@ from robodyn_cli.motion.self_check import Judgement, Run, motion_warnings, redun
 from robodyn_cli.motion.summary import motion_summary
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import refuse_changes
 from robodyn_cli.ready.singularity import refuse_singular_start
 from robodyn_cli.record import record
@@ -112,7 +113,7 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     refuse_open_chain(scene)
     refuse_changes(scene, "deploy")
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
-    motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
+    motion = build_motion(integrable(scene, watch), watch, follow_deployment, reactions=reactions, plan=plan)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
 

@@ -12,7 +12,8 @@ from robodyn_cli.equations.linear.reduce import held_by, independent
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.ready.prepare import plant_of, prepare, refuse_changes
+from robodyn_cli.ready.doors import along, at_rest
+from robodyn_cli.ready.prepare import prepare, refuse_changes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Vector, zeros
@@ -62,7 +63,7 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
     if asked.about == "motion":
         problem, states, force = _along(scene, watch)
     else:
-        setup = prepare(plant_of(scene), watch, neutral=True)
+        setup = prepare(at_rest(scene), watch, neutral=True)
         problem, states, force = setup.problem, States.one(setup.assembled.q, setup.assembled.v), _applied
     if geared(problem.model):
         raise CapabilityError(
@@ -159,6 +160,7 @@ def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[P
         if scene.command == "inverse":
             from robodyn_cli.works.inverse import inverse
 
+            scene = along(scene)
             result, force = inverse(scene), _passive
             tau = result["tau"]
         else:
@@ -168,10 +170,5 @@ def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[P
             force, tau = _applied, np.zeros_like(result["qd"])
             if scene.control is not None:
                 force, tau = _passive, result["tau"]
-    if scene.command == "inverse":
-        from robodyn_cli.given.motion import with_led_point
-
-        problem = Problem(with_led_point(scene))
-    else:
-        problem = prepare(plant_of(scene), watch).problem
+    problem = Problem(scene) if scene.command == "inverse" else prepare(at_rest(scene), watch).problem
     return problem, States(result.time, result["q"], result["qd"], result["qdd"], tau), force

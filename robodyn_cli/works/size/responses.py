@@ -91,7 +91,7 @@ class Responses:
         ------
         RobodynError : see ``inverse``. CapabilityError : the motion depends on the drives.
         """
-        if getattr(scene.trajectory, "least_time", False):
+        if scene.trajectory is not None and scene.trajectory.least_time:
             raise CapabilityError(
                 "the times of a path of type fastest follow from the torques, and these from the drives; give its "
                 "result as a trajectory of type table, and size that"
