@@ -130,7 +130,7 @@ def _take_up(run: Run, journal: Journal) -> None:
 def _estimate(run: Run, progress: Progress) -> ErrorEstimate:
     """Return the error of the run just made."""
     duration = run.motion.scene.simulate.duration
-    first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps, run.beginning)
+    first = FirstRun.of(run.driver, run.beginning, grid_of(run.motion.scene, run.beginning), run.recorder)
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 

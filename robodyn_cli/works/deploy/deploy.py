@@ -8,7 +8,7 @@ from typing import Any
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, motion_warnings, redundant_rows
 from robodyn_cli.motion.summary import motion_summary
 from robodyn_cli.observe.recorder import Recorder
@@ -155,8 +155,9 @@ def _estimate(done: Deployment, watch: Stopwatch) -> Deployment:
     """Estimate the error of the recorded run, where that is asked for."""
     if not done.motion.scene.simulate.error_estimate:
         return done
-    reached = float(done.recorder.array("time")[-1])
-    first = FirstRun.of(done.motion, reached, done.driver.counters.steps)
+    first = FirstRun.of(
+        done.driver, done.beginning, grid_of(done.motion.scene, done.beginning), done.recorder
+    )
     with watch.stage("error_estimate"):
         return dataclasses.replace(done, estimate=estimate_error(done.motion, first, done.recorder))
 
