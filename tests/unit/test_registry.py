@@ -182,19 +182,17 @@ def test_a_sweep_loads_its_command_alone(tmp_path: Path) -> None:
         "sweep", "configs/2r_circle.yaml", *study, "--no-plots", "--quiet", "--out", str(tmp_path)
     )
     others = (
-        "contact",
-        "control",
-        "deploy",
-        "driver",
-        "going_on",
-        "linear",
-        "numerics",
-        "sensitivity",
-        "singular",
-        "sizing",
+        "motion",
+        "over.numerics",
+        "over.sensitivity",
+        "ready.controllers",
+        "ready.reference",
+        "ready.regulator",
+        "works.deploy",
+        "works.linearise",
+        "works.simulate",
+        "works.size",
     )
-    loaded = sorted(
-        name for name in found if name.startswith(tuple(f"robodyn_cli.run.{other}" for other in others))
-    )
+    loaded = sorted(name for name in found if name.startswith(tuple(f"robodyn_cli.{x}" for x in others)))
     assert not loaded
     assert "robodyn_cli.over.many.inverse" in found and "robodyn_cli.over.many.simulate" not in found
