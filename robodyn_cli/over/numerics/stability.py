@@ -85,11 +85,9 @@ def stability(
     ------
     RobodynError : the scene cannot be started (as ``simulate`` would say); what methods do later is the report.
     """
-    refuse_changes(scene, "stability")
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
-    scene = ready(scene, watch)
-    setup = prepare(scene, watch)
+    scene, setup = started(scene, watch)
     stages = 4
     with watch.stage("reference"):
         ref, first = find_reference(scene, setup, effort)
@@ -124,6 +122,18 @@ def stability(
     store.add_trials(result, trials)
     store.add_energy(result, energy)
     return result
+
+
+def started(scene: Scene, watch: Stopwatch) -> tuple[Scene, Setup]:
+    """Return the scene made ready, with its equations and start.
+
+    Raises
+    ------
+    RobodynError : it cannot be started.
+    """
+    refuse_changes(scene, "stability")
+    scene = ready(scene, watch)
+    return scene, prepare(scene, watch)
 
 
 def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:

@@ -79,11 +79,6 @@ def deploy(
     RobodynError : with ``result``; SingularConfigurationError at a bifurcation.
     """
     watch = watch or Stopwatch()
-    if scene.control is not None:
-        raise CapabilityError(
-            f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
-            "'simulate'"
-        )
     motion = build_deployment(scene, watch)
     with watch.stage("scan"):
         found = scan(motion, motion.options, progress=progress)
@@ -107,9 +102,14 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
 
     Raises
     ------
-    CapabilityError : it has no loops. SingularConfigurationError : it starts where it is to end.
+    CapabilityError : it has a controller, or no loops. SingularConfigurationError : it starts where it is to end.
     """
-    refuse_open_chain(scene)
+    if scene.control is not None:
+        raise CapabilityError(
+            f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
+            "'simulate'"
+        )
+    _refuse_open_chain(scene)
     refuse_changes(scene, "deploy")
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
     motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
@@ -117,7 +117,7 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     return motion
 
 
-def refuse_open_chain(scene: Scene) -> None:
+def _refuse_open_chain(scene: Scene) -> None:
     """Refuse a scene without closed loops, in which nothing locks but a latch at a position.
 
     Raises
