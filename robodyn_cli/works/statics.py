@@ -51,13 +51,7 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     mechanism. GeometryError, SingularConfigurationError : from closing the loops; a dead point of the actuators.
     """
     watch = watch or Stopwatch()
-    with watch.stage("equations"):
-        problem = problem_of(scene)
-    with watch.stage("assemble"):
-        q = closed_configuration(problem)
-    with watch.stage("solve"):
-        state = balanced(problem, q) if scene.statics.find == "balance" else held(problem, q)
-        refuse_beyond_stops(problem, state.q)
+    state = rest_of(scene, watch)
     with watch.stage("evaluate"):
         loads = loads_at_rest(state) if scene.outputs.reactions else None
     progress(0.0, 0.0)
@@ -65,6 +59,18 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     result.summarise(summarise(state, loads), seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def rest_of(scene: Scene, watch: Stopwatch) -> AtRest:
+    """Return the balance, or the configuration that is held."""
+    with watch.stage("equations"):
+        problem = problem_of(scene)
+    with watch.stage("assemble"):
+        q = closed_configuration(problem)
+    with watch.stage("solve"):
+        state = balanced(problem, q) if scene.statics.find == "balance" else held(problem, q)
+        refuse_beyond_stops(problem, state.q)
+    return state
 
 
 def problem_of(scene: Scene) -> Problem:

@@ -15,11 +15,12 @@ from robodyn_cli.expr.fixed import Fixed, literal, witnessed
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.many import Expressions, ManyNumbers, Recipe
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.grid import JUDGED
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.over.many.groups import Built, Structures
-from robodyn_cli.over.many.integrate import JUDGED, Batch
+from robodyn_cli.over.many.integrate import Batch
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.over.many.simulate import Simulate
 from robodyn_cli.over.many.start import _least_steps

@@ -169,7 +169,6 @@ ASKED_FOR = {
     "value": "signals: formulas, or records with a unit",
     "unit": "signals: formulas, or records with a unit",
     "warnings": "summaries of commands that do not warn",
-    "result": "errors of runs that ended on the way",
 }
 
 
@@ -220,7 +219,7 @@ def test_no_package_is_empty() -> None:
 # -- doors ----------------------------------------------------------------------------------------------------
 def test_scenes_are_made_ready_by_the_doors_alone() -> None:
     """What finds motions before the equations are built, and readies controllers, is imported by the doors only."""
-    steps = ("mechanism.in_time", "control.ready")
+    steps = ("ready.in_time", "ready.controllers")
     users = {
         name
         for name, path in modules_of(PACKAGE, "robodyn_cli").items()

@@ -86,11 +86,9 @@ def stability(
     ------
     RobodynError : the scene cannot be started (as ``simulate`` would say); what methods do later is the report.
     """
-    refuse_changes(scene, "stability")
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
-    ready = integrable(scene, watch)
-    setup = prepare(ready, watch)
+    ready, setup = started(scene, watch)
     stages = 4
     with watch.stage("reference"):
         ref, first = find_reference(ready, setup, effort)
@@ -125,6 +123,18 @@ def stability(
     store.add_trials(result, trials)
     store.add_energy(result, energy)
     return result
+
+
+def started(scene: Scene, watch: Stopwatch) -> tuple[Ready, Setup]:
+    """Return the scene made ready, with its equations and start.
+
+    Raises
+    ------
+    RobodynError : it cannot be started.
+    """
+    refuse_changes(scene, "stability")
+    ready = integrable(scene, watch)
+    return ready, prepare(ready, watch)
 
 
 def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:

@@ -29,6 +29,7 @@ from robodyn_cli.works.inverse import program_of
 class Inverse:
     """The programs of inverse dynamics of one scene."""
 
+    inner = "torques"
     redundant: tuple[str, ...] = ()
 
     def __init__(self, scene: sc.Scene) -> None:

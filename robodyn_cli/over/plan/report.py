@@ -84,6 +84,7 @@ class Plan:
     mechanism: str
     operations: int
     operations_general: int
+    operations_of: str
     ratio: float | None
     kept: Sequence[Kept]
     left_out: Sequence[LeftOut]

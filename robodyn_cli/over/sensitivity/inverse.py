@@ -21,6 +21,7 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.over.sensitivity.gradients import MotionGradients
 from robodyn_cli.over.sensitivity.led import Course, Led
@@ -45,6 +46,16 @@ class Figures:
     joints: dict[str, JointFigures]
     reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
     drives: dict[str, DriveFigures] | Absent = ABSENT
+
+
+def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of the figures of ``inverse`` by some keys.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+    return compared(InverseSlopes, asked, numbers)
 
 
 class InverseSlopes:
