@@ -6,7 +6,7 @@ import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,6 +21,9 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Gains
+
+if TYPE_CHECKING:
+    from robodyn_cli.motion.error.conditioning import Conditioning
 
 
 @record
@@ -160,6 +163,15 @@ class Motion:
         twins = {id(w): w.again() or copy.copy(w) for w in self.watchers}
         watched = (system or self.system).watched_by(lambda e: twins.get(id(e.owner), e.owner))
         return dataclasses.replace(self, system=watched, watchers=tuple(twins.values()))
+
+    def conditioning(self, times: Array, x: Array) -> Conditioning:
+        """Return what rounding of the equations does along states x (T, nx) at times (T,)."""
+        from robodyn_cli.motion.error.conditioning import Conditioning
+        from robodyn_cli.ready.prepare import held_columns
+
+        names = held_columns(self.scene, self.problem)
+        held = [k for k, name in enumerate(self.problem.model.v_names) if name in names]
+        return Conditioning.of(self.problem, held, times, self.system.split(x))
 
     @cached_property
     def observer(self) -> Observer:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -115,11 +115,10 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     exchanged = np.maximum.accumulate(
         kinetic + np.abs(potential - potential[0]) + np.abs(work - work[0]) + np.abs(potential).max() * EPS
     )
-    rounding = EPS * max(steps, 1) * (exchanged + np.abs(potential).max())
     rtol = options.rtol if options.step is None else STEADY
-    allowed = np.maximum(rtol * max(1.0, steps / MANY) * exchanged, rounding)
+    allowed = allowed_drift(exchanged, np.abs(potential).max(), steps, rtol)
     least = options.atol + sum(watcher.rounding for watcher in run.motion.watchers)
-    allowed = BEYOND * np.maximum(allowed, least * _sensitivity(recorder, exchanged))
+    allowed = np.maximum(allowed, BEYOND * least * _sensitivity(recorder, exchanged))
     beyond = np.flatnonzero(drift > allowed)
     if not len(beyond):
         return None
@@ -130,6 +129,15 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
         f"tolerances and rounding explain {allowed[-1] / BEYOND:.1g} J",
         time=float(time[k]), status="energy_balance", energy_drift=worst,
     )  # fmt: skip
+
+
+def allowed_drift(exchanged: Any, level: Any, steps: Any, rtol: float) -> Any:
+    """Return by how much energies [J] at this ``level``, so much of them ``exchanged``, may be off; numbers or arrays.
+
+    BEYOND times what rtol explains, summed over the steps where there are very many, or rounding over the steps.
+    """
+    rounding = EPS * np.maximum(steps, 1) * (exchanged + level)
+    return BEYOND * np.maximum(rtol * np.maximum(1.0, steps / MANY) * exchanged, rounding)
 
 
 def _sensitivity(recorder: Recorder, exchanged: Array) -> Array:

@@ -79,6 +79,7 @@ class PlanReport:
     mechanism: str = fact("what the scene is, in words")
     operations: int = fact("of the program in the inner loop")
     operations_general: int = fact("of the same program with every constant a symbol")
+    operations_of: str = fact("what that program computes: torques or accelerations")
     ratio: float | None = fact("`operations_general` over `operations`")
     kept: list[Kept] = fact("terms of the equations")
     left_out: list[LeftOut] = fact("terms that they do not have")

@@ -51,12 +51,9 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
 
     Raises
     ------
-    CapabilityError : the mechanism may still move.
+    CapabilityError : see ``refuse_freedom``.
     """
-    model = problem.model
-    stays = [b.v + j for b in model.bodies if b.joint_name in held for j in range(b.joint.nv)]
-    free = [k for k in range(model.nv) if k not in stays]
-    _refuse_freedom(problem, conditions, q, free, held)
+    model, free = problem.model, _free(problem, held)
     angles = [unit == "rad" for unit in model.q_units]
     cosines = Evaluator([row.cosine for row in problem.constraints.rows])
 
@@ -82,9 +79,12 @@ def _attitude(body: Any, q: Array) -> Array:
     return np.outer(own, own).ravel()
 
 
-def _refuse_freedom(
-    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], held: tuple[str, ...]
-) -> None:
+def _free(problem: Problem, held: tuple[str, ...]) -> list[int]:
+    """Return the velocity coordinates of joints that are not held."""
+    return [b.v + j for b in problem.model.bodies if b.joint_name not in held for j in range(b.joint.nv)]
+
+
+def refuse_freedom(problem: Problem, conditions: LoopConditions, q: Array, held: tuple[str, ...]) -> None:
     """Refuse a mechanism that closes in infinitely many ways.
 
     Raises
@@ -92,6 +92,7 @@ def _refuse_freedom(
     CapabilityError
     """
     _, J = conditions.at(q, 0.0)
+    free = _free(problem, held)
     left = len(free) - rank(J[problem.constraints.of_loops][:, free])
     if left > 0:
         raise CapabilityError(

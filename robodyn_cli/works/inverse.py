@@ -11,6 +11,7 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.places import FORCES, add_places
 from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
+from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
@@ -103,11 +104,7 @@ def program_of(scene: Scene) -> InverseProgram:
     ------
     RobodynError : see ``inverse``.
     """
-    if getattr(scene.trajectory, "to_be_found", False):
-        from robodyn_cli.ready.in_time import with_motion
-
-        scene = with_motion(scene)
-    return build_inverse(scene)
+    return build_inverse(along(scene))
 
 
 def at_rest(problem: Problem, planned: Planned) -> Planned:

@@ -11,13 +11,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
-from robodyn_cli.given.motion import (
-    Planned,
-    motion_duration,
-    plan_motion,
-    with_led_point,
-    without_following,
-)
+from robodyn_cli.given.motion import Planned, motion_duration, plan_motion
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.closing import add_rows
 from robodyn_cli.observe.evaluation import SampleFunction
@@ -25,6 +19,7 @@ from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.places import add_places, place_outputs, point_motion
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.observe.units import add_joint_limits, add_motion
+from robodyn_cli.ready.doors import along
 from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.results.result import Result
@@ -82,12 +77,9 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
 def problem_of(scene: Scene) -> Problem:
     """Return the equations of a scene for its kinematics, with the points that are wanted."""
     if scene.kinematics.sweep is None:
-        scene = without_following(scene)
-        if getattr(scene.trajectory, "to_be_found", False):
-            from robodyn_cli.ready.in_time import with_motion
-
-            scene = with_motion(scene)
-    return Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
+        scene = along(scene)
+    led = () if scene.trajectory is None else scene.trajectory.places
+    return Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
 
 
 def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:

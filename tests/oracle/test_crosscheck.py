@@ -176,6 +176,15 @@ def test_what_cannot_be_asked_is_listed() -> None:
         crosscheck(load_scene_text(LOOP % ("spherical", "")), "mujoco", "inverse")
 
 
+def test_commands_that_are_not_compared_are_refused_by_name() -> None:
+    scene = dataclasses.replace(load_scene_text(chain(["revolute"])), command="statics")
+    with pytest.raises(
+        CapabilityError, match="compares inverse and simulate, and the scene's command is 'statics'"
+    ):
+        crosscheck(scene, "pinocchio")
+    assert module.compared_command(dataclasses.replace(scene, command="deploy")) == "simulate"
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_missing_engine_is_named(engine: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, engine, None)

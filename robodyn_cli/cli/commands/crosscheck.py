@@ -41,13 +41,15 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare a scene with another engine; return the exit code, 1 where they differ beyond their errors."""
-    from robodyn_cli.over.crosscheck.crosscheck import crosscheck
+    from robodyn_cli.over.crosscheck.crosscheck import compared_command, crosscheck
     from robodyn_cli.results.summary import as_keys, jsonable
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)
-    with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides or (), "simulate"):
-        found = crosscheck(load_scene(scene, overrides or ()), engine, asked)
+    loaded = load_scene(scene, overrides or ())
+    command = asked or compared_command(loaded)
+    with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides or (), command):
+        found = crosscheck(loaded, engine, command)
     console.data(jsonable(as_keys(found)))
     console.say(describe(found))
     return 0 if found.agrees else FAILED

@@ -9,6 +9,7 @@ import numpy as np
 
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.over.commands import command_of, locks
 from robodyn_cli.over.crosscheck.engine import Engine
 from robodyn_cli.over.crosscheck.translation import Translation, translate
 from robodyn_cli.scene.types import Scene
@@ -18,7 +19,6 @@ from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 
 ENGINES = ("pinocchio", "mujoco")
-COMPARED = ("inverse", "simulate")
 MARGIN = 10.0  # times the two errors together by which answers may differ
 FLOOR = 1e-13  # of the largest value: rounding of the comparison itself
 RTOL = (1e-12, 1e-10)  # of the engine's integration, and of a second one that estimates its error
@@ -34,12 +34,14 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
 
     Raises
     ------
-    CapabilityError : the engine is not installed, or cannot be asked what the scene says.
+    CapabilityError : the engine is not installed, or cannot be asked what the scene says; nothing is compared for the
+    scene's command.
     """
-    command = command or _command_of(scene)
-    asked = translate(scene, command == "simulate")
+    command = command or compared_command(scene)
+    moves, compare = COMPARED[command]
+    asked = translate(scene, moves)
     other = _engine(engine)(asked.model)
-    compared = _torques(asked, other) if command == "inverse" else _motion(asked, other)
+    compared = compare(asked, other)
     return CrosscheckReport(
         status="ok" if all(one.agrees for one in compared) else "differs",
         title=scene.title or "scene",
@@ -52,10 +54,21 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
     )
 
 
-def _command_of(scene: Scene) -> str:
-    if scene.command in COMPARED:
-        return str(scene.command)
-    return "inverse" if scene.trajectory is not None and scene.command is None else "simulate"
+def compared_command(scene: Scene) -> str:
+    """Return what is compared of a scene; a motion until a lock is a simulation.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    command = "simulate" if locks(scene.command) else command_of(scene)
+    if command not in COMPARED:
+        raise CapabilityError(
+            f"{scene.path}: crosscheck compares {' and '.join(COMPARED)}, and the scene's command is {command!r}; name "
+            "one of them with --command",
+            key="command",
+        )
+    return command
 
 
 def _engine(name: str) -> Callable[[Any], Engine]:
@@ -164,3 +177,10 @@ def _compare(
         quantity, names[column], float(times[row]), float(ours[row, column]), float(theirs[row, column]),
         float(gap[row, column]), *errors, allowed, bool(gap[row, column] <= allowed),
     )  # fmt: skip
+
+
+# what is compared, and whether the engine integrates
+COMPARED: dict[str, tuple[bool, Callable[[Translation, Engine], list[ComparedQuantity]]]] = {
+    "inverse": (False, _torques),
+    "simulate": (True, _motion),
+}

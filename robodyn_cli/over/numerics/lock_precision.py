@@ -9,6 +9,7 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
+from robodyn_cli.over.commands import locks as ends_by_lock
 from robodyn_cli.over.numerics.entries import SECONDS, driver_of, tight_runs
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -32,7 +33,7 @@ class LockReference:
 def locks(scene: Scene) -> bool:
     """Tell whether a scene deploys to a dead point, whose time is what matters; growth is judged on a grid of 1 ms."""
     return (
-        scene.command == "deploy"
+        ends_by_lock(scene.command)
         and scene.deploy.criterion not in ("multipliers", "latch")
         and bool(scene.loops)
     )

@@ -15,7 +15,7 @@ from robodyn_cli.integration_methods import FIXED_STEP, REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.motion.baumgarte import GainStudy
-from robodyn_cli.motion.build import projected_motion, ready
+from robodyn_cli.motion.build import projected_motion
 from robodyn_cli.over.numerics import stability_store as store
 from robodyn_cli.over.numerics.energy_growth import PERIODS, EnergyGrowth, growths, period
 from robodyn_cli.over.numerics.instants import instants
@@ -28,10 +28,11 @@ from robodyn_cli.over.numerics.trial import (
     reference,
     step_of,
 )
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import Setup, prepare, refuse_changes
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.stability import GainKeys, MethodTrial, StabilitySummary, StepLimit
@@ -75,28 +76,26 @@ def stability(
     ------
     RobodynError : the scene cannot be started (as ``simulate`` would say); what methods do later is the report.
     """
-    refuse_changes(scene, "stability")
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
-    scene = ready(scene, watch)
-    setup = prepare(scene, watch)
+    ready, setup = started(scene, watch)
     stages = 4
     with watch.stage("reference"):
-        ref, first = find_reference(scene, setup, effort)
+        ref, first = find_reference(ready, setup, effort)
     progress(1, stages)
     with watch.stage("spectrum"):
         found = along(setup, ref) or first
     with watch.stage("methods"):
-        trials = attempts(scene, ref, effort.trial, methods_tried(quick))
+        trials = attempts(ready, ref, effort.trial, methods_tried(quick))
     progress(2, stages)
     with watch.stage("energy"):
-        energy = follow_energy(scene, ref, found, trials, effort)
+        energy = follow_energy(ready, ref, found, trials, effort)
     progress(3, stages)
     planes: dict[str, store.GainPlane] = {}
     has_gains = bool(setup.problem.constraints.rows) and bool(scene.loops) and not setup.problem.dependent
     if has_gains:
         with watch.stage("baumgarte"):
-            planes = gain_planes(scene, effort)
+            planes = gain_planes(ready, effort)
     progress(stages, stages)
     result = Result.of("stability", scene)
     summary = StabilitySummary(
@@ -114,6 +113,18 @@ def stability(
     store.add_trials(result, trials)
     store.add_energy(result, energy)
     return result
+
+
+def started(scene: Scene, watch: Stopwatch) -> tuple[Ready, Setup]:
+    """Return the scene made ready, with its equations and start.
+
+    Raises
+    ------
+    RobodynError : it cannot be started.
+    """
+    refuse_changes(scene, "stability")
+    ready = integrable(scene, watch)
+    return ready, prepare(ready, watch)
 
 
 def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:
@@ -181,7 +192,7 @@ def step_limits(found: Spectrum | None) -> list[StepLimit]:
     ]
 
 
-def gain_planes(scene: Scene, effort: Effort) -> dict[str, store.GainPlane]:
+def gain_planes(scene: Ready, effort: Effort) -> dict[str, store.GainPlane]:
     """Run over the plane of Baumgarte's gains, by the method of the scene (``own``) and by fixed steps (``fixed``)."""
     s = scene.simulate
     fixed = dataclasses.replace(s, integrator=FIXED, step=step_of(s, FIXED))
@@ -191,7 +202,7 @@ def gain_planes(scene: Scene, effort: Effort) -> dict[str, store.GainPlane]:
     return {name: gain_plane(one, effort) for name, one in runs.items()}
 
 
-def gain_plane(scene: Scene, effort: Effort) -> store.GainPlane:
+def gain_plane(scene: Ready, effort: Effort) -> store.GainPlane:
     """Run one method over the plane of gains; what keeps it from that is in the keys."""
     factors = np.logspace(-3, 1, effort.gains)
     try:

@@ -28,9 +28,10 @@ from robodyn_cli.over.numerics.entries import (
 from robodyn_cli.over.numerics.lock_precision import judge_lock, lock_reference, locks
 from robodyn_cli.over.numerics.sensitivity import Sensitivity, motion_at, sensitivity
 from robodyn_cli.over.numerics.trial import SAMPLES, Reference, agreed
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.scene.types import Baumgarte, Scene
+from robodyn_cli.scene.types import Baumgarte, Ready, Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, Termination
 from robodyn_cli.summaries.motion import Gains
@@ -167,7 +168,7 @@ def work_precision(
         if name not in registry:
             raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")
     watch = Stopwatch()
-    motion, measure = prepared(with_stabilisation(scene, "projection"), watch)
+    motion, measure = prepared(with_stabilisation(integrable(scene, watch), "projection"), watch)
     with watch.stage("gains"):
         motions, gains = formulations(motion, scene.simulate.stabilisation)
     runs = [run for name, one in motions.items() for run in planned(name, one, chosen, tolerances, measure)]
@@ -216,7 +217,7 @@ class Measure:
     lock_time: float | Absent = ABSENT
 
 
-def prepared(scene: Scene, watch: Stopwatch) -> tuple[Motion, Measure]:
+def prepared(scene: Ready, watch: Stopwatch) -> tuple[Motion, Measure]:
     """Build the motion and find the reference: for a scene of ``deploy`` the time of its lock, else the motion.
 
     Raises

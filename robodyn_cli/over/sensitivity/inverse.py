@@ -20,6 +20,7 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.over.sensitivity.gradients import MotionGradients
 from robodyn_cli.over.sensitivity.led import Course, Led
@@ -47,6 +48,16 @@ class Figures:
     drives: dict[str, DriveFigures] | Absent = ABSENT
 
 
+def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of the figures of ``inverse`` by some keys.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+    return compared(InverseSlopes, asked, numbers)
+
+
 class InverseSlopes:
     """The samples of an inverse run, and their derivatives by some keys, which are named by their numbers.
 
@@ -56,7 +67,7 @@ class InverseSlopes:
     """
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
-        if getattr(scene.trajectory, "to_be_found", False):
+        if scene.trajectory is not None and not scene.trajectory.in_time:
             raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.program = program_of(scene)

@@ -23,6 +23,7 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import slopes_along
 from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients
 from robodyn_cli.over.sensitivity.led import velocity_map
@@ -59,6 +60,16 @@ class Rest:
 
     values: dict[str, Array]
     changes: dict[str, Array]
+
+
+def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of the figures of ``statics`` by some keys.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+    return compared(StaticsSlopes, asked, numbers)
 
 
 class StaticsSlopes:

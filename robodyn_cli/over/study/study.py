@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.commands import SCENE_COMMANDS
+from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import Variation
 from robodyn_cli.model.build import build_model
@@ -31,7 +31,6 @@ from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.summaries.refusals import refusal
 from robodyn_cli.version import __version__
 
-COMMANDS = tuple(name for name in SCENE_COMMANDS if name not in ("stability", "assemble"))
 NO_NUMBERS = ("wall_time_s", "counters", "run_id")
 
 
@@ -106,10 +105,10 @@ def prepare(asked: Asked) -> Study:
     """
     family, options = asked.family, asked.options
     scene = family.own
-    if scene.command not in COMMANDS:
+    if scene.command not in STUDIED:
         what = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(COMMANDS)}"
+            f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(STUDIED)}"
         )
     if options.least_yield is not None and not scene.expect:
         raise SceneError(

@@ -28,7 +28,6 @@ from robodyn_cli.scene.types import DeployOptions, KinematicsOptions, Robot, Sce
 from robodyn_cli.trajectories.led import (
     FOLLOW,
     follow_trajectory,
-    is_to_be_found,
     position_columns,
     to_find,
     velocity_columns,
@@ -119,7 +118,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         for path, message in scene.trajectory.problems(names):
             with check:
                 check.fail(("trajectory", *path), message)
-        if hasattr(scene.trajectory, "completed") and not check.found:
+        if not check.found:
             scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
     if scene.control is not None or scene.outputs.signals:
         from robodyn_cli.scene.checks.control import check_control
@@ -155,7 +154,7 @@ def _following(scene: Scene, named: tuple[str, ...], check: Check) -> Scene:
             )
             check.fail(("prescribed",), message)
         check_joints(scene, _keys(named, "prescribed"), check, at_key=True)
-        in_time = not is_to_be_found(trajectory)
+        in_time = not trajectory.lacks
         if not in_time and (scene.loops or scene.couplers):
             check.fail(
                 ("prescribed",),
@@ -194,13 +193,15 @@ def _columns_along(robot: Robot, trajectory: Any, given: tuple[str, ...]) -> tup
 
     given : the columns that move by formulas.
     """
+    from robodyn_cli.trajectories.base import Lacks
+
     every = tuple(name for name in columns(robot) if name not in given)
-    if trajectory.type == "sequence":
+    if not trajectory.lacks:
+        return position_columns(trajectory.joints)
+    if trajectory.lacks is Lacks.PARTS:
         led = {name for segment in trajectory.segments for name in _columns_along(robot, segment, given)}
         return tuple(name for name in every if name in led)
-    if not is_to_be_found(trajectory):
-        return position_columns(trajectory.joints)
-    if trajectory.type == "fastest":
+    if trajectory.lacks is Lacks.TIMES:
         return every
     joints = joints_between(robot, trajectory.point, trajectory.relative_to or "base.origin")
     return tuple(name for name in every if name.partition(".")[0] in joints)

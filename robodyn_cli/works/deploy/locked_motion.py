@@ -88,8 +88,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     estimate = None
     if s.error_estimate:
         with watch.stage("error_estimate"):
-            run = FirstRun(locked.choice.method, begun, rest, driver.time, driver.counters.steps)
-            estimate = estimate_error(locked, run, recorder)
+            estimate = estimate_error(locked, FirstRun.of(driver, begun, rest, recorder), recorder)
     keys = dataclasses.replace(
         keys,
         samples=recorder.samples,

@@ -61,12 +61,7 @@ def linearise(
     if kind not in ("state", "balance", "hold", "motion"):
         raise SceneError(f"about {about!r}; allowed: state, balance, hold, motion, times of the motion [s]")
     watch = watch or Stopwatch()
-    given = nominal(scene, Question(kind, tuple(inputs), tuple(outputs)), watch)
-    if not given.places:
-        raise CapabilityError(
-            "nothing can move: the loops and prescribed joints leave no freedom to linearise"
-        )
-    measured = Outputs(given.problem, given.torques, outputs)
+    given, measured = prepared(scene, Question(kind, tuple(inputs), tuple(outputs)), watch)
     samples = _samples_at(given.states.times, instants) if kind == "motion" else [0]
     with watch.stage("linearise"):
         linear = linearise_states(given.equations, given.states, given.inputs, given.places)
@@ -84,6 +79,21 @@ def linearise(
     result.summarise(_summary(result, systems, samples, modes), seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def prepared(scene: Scene, question: Question, watch: Stopwatch) -> tuple[Nominal, Outputs]:
+    """Return the states about which a scene is linearised, and what is measured there.
+
+    Raises
+    ------
+    RobodynError : see ``linearise``.
+    """
+    given = nominal(scene, question, watch)
+    if not given.places:
+        raise CapabilityError(
+            "nothing can move: the loops and prescribed joints leave no freedom to linearise"
+        )
+    return given, Outputs(given.problem, given.torques, question.outputs)
 
 
 def _samples_at(times: Array, instants: Sequence[float]) -> list[int]:

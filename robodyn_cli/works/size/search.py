@@ -13,6 +13,7 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.motors.drive import Catalogue, Drive, Train
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.size import MotorAndGear
 from robodyn_cli.works.size.candidates import Candidates, stacked
@@ -21,6 +22,27 @@ from robodyn_cli.works.size.responses import Responses
 MOST_SWEEPS = 40
 ALIKE = 1e-9  # relative change of a load that is rounding
 CALM = 8  # sweeps after which a mass that was chosen once is never taken as less
+
+
+def candidates_of(scene: Scene, drives: Mapping[str, Drive], catalogue: Catalogue) -> dict[str, Candidates]:
+    """Return what there is to choose from, by joint.
+
+    Raises
+    ------
+    SceneError : the catalogue has nothing that moves a joint.
+    """
+    types = {joint.name: joint_types[joint.type] for joint in scene.robot.joints}
+    alike: dict[Any, Candidates] = {}  # most joints have the same to choose from
+    found = {}
+    for name, drive in drives.items():
+        key = dataclasses.replace(drive, motor="", gear=None), types[name].v_units[0]
+        if key not in alike:
+            alike[key] = Candidates.of(drive, catalogue, key[1])
+        one = found[name] = alike[key]
+        if not one.usable.any():
+            what = f"{scene.path}: catalogue: no motor and gear for joint {name!r}"
+            raise SceneError(f"{what}; allowed: a catalogue with some that run and move it", key="catalogue")
+    return found
 
 
 @record
@@ -43,20 +65,7 @@ class Search:
         ------
         SceneError : the catalogue has nothing that moves a joint.
         """
-        types = {joint.name: joint_types[joint.type] for joint in responses.scene.robot.joints}
-        alike: dict[Any, Candidates] = {}  # most joints have the same to choose from
-        found = {}
-        for name, drive in drives.items():
-            key = dataclasses.replace(drive, motor="", gear=None), types[name].v_units[0]
-            if key not in alike:
-                alike[key] = Candidates.of(drive, catalogue, key[1])
-            one = found[name] = alike[key]
-            if not one.usable.any():
-                what = f"{responses.scene.path}: catalogue: no motor and gear for joint {name!r}"
-                raise SceneError(
-                    f"{what}; allowed: a catalogue with some that run and move it", key="catalogue"
-                )
-        return Search(responses, found, by, {}, {}, {})
+        return Search(responses, candidates_of(responses.scene, drives, catalogue), by, {}, {}, {})
 
     def run(self) -> int:
         """Choose for all joints, and return in how many sweeps.

@@ -70,11 +70,8 @@ def size(
     RobodynError : see ``inverse``. SceneError : a joint says itself what drives it.
     """
     watch, asked = watch or Stopwatch(), Wanted(**wanted)
-    family, settings = Family.of(scene), []
-    if scene.catalogue is None:
-        settings = [f"catalogue={json.dumps(str(EXAMPLE))}"]
-        scene = family.scene(settings)
-    drives = _asked(scene, asked.margin)
+    family, settings = Family.of(scene), _settings(scene)
+    scene, drives = to_size(scene, asked.margin)
     with watch.stage("responses"):
         responses = Responses.of(scene, drives)
     with watch.stage("size"):
@@ -92,6 +89,23 @@ def size(
         "wall_time_s": watch.report(),
     }
     return result
+
+
+def _settings(scene: Scene) -> list[str]:
+    """Return what is set in a scene before its drives are sought."""
+    return [f"catalogue={json.dumps(str(EXAMPLE))}"] if scene.catalogue is None else []
+
+
+def to_size(scene: Scene, margin: float | None = None) -> tuple[Scene, dict[str, Drive]]:
+    """Return the scene with a catalogue, and the drives that are sought.
+
+    Raises
+    ------
+    SceneError : there are none, or a joint says itself what drives it.
+    """
+    if settings := _settings(scene):
+        scene = Family.of(scene).scene(settings)
+    return scene, _asked(scene, margin)
 
 
 def _search(
