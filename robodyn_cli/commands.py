@@ -66,6 +66,7 @@ COMMANDS: dict[str, Command] = {
         "Torques that a motion needs (inverse dynamics).",
         run="works.inverse:inverse",
         check="over.checks:inverse",
+        summary=("inverse:InverseSummary", "drives:DriveKeys"),
         plan="over.plan.inverse:Inverse",
         batch="over.many.inverse:Inverse",
         slopes="over.sensitivity.inverse:slopes",

@@ -98,7 +98,6 @@ ALLOWED = {
     "robodyn_cli/cli/commands/crosscheck.py": (1, "what can be asked for by option: the keys of its table"),
     "robodyn_cli/over/crosscheck/crosscheck.py": (1, "a table without a default: what is compared"),
     "robodyn_cli/works/linearise/nominal.py": (1, "a table without a default: along what is linearised"),
-    "robodyn_cli/over/possible.py": (1, "records of summaries, which become a column"),
     "robodyn_cli/report/figures.py": (1, "tables of main figures, which become a column"),
 }
 

@@ -48,6 +48,8 @@ KEEPERS = {
     "fastest/reachability.py: _passes",
     "over/sensitivity/motion/blocks.py: integrals",
     "solve/quadrature.py: _weights",
+    "summaries/keys.py: fields_at",
+    "summaries/keys.py: leaf_of",
 }
 # functions of libraries that change the process
 PROCESS = frozenset({

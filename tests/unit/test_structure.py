@@ -168,7 +168,6 @@ ASKED_FOR = {
     "kinds": "kinds of a key, one or several",
     "value": "signals: formulas, or records with a unit",
     "unit": "signals: formulas, or records with a unit",
-    "warnings": "summaries of commands that do not warn",
 }
 
 
