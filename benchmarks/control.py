@@ -16,6 +16,7 @@ from time import process_time
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.second_run import grid_of
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.works.in_python import controlled_by
@@ -70,7 +71,7 @@ def least_time(law: str, integrator: str) -> tuple[float, int]:
     scene = load_scene_text(scene_text(law), str(ROOT / "configs" / "arm.yaml"), settings)
     if law == "pd in Python":
         scene = controlled_by(scene, Pd(), None)
-    motion = build_motion(scene)
+    motion = build_motion(integrable(scene))
     driver = Driver.of(motion)
     times = []
     for _ in range(RUNS):

@@ -30,6 +30,7 @@ import numpy as np  # noqa: E402
 
 from robodyn_cli import load_scene, load_scene_text  # noqa: E402
 from robodyn_cli.fastest.resolve import fastest_on, limited_path, special_points  # noqa: E402
+from robodyn_cli.ready.doors import along  # noqa: E402
 from robodyn_cli.torques.build import build_inverse  # noqa: E402
 
 MASS = """
@@ -57,7 +58,7 @@ class Case:
 
     def __init__(self, scene: Any) -> None:
         self.trajectory = scene.trajectory
-        self.program = build_inverse(dataclasses.replace(scene, trajectory=scene.trajectory.way))
+        self.program = build_inverse(along(dataclasses.replace(scene, trajectory=scene.trajectory.way)))
         self.path = limited_path(self.trajectory, self.program)
         self.special = special_points(self.trajectory, self.program, self.path)
 

@@ -30,7 +30,8 @@ def record(cls: type[T]) -> type[T]:
     """Make a class a frozen dataclass: a value, compared and hashed by its fields.
 
     Fields may have defaults, factories, ``compare=False`` and ``repr=False``; ``__post_init__`` is called last; a
-    method that the class has itself stays. Bases must be records too, or no dataclasses.
+    method that the class has itself stays. Bases must be records too, or no dataclasses,
+    whose attributes are no defaults of fields.
     """
     return _equip(cls, frozen=True)
 
@@ -46,6 +47,12 @@ def _equip(cls: type[T], frozen: bool) -> type[T]:
     hashes = own.get("__hash__") is not None  # with an __eq__ alone Python puts None there
     if cls.__doc__ is None:
         cls.__doc__ = cls.__name__  # else the signature is taken apart to make one
+    inherited = {f.name for f in dataclasses.fields(cls)} if dataclasses.is_dataclass(cls) else set()
+    for name in cls.__annotations__:
+        if (
+            name not in own and name not in inherited
+        ):  # else what a base that is no record has would be its default
+            setattr(cls, name, dataclasses.field())
     dataclasses.dataclass(init=False, repr=False, eq=False)(cls)
     fields = dataclasses.fields(cls)  # type: ignore[arg-type]
     compared = _values([f.name for f in fields if f.compare])

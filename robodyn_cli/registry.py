@@ -34,7 +34,8 @@ class Registry(MutableMapping[str, T]):
         if name not in self._members:
             module, _, member = self._places[name].partition(":")
             found: Any = getattr(importlib.import_module(f"{self._package}.{module}"), member)
-            self._members[name] = self.make(name, found) if self._made else found
+            # of two threads that ask first, both get the same instance
+            return self._members.setdefault(name, self.make(name, found) if self._made else found)
         return self._members[name]
 
     def make(self, name: str, found: Any) -> T:

@@ -1,8 +1,11 @@
-"""Threads of the linear algebra that numpy brings along."""
+"""Threads: of the linear algebra that numpy brings along, and of programs that share an object."""
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
+import functools
+import threading
+from collections.abc import Callable, MutableMapping
+from typing import TYPE_CHECKING, Any, TypeVar
 
 VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
@@ -14,3 +17,46 @@ def single_thread(environment: MutableMapping[str, str]) -> None:
     """
     for name in VARIABLES:
         environment.setdefault(name, "1")
+
+
+Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class ThreadSafe:
+    """An object that several threads may use: what it builds is built by one thread at a time, under ``lock``."""
+
+    def __init__(self) -> None:
+        self.lock = threading.RLock()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {name: value for name, value in vars(self).items() if name != "lock"}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        vars(self).update(state, lock=threading.RLock())  # a copy, in another process too, has its own
+
+
+def one_at_a_time(method: Function) -> Function:
+    """Return a method of a ``ThreadSafe`` that one thread runs at a time."""
+
+    @functools.wraps(method)
+    def alone(self: ThreadSafe, *args: Any, **options: Any) -> Any:
+        with self.lock:
+            return method(self, *args, **options)
+
+    return alone  # type: ignore[return-value]
+
+
+if TYPE_CHECKING:
+    once = functools.cached_property
+else:
+
+    class once(functools.cached_property):
+        """A cached property that one thread computes, once; Python from 3.12 on leaves that open."""
+
+        def __get__(self, instance, owner=None):
+            if instance is None:
+                return self
+            with instance.lock:
+                if self.attrname not in vars(instance):
+                    vars(instance)[self.attrname] = self.func(instance)
+                return vars(instance)[self.attrname]

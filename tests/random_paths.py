@@ -7,6 +7,7 @@ import dataclasses
 import numpy as np
 
 from robodyn_cli import load_scene_text
+from robodyn_cli.ready.doors import along
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.dynamics import InverseDynamics
@@ -47,7 +48,7 @@ def random_path(seed: int) -> Scene:
 
 def _needed(scene: Scene) -> np.ndarray:
     """Return the torques (n,) that a slow motion on the path, half a unit of it a second, needs at most."""
-    program = build_inverse(dataclasses.replace(scene, trajectory=scene.trajectory.way))
+    program = build_inverse(along(dataclasses.replace(scene, trajectory=scene.trajectory.way)))
     way = program.plan(301).motion
     torques = InverseDynamics(program.problem)
     slow = np.abs(torques(way.q, 0.5 * way.qd, 0.25 * way.qdd)).max(axis=0)

@@ -19,7 +19,8 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Counters, Options
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.summaries.motion import Counters
 
 Array = np.ndarray
 

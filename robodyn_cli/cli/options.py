@@ -126,9 +126,9 @@ def plot_list(words: str) -> tuple[str, ...]:
     ------
     BadParameter : there is no such plot.
     """
-    from robodyn_cli.report.registry import plot_names
+    from robodyn_cli.report.registry import PLOTS
 
-    names, known = tuple(word.strip() for word in words.split(",")), plot_names()
+    names, known = tuple(word.strip() for word in words.split(",")), PLOTS
     for name in names:
         if name not in known:
             hint = did_you_mean(name, known)

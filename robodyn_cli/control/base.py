@@ -7,7 +7,8 @@ simulation evaluates it at every instant, or as one compiled program at each sam
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, ClassVar, Protocol
 
 from robodyn_cli.expr.graph import Scalar
@@ -27,6 +28,7 @@ from robodyn_cli.schema.fields import (
     Tagged,
     key,
 )
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.registry import trajectory_types
 
 Problems = Iterator[tuple[tuple[str | int, ...], str]]
@@ -88,20 +90,53 @@ class OwnModel:
     )
 
 
-@record
-class Controller:
-    """The keys that all kinds share.
+class ControlLaw:
+    """What every kind of controller answers, with the answers of most. A field of the same name wins.
 
     numbers : fields whose values are numbers of the compiled code's table. shares : whether the driven joints of a
     mechanism with loops share a load, so that they must command all its freedoms. whole : whether the law needs to
     drive every joint of an open chain. at_point : whether it follows a point. reference : the motion that it follows,
-    where it follows any. directions : (n, f) numbers of more driven joints than freedoms f, see ``DrivenJoints``.
+    where it follows any. pose : positions by joint that it holds, where it names any. law, state : formulas of torques
+    and states by name. call : gives the torques for t, q and v where a function in Python does.
     """
 
     numbers: ClassVar[tuple[str, ...]] = ("gains", "limit", "rate_limit", "sensors", "period", "directions")
     shares: ClassVar[bool] = False
     whole: ClassVar[bool] = False
     at_point: ClassVar[bool] = False
+    reference: Any = None
+    pose: Mapping[str, float] = MappingProxyType({})
+    law: Mapping[str, Any] = MappingProxyType({})
+    state: Mapping[str, Any] = MappingProxyType({})
+    call: Callable[[float, Array, Array], Array] | None = None
+
+    def problems(self) -> Problems:
+        """Report what single keys cannot tell, as (path below ``control``, message)."""
+        yield from ()
+
+    def states(self, joints: Sequence[str]) -> list[tuple[str, float]]:
+        """Return names and initial values of the law's own states, where it drives these joints."""
+        return []
+
+    def torques(self, at: Situation) -> list[Any]:
+        """Return the torques (n,) of the law on the joints that it drives, before any limit [N m or N]."""
+        raise NotImplementedError
+
+    def rates(self, at: Situation, asked: Sequence[Any], given: Sequence[Any]) -> list[Any]:
+        """Return the rates of its states; ``asked`` : what the law gave, ``given`` : what the limits leave of it."""
+        return []
+
+    def updated(self, at: Situation, asked: Sequence[Any], given: Sequence[Any], period: float) -> list[Any]:
+        """Return the states after a sampling period: by Euler's method, unless a kind knows better."""
+        return [s + period * rate for s, rate in zip(at.states, self.rates(at, asked, given))]
+
+
+@record
+class Controller(ControlLaw):
+    """The keys that all kinds share.
+
+    directions : (n, f) numbers of more driven joints than freedoms f, see ``DrivenJoints``.
+    """
 
     joints: tuple[str, ...] | None = key(
         ListOf(Name(of="joint"), minimum=1),
@@ -134,26 +169,6 @@ class Controller:
     )
     sensors: Sensors = key(Section(Sensors), default=Sensors(), doc="How it sees the joints.")
     directions: Any = dataclasses.field(default=None, compare=False, repr=False)
-
-    def problems(self) -> Problems:
-        """Report what single keys cannot tell, as (path below ``control``, message)."""
-        yield from ()
-
-    def states(self, joints: Sequence[str]) -> list[tuple[str, float]]:
-        """Return names and initial values of the law's own states, where it drives these joints."""
-        return []
-
-    def torques(self, at: Situation) -> list[Any]:
-        """Return the torques (n,) of the law on the joints that it drives, before any limit [N m or N]."""
-        raise NotImplementedError
-
-    def rates(self, at: Situation, asked: Sequence[Any], given: Sequence[Any]) -> list[Any]:
-        """Return the rates of its states; ``asked`` : what the law gave, ``given`` : what the limits leave of it."""
-        return []
-
-    def updated(self, at: Situation, asked: Sequence[Any], given: Sequence[Any], period: float) -> list[Any]:
-        """Return the states after a sampling period: by Euler's method, unless a kind knows better."""
-        return [s + period * rate for s, rate in zip(at.states, self.rates(at, asked, given))]
 
 
 @record

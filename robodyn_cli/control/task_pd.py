@@ -7,6 +7,7 @@ from typing import Any, ClassVar
 from robodyn_cli.control.base import Follower, Problems, Situation, gain
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Boolean, Choice, Number, Section, key
+from robodyn_cli.trajectories.base import Lacks
 
 
 @record
@@ -33,11 +34,7 @@ class TaskPd(Follower):
     gravity: bool = key(Boolean(), default=True, doc="Whether gravity is compensated.")
 
     def problems(self) -> Problems:
-        if (
-            self.reference is not None
-            and self.reference.type != "fastest"
-            and not hasattr(self.reference, "target")
-        ):
+        if self.reference is not None and self.reference.lacks not in (Lacks.JOINTS, Lacks.TIMES):
             yield (
                 ("reference", "type"),
                 f"{self.reference.type!r} leads joints; allowed: a path of a point, such as circle, path or cartesian",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -22,131 +22,51 @@ from robodyn_cli.model.model import TORQUE
 from robodyn_cli.motors.drive import Train
 from robodyn_cli.motors.electric import Curves
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.drives import (
+    DriveErrors,
+    DriveFigures,
+    Electrical,
+    Shaft,
+    Side,
+    UsedLimit,
+    WindingTemperatures,
+)
+from robodyn_cli.summaries.facts import ABSENT, Absent
+
+AnySide = TypeVar("AnySide", bound=Side)
 
 
-@record
-class Side:
-    """Torque [N m or N], speed [rad/s or m/s], power [W] and energy a cycle [J], at the joint or at each motor.
-
-    mean_torque : of its magnitude. driving, braking : where power goes to the mechanism, and where it comes back.
-    """
-
-    peak_torque: float
-    peak_torque_time: float
-    rms_torque: float
-    mean_torque: float
-    peak_speed: float
-    driving_power: float
-    braking_power: float
-    driving_energy: float
-    braking_energy: float
-
-    @staticmethod
-    def of(duty: Duty, torque: Array, speed: Array) -> Side:
-        """Return the figures of torques and speeds (T,) in a duty cycle."""
-        samples, power = duty.samples, torque * speed
-        size = np.abs(torque)
-        return Side(
-            peak_torque=float(size.max()),
-            peak_torque_time=float(duty.times[int(np.argmax(size))]),
-            rms_torque=float(samples.rms(torque)),
-            mean_torque=float(samples.mean(size)),
-            peak_speed=float(np.abs(speed).max()),
-            driving_power=max(0.0, float(power.max())),
-            braking_power=max(0.0, float(-power.min())),
-            driving_energy=samples.positive(power),
-            braking_energy=samples.positive(-power),
-        )
+def side_of(kind: type[AnySide], duty: Duty, torque: Array, speed: Array) -> AnySide:
+    """Return the figures of a joint or of a motor's shaft from torques and speeds (T,) in a duty cycle."""
+    samples, power = duty.samples, torque * speed
+    size = np.abs(torque)
+    return kind(
+        peak_torque=float(size.max()),
+        peak_torque_time=float(duty.times[int(np.argmax(size))]),
+        rms_torque=float(samples.rms(torque)),
+        mean_torque=float(samples.mean(size)),
+        peak_speed=float(np.abs(speed).max()),
+        driving_power=max(0.0, float(power.max())),
+        braking_power=max(0.0, float(-power.min())),
+        driving_energy=samples.positive(power),
+        braking_energy=samples.positive(-power),
+    )
 
 
-@record
-class Electrical:
-    """Of each motor: currents [A], energy a cycle from the supply and back to it [J], and where it goes [J]."""
-
-    peak_current: float
-    rms_current: float
-    energy: float
-    regenerated: float
-    copper_loss: float
-    friction_loss: float
-
-    @staticmethod
-    def of(cycle: MotorCycle, samples: Samples) -> Electrical | Absent:
-        """Return the figures of a motor whose current is known."""
-        power = cycle.electrical
-        if power is None or cycle.current is None or cycle.copper is None or cycle.friction is None:
-            return ABSENT
-        return Electrical(
-            peak_current=float(np.abs(cycle.current).max()),
-            rms_current=float(samples.rms(cycle.current)),
-            energy=samples.positive(power),
-            regenerated=samples.positive(-power),
-            copper_loss=samples.integral(cycle.copper),
-            friction_loss=samples.integral(cycle.friction),
-        )
-
-
-@record
-class Winding:
-    """Temperatures of the winding [degC]: largest and mean in the steady periodic state, and at the end of a first
-    cycle that begins at the temperature of the surroundings."""
-
-    peak: float
-    mean: float
-    after_one_cycle: float
-
-
-@record
-class Limit:
-    """A limit: the part of it that is used, and when most of it is [s], where that is an instant."""
-
-    use: float
-    time: float | Absent
-
-
-@record
-class Errors:
-    """What the figures change by when every second sample is left out: the margin, torques of the motor [N m], its
-    current [A], energies [J], and the winding's temperature [K]. Of peaks at least what ``rise`` says."""
-
-    margin: float
-    peak_torque: float
-    rms_torque: float
-    mean_torque: float
-    rms_current: float | Absent
-    energy: float
-    winding: float | Absent
-
-
-@record
-class DriveFigures:
-    """The figures of one joint's drive. margin : part of the limit that is left which decides, at ``time`` [s] where
-    it is an instant; least_margin : that is asked for."""
-
-    passes: bool
-    margin: float
-    least_margin: float
-    decides: str
-    time: float | Absent
-    motor: str
-    gear: str | None
-    brake: str | None
-    count: int
-    ratio: float
-    mass: float
-    cost: float
-    limits: dict[str, Limit]
-    joint: Side
-    shaft: Side
-    electrical: Electrical | Absent
-    winding: Winding | Absent
-    gear_loss: float
-    inertia_ratio: list[float] | Absent
-    wind_up: float | Absent
-    errors: Errors | Absent
-    units: dict[str, str]
+def electrical_of(cycle: MotorCycle, samples: Samples) -> Electrical | Absent:
+    """Return the figures of a motor whose current is known."""
+    power = cycle.electrical
+    if power is None or cycle.current is None or cycle.copper is None or cycle.friction is None:
+        return ABSENT
+    return Electrical(
+        peak_current=float(np.abs(cycle.current).max()),
+        rms_current=float(samples.rms(cycle.current)),
+        energy=samples.positive(power),
+        regenerated=samples.positive(-power),
+        copper_loss=samples.integral(cycle.copper),
+        friction_loss=samples.integral(cycle.friction),
+    )
 
 
 @record
@@ -197,9 +117,9 @@ class Evaluated:
             mass=float(train.mass),
             cost=float(train.cost),
             limits=limits,
-            joint=Side.of(duty, duty.load, duty.speed),
-            shaft=Side.of(duty, cycle.torque, cycle.speed),
-            electrical=Electrical.of(cycle, duty.samples),
+            joint=side_of(Side, duty, duty.load, duty.speed),
+            shaft=side_of(Shaft, duty, cycle.torque, cycle.speed),
+            electrical=electrical_of(cycle, duty.samples),
             winding=self._winding(),
             gear_loss=self.gear_loss,
             inertia_ratio=self._inertia_ratio(),
@@ -213,18 +133,20 @@ class Evaluated:
             },
         )
 
-    def _limit(self, use: Use) -> Limit:
+    def _limit(self, use: Use) -> UsedLimit:
         time = ABSENT if use.at is None else float(self.duty.times[int(use.at)])
-        return Limit(float(use.part), time)
+        return UsedLimit(float(use.part), time)
 
-    def _winding(self) -> Winding | Absent:
+    def _winding(self) -> WindingTemperatures | Absent:
         cycle, samples, thermal = self.cycle, self.duty.samples, self.train.motor.thermal
         if thermal is None or cycle.temperature is None or cycle.copper is None:
             return ABSENT
         first = self.train.supply.ambient + float(
             thermal.warming(cycle.copper, samples.step, periodic=False)[-1]
         )
-        return Winding(float(cycle.temperature.max()), float(samples.mean(cycle.temperature)), first)
+        return WindingTemperatures(
+            float(cycle.temperature.max()), float(samples.mean(cycle.temperature)), first
+        )
 
     def _inertia_ratio(self) -> list[float] | Absent:
         """Return smallest and largest inertia of the mechanism over that of the drives."""
@@ -250,7 +172,7 @@ class Evaluated:
         """Part of it that is left."""
         return 1.0 - float(self.uses[self.decides].part)
 
-    def _errors(self) -> Errors | Absent:
+    def _errors(self) -> DriveErrors | Absent:
         times = self.duty.times
         if len(times) % 2 == 0 or len(times) < 5:
             return ABSENT
@@ -268,11 +190,11 @@ class Evaluated:
             change[name] = max(change[name], float(more))
         for name in ("rms_current", "winding"):
             change.setdefault(name, ABSENT)
-        return Errors(**change)
+        return DriveErrors(**change)
 
     def _numbers(self) -> dict[str, float | list[float]]:
         """Return the figures that have errors, by the names of these."""
-        side = Side.of(self.duty, self.cycle.torque, self.cycle.speed)
+        side = side_of(Shaft, self.duty, self.cycle.torque, self.cycle.speed)
         found: dict[str, float | list[float]] = {
             "margin": self.margin,
             "peak_torque": side.peak_torque,
@@ -280,7 +202,7 @@ class Evaluated:
             "mean_torque": side.mean_torque,
         }
         energies = [side.driving_energy, side.braking_energy]
-        electrical, winding = Electrical.of(self.cycle, self.duty.samples), self._winding()
+        electrical, winding = electrical_of(self.cycle, self.duty.samples), self._winding()
         if electrical is not ABSENT:
             found["rms_current"] = electrical.rms_current
             energies += [electrical.energy, electrical.regenerated]

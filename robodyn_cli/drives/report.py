@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import Any, TypeVar
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from robodyn_cli.drives.cycle import Duty, peak_use
-from robodyn_cli.drives.figures import DriveFigures, Evaluated
+from robodyn_cli.drives.figures import Evaluated
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import torque_terms
 from robodyn_cli.expr.graph import Scalar, free_symbols
@@ -17,22 +18,25 @@ from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROU
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
+from robodyn_cli.summaries.facts import ABSENT
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
-Summary = TypeVar("Summary")
 
 
-def with_drives(summary: Summary, result: Result, scene: Scene, problem: Problem) -> Summary:
-    """Return the summary of a motion with the figures of its drives; add their datasets to the result, and its status.
+def with_drives(records: list[Any], result: Result, scene: Scene, problem: Problem) -> list[Any]:
+    """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
+    their datasets to the result, and its status.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """
+    summary, *others = records
     times = result.time
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
-        return _warned(summary, "the samples are not uniform in time, so there are no figures of drives")
+        uneven = "the samples are not uniform in time, so there are no figures of drives"
+        return [_warned(summary, [uneven]), *others]
     q, qd, qdd, tau = (result[name] for name in ("q", "qd", "qdd", "tau"))
     moved = Moved(times, q, qd, qdd, tau, _breaks(result))
     drives = Drives.of(scene, problem, moved)
@@ -40,22 +44,25 @@ def with_drives(summary: Summary, result: Result, scene: Scene, problem: Problem
     figures = drives.figures()
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
+    title = scene.catalogue.title or ABSENT
+    return [_warned(summary, list(_doubts(drives, figures))), *others, DriveKeys(figures, title)]
+
+
+def _doubts(drives: Drives, figures: dict[str, DriveFigures]) -> Iterator[str]:
+    """Yield what is not known of drives well enough."""
     for name, one in drives.evaluated.items():
         if one.train.brake is not None and "brake" not in one.uses:
-            what = "data, payloads or loops leave open what holds it at rest"
-            summary = _warned(summary, f"the brake of joint {name!r} is not checked: {what}")
+            why = "data, payloads or loops leave open what holds it at rest"
+            yield f"the brake of joint {name!r} is not checked: {why}"
     for name, drive in figures.items():
         if drive.errors is not ABSENT and abs(drive.margin - drive.least_margin) <= drive.errors.margin:
-            what = f"the margin of joint {name!r} is as near to what is asked for as its error; take more samples"
-            summary = _warned(summary, what)
-    title = scene.catalogue.title or ABSENT
-    return dataclasses.replace(summary, drives=figures, catalogue=title)  # type: ignore[type-var]
+            yield f"the margin of joint {name!r} is as near to what is asked for as its error; take more samples"
 
 
-def _warned(summary: Summary, what: str) -> Summary:
-    """Return a summary with one more warning."""
-    own = getattr(summary, "warnings", ABSENT)
-    return dataclasses.replace(summary, warnings=[*([] if own is ABSENT else own), what])  # type: ignore[type-var]
+def _warned(summary: Any, more: list[str]) -> Any:
+    """Return a record of a summary with more warnings."""
+    own = [] if summary.warnings is ABSENT else summary.warnings
+    return dataclasses.replace(summary, warnings=[*own, *more]) if more else summary
 
 
 def _breaks(result: Result) -> tuple[float, ...]:

@@ -87,7 +87,7 @@ def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
 
 def is_contact(force: JointForce) -> bool:
     """Tell whether a force in a joint has a contact state: friction that sticks, or rigid stops."""
-    return getattr(force.element, "set_valued", False) or getattr(force.element, "rigid", False)
+    return bool(force.element.set_valued or force.element.rigid)
 
 
 def _by_coordinate(body: Body) -> list[list[JointForce]]:
@@ -102,9 +102,9 @@ def _contacts(forces: Sequence[JointForce]) -> tuple[Friction | None, Limits | N
     """Return the set-valued friction and the rigid stops of a coordinate."""
     friction = limits = None
     for force in forces:
-        if getattr(force.element, "set_valued", False):
+        if force.element.set_valued:
             friction = force.element
-        if getattr(force.element, "rigid", False):
+        if force.element.rigid:
             limits = force.element
     return friction, limits
 

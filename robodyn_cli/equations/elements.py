@@ -125,7 +125,7 @@ class Elements:
     @property
     def breakpoints(self) -> set[float]:
         """Times at which the slope of tabulated forces jumps."""
-        return {t for force in self.model.forces for t in getattr(force.element, "breakpoints", ())}
+        return {t for force in self.model.forces for t in force.element.breakpoints}
 
     @cached_property
     def half_turns(self) -> list[tuple[str, HalfTurn]]:

@@ -16,7 +16,7 @@ from robodyn_cli.spatial.algebra import Array, Values, Vector
 
 def depends_on_load(force: JointForce) -> bool:
     """Tell whether a force follows from the load on the joint, as losses of a gear do, and not from q and v alone."""
-    return hasattr(force.element, "torque_of_load")
+    return bool(force.element.of_load)
 
 
 def geared(model: Model) -> list[tuple[Body, JointForce]]:
@@ -26,7 +26,7 @@ def geared(model: Model) -> list[tuple[Body, JointForce]]:
 
 def _on_motor(body: Body, v: int) -> bool:
     """Tell whether the friction of a coordinate acts on the motor's side of the gear."""
-    return any(getattr(f.element, "side", "joint") == "motor" for f in body.forces if f.v == v)
+    return any(f.element.side == "motor" for f in body.forces if f.v == v)
 
 
 def losses_of_load(

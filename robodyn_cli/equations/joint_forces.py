@@ -60,8 +60,9 @@ class JointForces:
                 if force.element.dissipative:
                     lost = self.torque(force, smooth)
                     found += zip(range(self.model.nv)[force.v], lost) if force.in_space else [(force.v, lost)]
-                elif hasattr(force.element, "loss"):
-                    loss = force.element.loss(self.q[force.q], self.v[force.v], force.gear_ratio, smooth)
+                    continue
+                loss = force.element.loss(self.q[force.q], self.v[force.v], force.gear_ratio, smooth)
+                if loss is not None:
                     found.append((force.v, loss))
         return found
 
@@ -71,7 +72,6 @@ class JointForces:
         found: list[tuple[str, Expr]] = []
         for body in self.model.bodies:
             for force in body.forces:
-                if hasattr(force.element, "switches"):
-                    entries = force.element.switches(self.q[force.q], self.v[force.v])
-                    found += [(f"{force.name}.{force.kind}", switch) for switch in entries]
+                entries = force.element.switches(self.q[force.q], self.v[force.v])
+                found += [(f"{force.name}.{force.kind}", switch) for switch in entries]
         return found

@@ -5,12 +5,12 @@ A ``Fixed`` is a float in every respect, so whatever asks for its value gets it.
 code (``Program.numbers``), so that a scene with another mass has the same code. A float of the program itself (a zero,
 an entry of a rotation, a coefficient of an algorithm) has no place and is part of the code.
 
-Two ``Fixed`` are the same object when they are computed alike from the same places, but for results of two calls of
-``derived``, which are told apart. That two of them have equal values is an accident: they are never merged, and 1 and
--1 are numbers like any other. Only a sum that cancels is zero.
+Two ``Fixed`` are the same object when they are computed alike from the same places, in whatever thread, but for
+results of two calls of ``derived``, which are told apart. That two of them have equal values is an accident: they are
+never merged, and 1 and -1 are numbers like any other. Only a sum that cancels is zero.
 
 Whatever Python decides by comparing such numbers is structure. ``witnessed`` lists these comparisons, so that it can be
-asked whether other values would have decided alike (``expr/many.py``).
+asked whether other values would have decided alike (``expr/many.py``). Each thread has a list of its own.
 """
 
 from __future__ import annotations
@@ -18,7 +18,10 @@ from __future__ import annotations
 import contextlib
 import math
 import operator
+import threading
+import zlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextvars import ContextVar
 from typing import Any, TypeGuard
 from weakref import WeakValueDictionary
 
@@ -32,13 +35,15 @@ class Fixed(float):
 
     op, args : how it is computed. ``literal`` has the place in the scene as its argument: ``robot.links.link1.mass``;
     ``entry`` is one result of ``derived``, with all the inputs and its number.
+    rank : orders numbers by how they are computed, the same in each process; values have no part in it.
     """
 
-    __slots__ = ("__weakref__", "args", "op")
+    __slots__ = ("__weakref__", "args", "op", "rank")
     __array_priority__ = 1000.0  # numpy leaves arithmetic with it to the methods below
 
     op: str
     args: tuple[Any, ...]
+    rank: int
     __hash__ = float.__hash__
 
     def __reduce__(self) -> Any:
@@ -86,18 +91,18 @@ class Fixed(float):
 
 # comparisons made so far: operator, two numbers (or the entry of a derived one and None), and the outcome
 Witness = tuple[str, Any, Any, bool]
-_witnesses: list[Witness] | None = None
+_witnesses: ContextVar[list[Witness] | None] = ContextVar("_witnesses", default=None)
 
 
 @contextlib.contextmanager
 def witnessed() -> Iterator[list[Witness]]:
-    """Give the list of all comparisons with numbers of the scene that are made inside the block."""
-    global _witnesses
-    before, _witnesses = _witnesses, []
+    """Give the list of all comparisons with numbers of the scene that this thread makes inside the block."""
+    witnesses: list[Witness] = []
+    token = _witnesses.set(witnesses)
     try:
-        yield _witnesses
+        yield witnesses
     finally:
-        _witnesses = before
+        _witnesses.reset(token)
 
 
 def _value_with_array(name: str, reflected: str) -> Callable[[Any, Any], Any]:
@@ -108,8 +113,8 @@ def _value_with_array(name: str, reflected: str) -> Callable[[Any, Any], Any]:
         if hasattr(other, "dtype"):
             return getattr(other, reflected)(float(self))
         found = own(self, other)
-        if _witnesses is not None and isinstance(found, bool):
-            _witnesses.append((name.strip("_"), self, other, found))
+        if (witnesses := _witnesses.get()) is not None and isinstance(found, bool):
+            witnesses.append((name.strip("_"), self, other, found))
         return found
 
     return method
@@ -117,8 +122,8 @@ def _value_with_array(name: str, reflected: str) -> Callable[[Any, Any], Any]:
 
 def _is_true(x: Fixed) -> bool:
     found = float(x) != 0.0
-    if _witnesses is not None:
-        _witnesses.append(("ne", x, 0.0, found))
+    if (witnesses := _witnesses.get()) is not None:
+        witnesses.append(("ne", x, 0.0, found))
     return found
 
 
@@ -136,6 +141,7 @@ Fixed.__bool__ = _is_true  # type: ignore[method-assign,assignment]
 
 # those that are in use, by what they are computed from
 _known: WeakValueDictionary[Any, Fixed] = WeakValueDictionary()
+_making = threading.RLock()  # a finalizer that runs meanwhile may make a number too
 
 
 def literal(value: float, place: str) -> float:
@@ -157,15 +163,16 @@ class _Inputs(list[float]):
     """What all results of one call of ``derived`` are computed from, and by which function."""
 
     function: Callable[[Sequence[float]], Sequence[float]]
+    rank: int
 
 
 def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequence[float]) -> list[float]:
     """Return what a function of numbers gives, each entry as a number that is computed from the inputs."""
     shared = _Inputs(inputs)
-    shared.function = function
+    shared.function, shared.rank = function, _rank("derived", inputs)
     found, kept = derive(shared, [float(x) for x in inputs])
-    if _witnesses is not None:
-        _witnesses.extend(("kept", (shared, k), None, keeps) for k, keeps in enumerate(kept))
+    if (witnesses := _witnesses.get()) is not None:
+        witnesses.extend(("kept", (shared, k), None, keeps) for k, keeps in enumerate(kept))
     return [
         _made("entry", (shared, k), float(x)) if keeps else 0.0
         for k, (x, keeps) in enumerate(zip(found, kept))
@@ -225,11 +232,29 @@ def applied(op: str, function: Callable[..., float], *args: float) -> float:
 def _made(op: str, args: tuple[Any, ...], value: float) -> Fixed:
     key = (op, *[id(x) if isinstance(x, (Fixed, _Inputs)) else ("plain", x) for x in args])
     found = _known.get(key)
-    if found is None:
-        found = Fixed(value)
-        found.op, found.args = op, args
-        _known[key] = found
-    return found
+    if found is not None:
+        return found
+    made = Fixed(value)
+    made.op, made.args, made.rank = op, args, _rank(op, args)
+    with _making:  # another thread may have made it since
+        return _known.setdefault(key, made)
+
+
+def _rank(op: str, args: Iterable[Any]) -> int:
+    """Return the rank of a number that is computed so; that of a literal follows from its place alone."""
+    if op == "literal":
+        args = [x for x in args if isinstance(x, str)]
+    return hash((
+        zlib.crc32(op.encode()),
+        *[
+            x.rank
+            if isinstance(x, (Fixed, _Inputs))
+            else zlib.crc32(x.encode())  # Python's own hashes of texts are others in each process
+            if isinstance(x, str)
+            else x
+            for x in args
+        ],
+    ))  # fmt: skip
 
 
 _PLAIN: dict[str, Callable[[Any, Any], Any]] = {
@@ -297,11 +322,13 @@ def collected(op: str, a: float, b: float) -> float:
 
 
 def _sorted(op: str, a: float, b: float) -> tuple[float, float]:
-    """Return the arguments, those of a commutative operation in an order of their own."""
+    """Return the arguments, those of a commutative operation in an order that does not depend on the memory."""
     a, b = (x if isinstance(x, Fixed) else float(x) for x in (a, b))
-    if op in ("add", "mul") and (not isinstance(b, Fixed) or (isinstance(a, Fixed) and id(b) < id(a))):
-        return b, a
-    return a, b
+    if op not in ("add", "mul"):
+        return a, b
+    if not isinstance(a, Fixed) or not isinstance(b, Fixed):
+        return (a, b) if isinstance(b, Fixed) else (b, a)
+    return (b, a) if (b.rank, id(b)) < (a.rank, id(a)) else (a, b)
 
 
 def _with_array(op: str, a: Any, b: Any) -> Any:

@@ -5,28 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.model.model import Model
-from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.inverse import FastestFigures
 from robodyn_cli.torques.program import Sampled
-from robodyn_cli.trajectories.fastest import Scaling, names_of
+from robodyn_cli.trajectories.fastest import names_of
+from robodyn_cli.trajectories.laws import Scaling
 
 BINDS = 1e-3  # of a limit: as near to it the motion is on it
-
-
-@record
-class FastestFigures:
-    """Figures of a motion in the least time.
-
-    duration, duration_error : [s]. largest_use : of a limit, 1 on it, at the samples.
-    binding : part of the time during which each limit binds, by ``joint kind``. intervals : of the path.
-    """
-
-    duration: float
-    duration_error: float
-    largest_use: float
-    binding: dict[str, float]
-    intervals: int
 
 
 def use_of_limits(scaling: Scaling, model: Model, sampled: Sampled) -> tuple[list[str], Array]:

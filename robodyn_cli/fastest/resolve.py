@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -14,15 +13,17 @@ from robodyn_cli.fastest.grid import merged
 from robodyn_cli.fastest.limits import LimitedPath, PathLimits, Torques
 from robodyn_cli.fastest.profile import NoProfile
 from robodyn_cli.fastest.search import Fastest, fastest
-from robodyn_cli.given.along_path import motion_along
-from robodyn_cli.given.motion import Planned, plan_motion
+from robodyn_cli.given.along_path import motion_along, motion_at
+from robodyn_cli.given.motion import Planned, led_by
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.program import InverseProgram
-from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, Scaling, timed
-from robodyn_cli.trajectories.motion import JointMotion, TaskSpace
+from robodyn_cli.trajectories.base import TaskSpaceTrajectory
+from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, TimedJoints, TimedPath, timed
+from robodyn_cli.trajectories.laws import Scaling
+from robodyn_cli.trajectories.motion import JointMotion
 
 STILL = 1e-6  # of the largest |dq/ds|: the path stands still
 CORNER = 1e-6  # of it: the direction jumps
@@ -30,38 +31,34 @@ BISECTIONS = 45
 LOOKS = 200  # intervals in which corners and turns are looked for
 
 
-def with_time_law(scene: Scene) -> Scene:
-    """Return the scene with its path as a motion in time, where its trajectory is of type ``fastest``.
+def timed_path(scene: Scene, trajectory: FastestTrajectory) -> TimedJoints | TimedPath:
+    """Return a path in the least time as a motion in time of the scene's joints, or of a point.
 
     Raises
     ------
     CapabilityError : forces depend on time or load. GeometryError : no motion on the path keeps to the limits, or it
     stands still or turns a corner on the way. Others as the inverse kinematics and ``build_inverse`` raise.
     """
-    if not isinstance(scene.trajectory, FastestTrajectory):
-        return scene
     changing = [payload.name for payload in scene.payloads if payload.changes]
     if changing:
         raise CapabilityError(
             f"payload {changing[0]!r} is gripped or released at a time, and 'fastest' chooses the times; allowed "
             "there: payloads without 'from' and 'until'"
         )
-    trajectory: FastestTrajectory = scene.trajectory
-    along = dataclasses.replace(scene, trajectory=trajectory.way)
-    program = build_inverse(along)
+    program = build_inverse(led_by(scene, trajectory.way))
     path = limited_path(trajectory, program)
     fixed = special_points(trajectory, program, path)
     found = fastest_on(path, trajectory, fixed, program)
     limits = {name: dict(getattr(trajectory, name)) for name in BOUNDS}
     tolerance = trajectory.tolerance if trajectory.intervals is None else None
     scaling = Scaling(found.law, found.error, limits, len(found.s) - 1, tolerance)
-    return dataclasses.replace(scene, trajectory=timed(trajectory.way, scaling))
+    return timed(trajectory.way, scaling)
 
 
 def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> LimitedPath:
     """Return the path, and what limits the motion on it."""
     model = program.problem.model
-    ik = getattr(trajectory.way, "ik", None)
+    ik = trajectory.way.ik
     if ik is not None and ik.redundancy != "least_rates":
         raise CapabilityError(
             f"trajectory.path.ik.redundancy ({ik.redundancy}) makes the path depend on its times, which 'fastest' "
@@ -77,23 +74,10 @@ def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> Limi
 
 def _path_of(program: InverseProgram) -> Callable[[Array], JointMotion]:
     problem = program.problem
-    if not problem.model.closures:
-        if isinstance(problem.scene.trajectory, TaskSpace):
-            way = motion_along(problem.scene, problem.model.q_names)
-            return lambda s: way.motion(s, problem.model.q_names, {})
-        return lambda s: plan_motion(problem, s).motion
-    from robodyn_cli.given.guided_motion import guided_motion
-    from robodyn_cli.torques.closed import ClosedLoops
-
-    assert isinstance(program, ClosedLoops)
-
-    def guided(s: Array) -> JointMotion:
-        found = guided_motion(problem, program.lead, s)
-        if found.stopped is not None:
-            raise found.stopped
-        return found.motion
-
-    return guided
+    if problem.model.closures or not isinstance(problem.scene.trajectory, TaskSpaceTrajectory):
+        return lambda s: motion_at(problem, s)
+    way = motion_along(problem)
+    return lambda s: way.motion(s, problem.model.q_names, {})
 
 
 def _torques_of(program: InverseProgram) -> Torques:
@@ -126,7 +110,7 @@ def _torques_of(program: InverseProgram) -> Torques:
 def special_points(trajectory: FastestTrajectory, program: InverseProgram, path: LimitedPath) -> Array:
     """Return where the path is not smooth, and where a joint with forces turns back."""
     way = trajectory.way
-    fixed = np.array([x for x in getattr(way, "knots", None) or () if 0.0 < x < way.duration])
+    fixed = np.array([x for x in way.knots or () if 0.0 < x < way.duration])
     s = merged(np.linspace(0.0, way.duration, LOOKS + 1), fixed)
     found = path.at(s)
     problem = program.problem

@@ -17,9 +17,10 @@ Checklist for another kind:
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar
 
 from robodyn_cli.expr.functions import sqrt
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Twist, Vector, Wrench, dot, zeros
@@ -109,32 +110,47 @@ class Effect:
     half_turns: tuple[HalfTurn, ...] = ()
 
 
-class ForceElement(Protocol):
-    """A force element of a scene (see the checklist above)."""
+class ForceElement:
+    """Base of the forces on points and between bodies (see the checklist above); their keys fit together in most.
 
+    breakpoints : times at which the slope of the force jumps.
+    """
+
+    name: str
+    type: str
     term: ClassVar[str]
-    switching: ClassVar[bool]
+    switching: ClassVar[bool] = False
+    breakpoints: tuple[float, ...] = ()
 
     @property
-    def name(self) -> str: ...
+    def references(self) -> tuple[str, ...]:
+        """The places that it acts at."""
+        raise NotImplementedError
 
-    @property
-    def type(self) -> str: ...
+    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
+        """Yield what does not fit together: the path of a key, and what is wrong."""
+        return ()
 
-    @property
-    def references(self) -> tuple[str, ...]: ...
-
-    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect: ...
+    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
+        """Return what it does to its ends."""
+        raise NotImplementedError
 
 
 class InJoint:
     """What most forces in a joint have in common: no potential energy, and keys that always fit together.
 
     dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential. Such a force may
-    act in space: on the angular velocity of a ball joint, or on a velocity.
+    act in space: on the angular velocity of a ball joint, or on a velocity. of_load : whether it follows from the load
+    on the joint, and not from q and v alone. acts : whether it exerts anything. set_valued, rigid : whether it gives
+    the joint a contact state, as friction or as a stop. side : of the gear, on which it acts.
     """
 
     dissipative: ClassVar[bool] = False
+    of_load: ClassVar[bool] = False
+    acts: bool = True
+    set_valued: bool = False
+    rigid: bool = False
+    side: str = "joint"
 
     def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit together: the path of a key, and what is wrong."""
@@ -150,22 +166,24 @@ class InJoint:
         """Return the potential energy [J] at position ``q``."""
         return 0.0
 
+    def loss(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
+        """Return the part of the torque that is no gradient of the potential, None where there is no such part."""
+        return None
 
-class Between:
-    """What most forces between two places have in common: they are ``passive``, and their keys always fit together."""
+    def switches(self, q: Any, qd: Any) -> Sequence[Expr]:
+        """Return what changes its sign where the force begins or ends."""
+        return ()
+
+
+class Between(ForceElement):
+    """Base of the forces between two places, which most are: they are ``passive``."""
 
     term: ClassVar[str] = "passive"
-    switching: ClassVar[bool] = False
     between: tuple[str, ...]
 
     @property
     def references(self) -> tuple[str, ...]:
-        """The places that it acts at."""
         return self.between
-
-    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
-        """Yield what does not fit together: the path of a key, and what is wrong."""
-        return ()
 
 
 def between_key() -> Any:

@@ -95,7 +95,7 @@ class Friction(InJoint):
         return self.levels() != (0.0, 0.0) or self.static is not None
 
     @property
-    def set_valued(self) -> bool:
+    def set_valued(self) -> bool:  # type: ignore[override]
         """Whether a simulation holds the joint at rest by events."""
         return self.law == "set_valued" and self.dry
 

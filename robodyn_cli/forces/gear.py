@@ -21,6 +21,7 @@ class Gear(InJoint):
 
     term: ClassVar[str] = "gear"
     dissipative: ClassVar[bool] = True
+    of_load: ClassVar[bool] = True
 
     efficiency: float = key(
         Number(minimum=0.0, maximum=1.0, exclusive=True),

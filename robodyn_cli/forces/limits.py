@@ -111,12 +111,12 @@ class Limits(InJoint):
             yield ("stop", *path), message
 
     @property
-    def acts(self) -> bool:
+    def acts(self) -> bool:  # type: ignore[override]
         """Whether there are stops, so that the equations of motion know of them."""
         return self.stop is not None
 
     @property
-    def rigid(self) -> bool:
+    def rigid(self) -> bool:  # type: ignore[override]
         return self.stop is not None and self.stop.restitution is not None
 
     def _sides(self, q: Any, qd: Any) -> list[tuple[float, Any, Any]]:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.expr.functions import interpolate
-from robodyn_cli.forces.element import Action, Effect, End, Setting
+from robodyn_cli.forces.element import Action, Effect, End, ForceElement, Setting
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Either, Formula, ListOf, Name, Section, Text, Vector, key
 from robodyn_cli.spatial.algebra import Vector as Components
@@ -39,7 +39,7 @@ def _components(value: Any, setting: Setting) -> Components:
     return vector([x.evaluate(setting.values) for x in value])
 
 
-class _FromOutside:
+class _FromOutside(ForceElement):
     """A force and a moment on a link, whose power comes from outside."""
 
     term: ClassVar[str] = "external"
@@ -51,7 +51,6 @@ class _FromOutside:
 
     @property
     def references(self) -> tuple[str, ...]:
-        """The place that it acts at."""
         return (self.at,)
 
     @property
@@ -60,8 +59,7 @@ class _FromOutside:
         return {name: x for name, x in parts.items() if isinstance(x, VectorTable)}
 
     @property
-    def breakpoints(self) -> tuple[float, ...]:
-        """Times at which the slopes of the tables jump."""
+    def breakpoints(self) -> tuple[float, ...]:  # type: ignore[override]
         return tuple(row[0] for table in self._tables.values() for row in table.table)
 
     def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:

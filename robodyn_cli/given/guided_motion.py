@@ -65,8 +65,7 @@ def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     check_prescribed(problem)
     first = conditions.asked(0.0)[0]
     led = dict(zip(lead.positions, first.tolist()))
-    ik = getattr(scene.trajectory, "ik", None)
-    guess = dict(ik.guess) if ik is not None and lead.led is not None else {}
+    guess = dict(scene.trajectory.ik.guess) if lead.led is not None else {}
     held = {**prescribed_starts(scene), **led}
     given = {**scene.initial.q, **guess, **held}
     return assemble(problem, given, {}, tuple(held)).q

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +20,12 @@ from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.solve.point_kinematics import Led, PointKinematics, what_is_left
 from robodyn_cli.spatial.algebra import Array, dot
+from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.trajectories.motion import JointSpace, PoseMotion, TaskSpace
+from robodyn_cli.trajectories.motion import PoseMotion
+
+if TYPE_CHECKING:
+    from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
 
 INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
 # the given motion at times (T,): values, rates and accelerations (T, k)
@@ -72,11 +77,11 @@ def nothing_led() -> Lead:
 def lead_of(problem: Problem) -> Lead:
     """Return the joints or the point that the scene's trajectory leads; none without a trajectory."""
     scene = problem.scene
-    trajectory: JointSpace | TaskSpace | None = scene.trajectory
+    trajectory: JointSpaceTrajectory | TaskSpaceTrajectory | None = scene.trajectory
     parameters = scene.parameters
     if trajectory is None:
         return nothing_led()
-    if isinstance(trajectory, TaskSpace):
+    if isinstance(trajectory, TaskSpaceTrajectory):
         some = target_of(problem.model, trajectory, np.zeros(1), parameters)
 
         def point(times: Array) -> tuple[Array, Array, Array]:

@@ -13,16 +13,17 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.observe.places import in_world
 from robodyn_cli.record import record
 from robodyn_cli.scene.points import with_points
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import given_by_formulas, position_columns
-from robodyn_cli.trajectories.motion import JointMotion, JointSpace, TaskSpace
+from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
-    from robodyn_cli.trajectories.joint_space import Together
+    from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, Together
 
 
 @record
@@ -46,17 +47,14 @@ class Planned:
     stopped: GeometryError | SingularConfigurationError | None = None
 
 
-def with_led_point(scene: Scene) -> Scene:
-    """Return the scene with the point that the trajectory leads (as ``link2.end``) among its named points."""
-    trajectory: Any = scene.trajectory
-    if not isinstance(trajectory, TaskSpace):
-        return scene
-    return with_points(scene, [x for x in (trajectory.point, trajectory.relative_to) if x is not None])
+def led_by(scene: Scene, trajectory: Any) -> Ready:
+    """Return the scene with a motion in time as its trajectory, and no joint prescribed to follow any.
 
-
-def without_following(scene: Scene) -> Scene:
-    """Return the scene without motions prescribed by its trajectory, for commands that follow it themselves."""
-    return dataclasses.replace(scene, prescribed=given_by_formulas(scene.prescribed))
+    The places that the trajectory names (as ``link2.end``) are among the scene's points.
+    """
+    prescribed = given_by_formulas(scene.prescribed)
+    found = dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed)
+    return Ready(found if trajectory is None else with_points(found, trajectory.places))
 
 
 def by_columns(model: Model, motion: JointMotion) -> tuple[Array, Array, Array]:
@@ -86,14 +84,14 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     SingularConfigurationError : from the inverse kinematics.
     """
     scene, model = problem.scene, problem.model
-    trajectory: JointSpace | TaskSpace | None = scene.trajectory
+    trajectory: JointSpaceTrajectory | TaskSpaceTrajectory | None = scene.trajectory
     if trajectory is None and not scene.prescribed:
         raise SceneError(
             f"{scene.path}: key 'trajectory' is missing: inverse dynamics needs a motion; "
             f"kinds: {', '.join(trajectory_types)}",
             key="trajectory",
         )
-    if not isinstance(trajectory, TaskSpace):
+    if not isinstance(trajectory, TaskSpaceTrajectory):
         own = _together(problem) if scene.prescribed or trajectory is None else trajectory
         _refuse_some(model, own)
         return Planned(times, own.motion(times, model.q_names, scene.parameters))
@@ -103,7 +101,7 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     found = follow_point(task, times, compile_point)
     counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
     asked = task.target(times)
-    target, axes = in_world(model, task.moving, asked.p, getattr(asked, "R", None), found.motion.q)
+    target, axes = in_world(model, task.moving, asked.p, asked.R, found.motion.q)
     return Planned(times, found.motion, trajectory.point, target, axes, found.method, counters=counters)
 
 
@@ -117,7 +115,7 @@ def _together(problem: Problem) -> Together:
     return Together(problem.scene.prescribed, problem.scene.trajectory)
 
 
-def _refuse_some(model: Model, trajectory: JointSpace | Together) -> None:
+def _refuse_some(model: Model, trajectory: JointSpaceTrajectory) -> None:
     """Refuse a motion of some joints only, which is enough for a simulation that it prescribes.
 
     Raises

@@ -58,7 +58,7 @@ def refuse_both(scene: Scene) -> None:
     ------
     SceneError
     """
-    led = position_columns(getattr(scene.trajectory, "joints", ()))
+    led = () if scene.trajectory is None else position_columns(scene.trajectory.joints)
     both = [name for name in led if name in position_columns(scene.prescribed)]
     if both:
         raise SceneError(
@@ -174,8 +174,9 @@ def _doubtful_times(problem: Problem, row: Row, prescribed: bool) -> Array:
     """Return the times at which the motion may jump: formulas switch there, or are not smooth."""
     duration = problem.scene.simulate.duration
     formula = _formula(problem.scene.prescribed, row.name.partition(".")[2]) if prescribed else None
-    if isinstance(formula, Follows) and formula.followed.breakpoints is not None:
-        return np.unique([x for x in formula.followed.breakpoints if 0.0 < x < duration])
+    followed = formula.followed if isinstance(formula, Follows) else None
+    if followed is not None and followed.breakpoints is not None:
+        return np.unique([x for x in followed.breakpoints if 0.0 < x < duration])
     found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
     times = {x for s in found for x in switching_times(s, problem.t, duration) if 0.0 < x < duration}
     keys = (row.name, row.closure)  # those of an attitude have one key

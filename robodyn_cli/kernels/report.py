@@ -3,25 +3,36 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextvars import ContextVar
 
 # instructions that take LLVM some seconds, in which no other thread of Python runs
 MANY = 20_000
 
+_seconds: ContextVar[float] = ContextVar("_seconds", default=0.0)
+
 
 class CompileReport:
-    """Seconds spent, modules compiled, modules that came from the cache, and warnings, each once.
+    """Seconds that this thread has spent, modules compiled, modules that came from the cache, and warnings, each once.
 
     ``now`` says in words what is being compiled, empty between compilations. ``listener``, where there is one, is told
     of a compilation that takes long before it begins.
     """
 
     def __init__(self) -> None:
-        self.seconds = 0.0
         self.compiled = 0
         self.cached = 0
         self.now = ""
         self.listener: Callable[[str], None] | None = None
         self.warnings: list[str] = []
+
+    @property
+    def seconds(self) -> float:
+        """Spent by this thread, so that times of stages of a run are its own."""
+        return _seconds.get()
+
+    def spend(self, seconds: float) -> None:
+        """Add time that this thread has spent."""
+        _seconds.set(_seconds.get() + seconds)
 
     def begin(self, instructions: int) -> None:
         """Note the compilation that begins."""

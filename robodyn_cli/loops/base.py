@@ -39,6 +39,20 @@ class LoopFrame:
         return self.Jv @ self.qd + self.drift
 
 
+class LoopClosure:
+    """What every kind of closure answers: ``axis`` in the frame of each end, ``length`` of a bar [m].
+
+    It has no fields, so that records derive from it; a field of the same name wins.
+    """
+
+    axis: tuple[float, ...] | None = None
+    length: float = 0.0
+
+    def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
+        """Return the scalar constraints."""
+        raise NotImplementedError
+
+
 @record
 class Row:
     """One scalar constraint: eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0.

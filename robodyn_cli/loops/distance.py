@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import LoopClosure, LoopFrame, Row
 from robodyn_cli.loops.pieces import between_key, distance
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, Number, key
 
 
 @record
-class DistanceLoop:
+class DistanceLoop(LoopClosure):
     """A massless bar with a ball at each end: the points keep their distance."""
 
     name: str = key(Name(of="loop"), doc="Name.")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import LoopClosure, LoopFrame, Row
 from robodyn_cli.loops.pieces import aligned, attitude_key, between_key, coincident
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
-class FixedLoop:
+class FixedLoop(LoopClosure):
     """Two links welded together: the points coincide and the links do not turn relative to each other."""
 
     name: str = key(Name(of="loop"), doc="Name.")

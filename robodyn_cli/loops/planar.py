@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import LoopClosure, LoopFrame, Row
 from robodyn_cli.loops.pieces import axis_key, between_key, direction, offset, parallel
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
-class PlanarLoop:
+class PlanarLoop(LoopClosure):
     """A plane of the second link stays in a plane of the first: it slides and turns about the normal."""
 
     name: str = key(Name(of="loop"), doc="Name.")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import LoopClosure, LoopFrame, Row
 from robodyn_cli.loops.pieces import aligned, attitude_key, axis_key, between_key, on_line
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
-class PrismaticLoop:
+class PrismaticLoop(LoopClosure):
     """The second link slides along an axis of the first and does not turn relative to it."""
 
     name: str = key(Name(of="loop"), doc="Name.")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import LoopClosure, LoopFrame, Row
 from robodyn_cli.loops.pieces import axis_key, between_key, coincident, parallel
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
-class RevoluteLoop:
+class RevoluteLoop(LoopClosure):
     """A pin between two links: the points coincide and the axes are parallel.
 
     Rows of eta: point on the first link minus point on the second (3), then the components of the second axis

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import LoopClosure, LoopFrame, Row
 from robodyn_cli.loops.pieces import between_key, coincident
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
-class SphericalLoop:
+class SphericalLoop(LoopClosure):
     """A ball between two links: the points coincide."""
 
     name: str = key(Name(of="loop"), doc="Name.")

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import LoopClosure, LoopFrame, Row
 from robodyn_cli.loops.pieces import axis_key, between_key, coincident, direction, perpendicular
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Name, key
 
 
 @record
-class UniversalLoop:
+class UniversalLoop(LoopClosure):
     """The points coincide, and an arm of the cross in each link: the two arms are perpendicular."""
 
     name: str = key(Name(of="loop"), doc="Name.")

@@ -31,7 +31,7 @@ def joint_forces(
     for key, element in joint.forces:
         name, _, coordinate = key.partition(".")
         one = freedoms[coordinate]
-        if not getattr(element, "acts", True) or (one.in_space and name == "spring"):
+        if not element.acts or (one.in_space and name == "spring"):
             continue
         whole = f"{joint.name}.{coordinate}" if coordinate else joint.name
         q, v = (_shifted(place, first) for place, first in zip((one.q, one.v), start))

@@ -224,6 +224,11 @@ class Model:
             body = self.bodies[body].parent
         return path[::-1]
 
+    @property
+    def coordinate_units(self) -> dict[str, str]:
+        """Units by name of the columns of q, and of what those of v are rates of: ``rad``, ``m`` or ``1``."""
+        return {**dict(zip(self.v_names, self.v_units)), **dict(zip(self.q_names, self.q_units))}
+
     def common_ancestor(self, first: int, second: int) -> int:
         """Return the last body that the paths to two bodies share, or ``BASE``."""
         ancestor = BASE

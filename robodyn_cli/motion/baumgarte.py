@@ -20,10 +20,11 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.motion import Gains, Motion
+from robodyn_cli.motion.motion import Motion
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Baumgarte
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import Gains
 
 SAMPLES = 129  # at which trial runs are compared
 FACTORS = tuple(2.0**k for k in range(-12, 3))  # c in alpha = beta = c / h that are tried, the smallest first

@@ -15,11 +15,11 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.motion.method import choose
-from robodyn_cli.motion.motion import Choice, Gains, Motion, Watcher
+from robodyn_cli.motion.motion import Choice, Motion, Watcher
 from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare
-from robodyn_cli.scene.types import Baumgarte, Scene
+from robodyn_cli.scene.types import Baumgarte, Ready, Scene
+from robodyn_cli.summaries.motion import Gains
 from robodyn_cli.tools.stopwatch import Stopwatch
-from robodyn_cli.trajectories.led import is_to_find
 
 Follow = Callable[[Problem, Sequence[int]], Sequence[Watcher]]
 AUTOMATIC = "baumgarte"
@@ -73,29 +73,8 @@ def limit_watchers(problem: Problem) -> list[Watcher]:
     return [watcher] if watcher.limits else []
 
 
-def ready(scene: Scene, watch: Stopwatch) -> Scene:
-    """Return the scene with what is found before its equations are built: the motion of joints along a path, and what
-    a controller follows, with the numbers of its law.
-
-    Raises
-    ------
-    RobodynError : see ``with_motion_found`` and ``with_controller_ready``.
-    """
-    if is_to_find(scene.prescribed):
-        from robodyn_cli.ready.in_time import with_motion_found
-
-        with watch.stage("solve"):
-            scene = with_motion_found(scene)
-    if scene.control is not None:
-        from robodyn_cli.ready.controllers import with_controller_ready
-
-        with watch.stage("solve"):
-            scene = with_controller_ready(scene)
-    return scene
-
-
 def build_motion(
-    scene: Scene,
+    scene: Ready,
     watch: Stopwatch | None = None,
     follow: Follow = follow_motion,
     work: bool = True,
@@ -115,7 +94,6 @@ def build_motion(
     RobodynError : the scene cannot be started; see ``prepare``.
     """
     watch = watch or Stopwatch()
-    scene = ready(scene, watch)
     scene, gains = with_gains(scene, watch)
     setup = prepare(scene, watch, neutral=plan)
     problem = setup.problem
@@ -177,7 +155,7 @@ def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:
 
 
 # -- Baumgarte's gains that the scene leaves to us ---------------------------------------------------------
-def with_gains(scene: Scene, watch: Stopwatch) -> tuple[Scene, Gains | None]:
+def with_gains(scene: Ready, watch: Stopwatch) -> tuple[Ready, Gains | None]:
     """Return the scene with Baumgarte's gains chosen where it leaves that to us, and what was found on the way."""
     if scene.simulate.stabilisation != AUTOMATIC or not (scene.loops or scene.couplers):
         return scene, None
@@ -189,12 +167,12 @@ def with_gains(scene: Scene, watch: Stopwatch) -> tuple[Scene, Gains | None]:
     return with_stabilisation(scene, gains), found
 
 
-def projected_motion(scene: Scene) -> Motion:
+def projected_motion(scene: Ready) -> Motion:
     """Return the motion of a scene with its loops kept closed by projection, without the work and without watchers."""
     return build_motion(with_stabilisation(scene, "projection"), follow=lambda p, passive: (), work=False)
 
 
-def with_stabilisation(scene: Scene, stabilisation: str | Baumgarte) -> Scene:
+def with_stabilisation(scene: Ready, stabilisation: str | Baumgarte) -> Ready:
     """Return the scene with another way to keep its loops closed."""
     return dataclasses.replace(
         scene, simulate=dataclasses.replace(scene.simulate, stabilisation=stabilisation)

@@ -22,10 +22,11 @@ from robodyn_cli.integrators.runtime.crowd import CROWDED
 from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.layout import IntegerSlot
-from robodyn_cli.integrators.runtime.options import Counters, Options
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import Counters
 
 Emit = Callable[[Array, Array], None]
 STANDSTILL = 1_000  # steps without progress beside a discontinuity that end a run

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Expr, free_symbols
@@ -20,6 +22,9 @@ LARGEST = 12  # velocities up to which an exact Jacobian is worth compiling
 FAST_DECAYS = 2e3  # decays of the fastest mode within the run from which on stiffness is looked into
 TRIAL = 0.02  # part of the run over which two methods are compared
 
+Rows = NDArray[np.int64]
+Cost = Callable[[str, Rows, Array], Array]  # of a method in runs (n,) over times (n,) [s]
+
 
 def can_be_stiff(problem: Problem) -> bool:
     """Tell whether anything in the scene can damp: without that no mode decays and nothing is stiff."""
@@ -31,9 +36,17 @@ def can_be_stiff(problem: Problem) -> bool:
     return any(e.index in rates for tau in problem.actuator_torques for e in free_symbols([tau]))
 
 
-def trial_of(duration: Any, decay: Any) -> Any:
-    """Return over which time two methods are compared (numbers or arrays): a part of the run, and until modes decay."""
-    return np.maximum(TRIAL * duration, np.minimum(duration, 20.0 / decay))
+def compare(decays: Any, durations: Any, cost: Cost) -> tuple[Rows, Array, Array, Array]:
+    """Return which runs may be stiff, for how long [s] both methods were tried there, and what they cost: the default
+    one and the stiff one.
+
+    These are runs (N,) whose fastest modes decay thousands of times; tried is a part of them, and until modes decay.
+    """
+    rows = np.flatnonzero(decays * durations >= FAST_DECAYS)
+    decays, durations = decays[rows], durations[rows]
+    trials = np.maximum(TRIAL * durations, np.minimum(durations, 20.0 / decays))
+    slow, fast = (cost(m, rows, trials) if len(rows) else trials for m in (DEFAULT, STIFF))
+    return rows, trials, slow, fast
 
 
 def choose(scene: Scene, problem: Problem, system: System, start: Array, options: Options) -> Choice:
@@ -51,11 +64,14 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     from robodyn_cli.motion.stiffness import cost_of, fastest_decay
 
     decay = fastest_decay(system, 0.0, start, system.parameters_at(0.0, system.split(start)[0]))
-    duration = scene.simulate.duration
-    if decay * duration < FAST_DECAYS:
+
+    def cost(method: str, rows: Any, trials: Array) -> Array:
+        return np.array([cost_of(system, method, start, float(trials[0]), options)])
+
+    rows, *found = compare(np.array([decay]), np.array([scene.simulate.duration]), cost)
+    if not len(rows):
         return Choice(DEFAULT, usual, may_change=True)
-    trial = float(trial_of(duration, decay))
-    slow, fast = (cost_of(system, m, start, trial, options) for m in (DEFAULT, STIFF))
+    trial, slow, fast = (float(x[0]) for x in found)
     if fast < slow:
         return Choice(
             STIFF,

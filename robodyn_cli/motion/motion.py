@@ -6,7 +6,7 @@ import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,10 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import Gains
+
+if TYPE_CHECKING:
+    from robodyn_cli.motion.error.conditioning import Conditioning
 
 
 @record
@@ -29,26 +33,6 @@ class Choice:
     method: str
     reason: str
     may_change: bool = False
-
-
-@record
-class Gains:
-    """Baumgarte's gains as a study of them has chosen: alpha = beta = c / h.
-
-    step : h, the mean step of the projected run [s]. factor : c. drift : of the positions from the constraints
-    [rad, m]. error : largest of any q. integration_error : of the projected run (or what rounding leaves), the bar for
-    the drift. over : length of the trial runs [s]. met : whether the drift stays below the bar.
-    """
-
-    alpha: float
-    beta: float
-    factor: float
-    step: float
-    drift: float
-    error: float
-    integration_error: float
-    over: float
-    met: bool
 
 
 class Watcher:
@@ -179,6 +163,15 @@ class Motion:
         twins = {id(w): w.again() or copy.copy(w) for w in self.watchers}
         watched = (system or self.system).watched_by(lambda e: twins.get(id(e.owner), e.owner))
         return dataclasses.replace(self, system=watched, watchers=tuple(twins.values()))
+
+    def conditioning(self, times: Array, x: Array) -> Conditioning:
+        """Return what rounding of the equations does along states x (T, nx) at times (T,)."""
+        from robodyn_cli.motion.error.conditioning import Conditioning
+        from robodyn_cli.ready.prepare import held_columns
+
+        names = held_columns(self.scene, self.problem)
+        held = [k for k, name in enumerate(self.problem.model.v_names) if name in names]
+        return Conditioning.of(self.problem, held, times, self.system.split(x))
 
     @cached_property
     def observer(self) -> Observer:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -10,11 +10,12 @@ from robodyn_cli.errors import NumericalError, RobodynError
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.second_run import NOT_MEANINGFUL, ErrorEstimate
+from robodyn_cli.motion.second_run import NOT_MEANINGFUL
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import MotionErrors
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.redundancy import Redundant
@@ -114,11 +115,10 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
     exchanged = np.maximum.accumulate(
         kinetic + np.abs(potential - potential[0]) + np.abs(work - work[0]) + np.abs(potential).max() * EPS
     )
-    rounding = EPS * max(steps, 1) * (exchanged + np.abs(potential).max())
     rtol = options.rtol if options.step is None else STEADY
-    allowed = np.maximum(rtol * max(1.0, steps / MANY) * exchanged, rounding)
+    allowed = allowed_drift(exchanged, np.abs(potential).max(), steps, rtol)
     least = options.atol + sum(watcher.rounding for watcher in run.motion.watchers)
-    allowed = BEYOND * np.maximum(allowed, least * _sensitivity(recorder, exchanged))
+    allowed = np.maximum(allowed, BEYOND * least * _sensitivity(recorder, exchanged))
     beyond = np.flatnonzero(drift > allowed)
     if not len(beyond):
         return None
@@ -129,6 +129,15 @@ def energy_out_of_balance(run: Run) -> NumericalError | None:
         f"tolerances and rounding explain {allowed[-1] / BEYOND:.1g} J",
         time=float(time[k]), status="energy_balance", energy_drift=worst,
     )  # fmt: skip
+
+
+def allowed_drift(exchanged: Any, level: Any, steps: Any, rtol: float) -> Any:
+    """Return by how much energies [J] at this ``level``, so much of them ``exchanged``, may be off; numbers or arrays.
+
+    BEYOND times what rtol explains, summed over the steps where there are very many, or rounding over the steps.
+    """
+    rounding = EPS * np.maximum(steps, 1) * (exchanged + level)
+    return BEYOND * np.maximum(rtol * np.maximum(1.0, steps / MANY) * exchanged, rounding)
 
 
 def _sensitivity(recorder: Recorder, exchanged: Array) -> Array:
@@ -158,7 +167,7 @@ def is_judged_by_energy(motion: Motion) -> bool:
     return methods[motion.choice.method].adaptive and (kept_closed or not motion.problem.constraints.rows)
 
 
-def estimate_warnings(estimate: ErrorEstimate | None) -> list[str]:
+def estimate_warnings(estimate: MotionErrors | None) -> list[str]:
     """Return warnings about a motion that no second run confirms, or whose estimated error is beyond all use."""
     if estimate is not None and estimate.reason is not ABSENT:
         return [f"no second run confirms this motion: {estimate.reason}"]

@@ -3,59 +3,21 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.equations.control.control import Control
 from robodyn_cli.observe.recorder import Recorder
-from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.solve.quadrature import root_mean_square_over
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.drives import ControlKeys, ControlSummary, DrivenWork, Tracking
+from robodyn_cli.summaries.facts import ABSENT
 
 ROUNDED = 1e-12  # of a time
 AT_LIMIT = 1e-12  # of a limit: torques so near to it are on it
 
 
-@record
-class Tracking:
-    """Error of one coordinate over the samples: the largest, when [s], and the root mean square, in ``unit``."""
-
-    peak: float
-    at: float
-    rms: float
-    unit: str
-
-
-@record
-class Energy:
-    """Work of the driven joints over the samples, driving and braking [J]; its difference is what they give."""
-
-    driving: float
-    braking: float
-
-
-@record
-class ControlSummary:
-    """Keys of ``summary.control``.
-
-    period, delay : [s], where it is sampled. updates : how many samples it took. saturated : time at the limit by joint
-    [s], of joints that have one. limits : largest torques by joint [N m or N].
-    """
-
-    type: str
-    joints: list[str]
-    period: float | Absent
-    delay: float | Absent
-    updates: int | Absent
-    tracking: dict[str, Tracking] | Absent
-    limits: dict[str, float] | Absent
-    saturated: dict[str, float] | Absent
-    energy: Energy
-
-
-def control_summary(control: Control, recorder: Recorder, time: float, begun: float) -> ControlSummary:
+def control_keys(control: Control, recorder: Recorder, time: float, begun: float) -> ControlKeys:
     """Return what samples say of a controller in a run from ``begun`` to ``time`` [s]."""
     t, torque = recorder.array("time"), recorder.array("control/torque")
     qd = recorder.array("qd")[:, control.places]
@@ -67,7 +29,7 @@ def control_summary(control: Control, recorder: Recorder, time: float, begun: fl
     sampled = control.period is not None
     updates = 0 if control.period is None else _updates(control.period, begun, time)
     power = torque * qd
-    return ControlSummary(
+    found = ControlSummary(
         type=control.controller.type,
         joints=list(control.joints),
         period=ABSENT if control.period is None else float(control.period),
@@ -76,11 +38,12 @@ def control_summary(control: Control, recorder: Recorder, time: float, begun: fl
         tracking=_tracking(control, recorder, t) or ABSENT,
         limits=limits or ABSENT,
         saturated=saturated or ABSENT,
-        energy=Energy(
+        energy=DrivenWork(
             _integral(t, np.maximum(power, 0.0).sum(axis=1)),
             -_integral(t, np.minimum(power, 0.0).sum(axis=1)),
         ),
     )
+    return ControlKeys(found)
 
 
 def _updates(period: float, begun: float, time: float) -> int:
@@ -89,7 +52,7 @@ def _updates(period: float, begun: float, time: float) -> int:
     return last - first + (begun == 0.0)
 
 
-def _tracking(control: Control, recorder: Recorder, t: Array) -> dict[str, Any]:
+def _tracking(control: Control, recorder: Recorder, t: Array) -> dict[str, Tracking]:
     if not control.tracked:
         return {}
     error = recorder.array("control/error")

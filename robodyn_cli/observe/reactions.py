@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from itertools import islice
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.results.wrenches import magnitude
 from robodyn_cli.scene.points import point_link
 from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
+from robodyn_cli.summaries.facts import ABSENT, PeakLoad, PeakLoads
 from robodyn_cli.trajectories.motion import JointMotion
 
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -100,15 +100,14 @@ class ReactionSamples:
         for path, array in data.items():
             result.add(path, array, long_name=self.meanings[path], names=self.names[path])
 
-    def largest(self, data: Mapping[str, Array]) -> dict[str, dict[str, float]]:
+    def largest(self, data: Mapping[str, Array]) -> dict[str, PeakLoad]:
         """Return the largest load of each joint and closure among samples, by name."""
         return figures({path: data[path] for path in self.names}, self.names)
 
-    def note(self) -> dict[str, Any]:
-        """Return the keys of the summary: the frame, and components that the scene's data do not determine."""
-        axes = self.problem.scene.outputs.reaction_axes
+    def described(self, largest: dict[str, PeakLoad]) -> PeakLoads:
+        """Return what the summary says: the axes, components that the data do not determine, and the largest loads."""
         missing = {path.split("/")[-1]: names for path, names in self.missing.items()}
-        return {"axes": axes, **({"not_determined": missing} if missing else {})}
+        return PeakLoads(self.problem.scene.outputs.reaction_axes, missing or ABSENT, largest)
 
 
 @record
@@ -122,9 +121,9 @@ class Loads:
         """Add them to a result."""
         self.samples.add(result, self.data)
 
-    def summary(self) -> dict[str, Any]:
-        """Return the keys of the summary: the frame, and the largest loads."""
-        return {**self.samples.note(), "largest": figures(self.data, self.samples.names)}
+    def summary(self) -> PeakLoads:
+        """Return what the summary says."""
+        return self.samples.described(figures(self.data, self.samples.names))
 
 
 def loads_along(
@@ -135,12 +134,12 @@ def loads_along(
     return Loads(samples, samples(times, motion.q, motion.qd, motion.qdd, lam, p))
 
 
-def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> dict[str, dict[str, float]]:
+def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> dict[str, PeakLoad]:
     """Return the largest force and moment of each joint and closure [N, N m]."""
-    found: dict[str, dict[str, float]] = {}
+    found: dict[str, PeakLoad] = {}
     for path, array in data.items():
         force, moment = (magnitude(array, names[path], letter).max(initial=0.0) for letter in "fm")
-        found[path.split("/")[-1]] = {"peak_force": float(force), "peak_moment": float(moment)}
+        found[path.split("/")[-1]] = PeakLoad(float(force), float(moment))
     return found
 
 

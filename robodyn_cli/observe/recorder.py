@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
+from robodyn_cli.integrators.runtime.grid import stride_of
 from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import PeakLoad
 
 KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file
 
@@ -22,19 +24,23 @@ class Recorder:
 
     With a ``writer`` everything goes to the file block by block, and only every ``every``-th sample stays in
     memory, for plots and for the error estimate: a run of 10^7 samples never fills memory.
+
+    judged : blocks of every ``stride``-th state as it was integrated. last_state : the last one.
     """
 
     def __init__(self, observer: Observer, writer: ResultWriter | None = None, every: int = 1) -> None:
         self.observer = observer
         self.writer = writer
         self.every = every
+        self.stride = max(1, int(stride_of(observer.problem.scene.simulate.samples)))
+        self.judged: list[Array] = []
         self.seen = 0
         self.blocks: dict[str, list[Array]] = {}
         self.drift = 0.0
         self.energy_scale = 0.0
         self.position_residual = 0.0
         self.velocity_residual = 0.0
-        self.loads: dict[str, dict[str, float]] = {}
+        self.loads: dict[str, PeakLoad] = {}
         self.not_finite: NumericalError | None = None
         self._start: float | None = None
         self._last = -np.inf
@@ -43,7 +49,10 @@ class Recorder:
     def of(observer: Observer, writer: ResultWriter | None) -> Recorder:
         """Return the recorder of a whole run; beside a file, memory holds no more than every n-th sample."""
         samples = observer.problem.scene.simulate.samples
-        return Recorder(observer, writer, 1 if writer is None else -(-samples // KEPT_IN_MEMORY))
+        # a power of two, as ``stride`` is
+        return Recorder(
+            observer, writer, 1 if writer is None else 1 << ((samples - 1) // KEPT_IN_MEMORY).bit_length()
+        )
 
     @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
     def emit(self, t: Array, x: Array, p: Array, project: bool = True, extra: bool = False) -> None:
@@ -52,6 +61,9 @@ class Recorder:
         project : put them back onto the constraints first. extra : off the uniform grid, and kept in any case.
         """
         self.observer.parameters = p
+        self.last_state = x[-1].copy()
+        if not extra:
+            self.judged.append(x[-self.seen % self.stride :: self.stride].copy())
         data = self.observer.observe(t, x, project)
         if self.not_finite is None:
             self.not_finite = self._not_finite(t, data)
@@ -104,10 +116,9 @@ class Recorder:
         name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
         return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)
 
-    def _keep_largest_loads(self, loads: dict[str, dict[str, float]]) -> None:
+    def _keep_largest_loads(self, loads: dict[str, PeakLoad]) -> None:
         for name, load in loads.items():
-            held = self.loads.setdefault(name, load)
-            self.loads[name] = {key: max(value, held[key]) for key, value in load.items()}
+            self.loads[name] = load.or_larger(self.loads.get(name, load))
 
     def _stream(self, path: str, block: Array) -> None:
         assert self.writer is not None

@@ -14,19 +14,15 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import Fixed
-from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, reachable
+from robodyn_cli.expr.graph import Expr, Scalar, reachable
 from robodyn_cli.expr.rebuild import APPLY, apply
-from robodyn_cli.model.model import PARAMETER_GROUP
 from robodyn_cli.spatial.algebra import Array
 
 UNIT = 2.0**-53
 ENLARGED = 2.0**13
 DRAWS = 4
 PATTERNS = 61  # of changes, which nodes take in turn
-LARGE = 50_000  # operations
-VANISHED = 1e-12  # of the largest singular value: smaller ones are those of rows that depend on others
 SHORT = 1024.0  # numbers with so few binary places are exact
 EXACT = frozenset({"neg", "abs", "sign", "min", "max", "where"})
 
@@ -104,46 +100,3 @@ def few(samples: int, most: int = 9) -> Array:
     """Return indices of a few samples out of many, the first and the last among them."""
     places: Array = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(int))
     return places
-
-
-def acceleration_rounding(problem: Problem, times: Array, q: Array, v: Array, z: Array) -> float | None:
-    """Return how far rounding may have put any acceleration off along a motion q (T, nq), v (T, nv).
-
-    z : states of a controller (T, nc).
-
-    None where that is not to be told at little cost: parameters that change on the way, very large equations.
-    """
-    accelerations = list(problem.forward.qdd)
-    if any(symbol.value[1] == PARAMETER_GROUP for symbol in free_symbols(accelerations)):
-        return None
-    program = Rounded(accelerations)
-    if len(program.nodes) > LARGE:
-        return None
-    places = few(len(times))
-    return largest_difference(
-        program({"t": times[places, None], "q": q[places], "v": v[places], "z": z[places]})
-    )
-
-
-def closing_rounding(problem: Problem, times: Array, q: Array, v: Array, held: Sequence[int]) -> float:
-    """Return how far rounding of the constraints may have put any coordinate off along a motion [rad, m].
-
-    delta(eta) over the smallest singular value of Psi, of the columns that are not ``held`` at the start: rows that
-    nearly depend on each other hardly determine the joints that they close. 0 where there are no constraints or their
-    number makes it dear.
-    """
-    rows = problem.constraints.rows
-    program = Rounded([*(row.eta for row in rows), *problem.psi.ravel()])
-    if not rows or len(program.nodes) > LARGE:
-        return 0.0
-    places = few(len(times))
-    found = program({"t": times[places, None], "q": q[places], "v": v[places]})
-    eta = found[:, :, : len(rows)]
-    off = np.sqrt((np.abs(eta[1:] - eta[0]).max(axis=0) ** 2).sum(axis=1)) / ENLARGED
-    psi = found[0, :, len(rows) :].reshape(len(places), len(rows), -1)
-    psi = np.delete(psi, list(held), axis=2)
-    if not psi.size or not (np.all(np.isfinite(psi)) and np.all(np.isfinite(off))):
-        return 0.0
-    sigma = np.linalg.svd(psi, compute_uv=False)
-    least = np.where(sigma > VANISHED * sigma[:, :1], sigma, np.inf).min(axis=1)
-    return float((off / least).max())

@@ -1,13 +1,14 @@
-"""Run a scene by the name of a command."""
+"""Run a scene by the name of a command, or try what the command does before its first step."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
+from robodyn_cli.commands import COMMANDS, places
 from robodyn_cli.errors import SceneError, no_linear_algebra, out_of_range
 from robodyn_cli.registry import Registry
 
@@ -21,14 +22,23 @@ if TYPE_CHECKING:
 # samples above which a simulation writes its file while it runs
 STREAMED_ABOVE = 200_000
 
-functions: Registry[Callable[..., Result]] = Registry(
-    "robodyn_cli", {name: COMMANDS[name].run for name in SCENE_COMMANDS}
-)
+functions: Registry[Callable[..., Result]] = Registry("robodyn_cli", places("run"))
+checks: Registry[Callable[[Scene], Sequence[str]]] = Registry("robodyn_cli", places("check"))
+
+
+def command_of(scene: Scene) -> str:
+    """Return the command of a scene; for one without the key, what it is made for."""
+    return scene.command or ("inverse" if scene.trajectory is not None else "simulate")
+
+
+def locks(command: str | None) -> bool:
+    """Tell whether a run of a command is one that is to lock."""
+    return command is not None and COMMANDS[command].good == "locked"
 
 
 def streams(command: str, scene: Scene) -> bool:
     """Tell whether a run is so long that its file is written block by block."""
-    if command == "deploy" and scene.deploy.after == "continue":
+    if locks(command) and scene.deploy.after == "continue":
         return False  # the latch adds columns to what was written before
     if scene.drives:
         return False  # their figures are of all samples
@@ -37,7 +47,7 @@ def streams(command: str, scene: Scene) -> bool:
 
 def keeps_journal(command: str, scene: Scene) -> bool:
     """Tell whether a run leaves what it can go on from when it is killed."""
-    return command == "simulate" and streams(command, scene)
+    return COMMANDS[command].goes_on and streams(command, scene)
 
 
 def execute(
@@ -54,16 +64,35 @@ def execute(
     ------
     RobodynError : whatever the command refuses or fails at; it may carry the result until then.
     """
-    if scene.initial.source is not None and command != "simulate":
-        raise SceneError(
-            f"{scene.path}: initial.from: {command!r} does not go on from a stored run; allowed: 'simulate'",
-            file=scene.path, key="initial.from",
-        )  # fmt: skip
     if writer is not None:
         options["writer"] = writer
+    with _asked_of(command, scene):
+        return functions[command](scene, progress=progress, watch=watch, **options)
+
+
+def check(command: str, scene: Scene) -> Sequence[str]:
+    """Try what a command does with a scene before its first step; return the names of data that it lacks.
+
+    Raises
+    ------
+    RobodynError : what the command raises there.
+    """
+    with _asked_of(command, scene):
+        return checks[command](scene)
+
+
+@contextlib.contextmanager
+def _asked_of(command: str, scene: Scene) -> Iterator[None]:
+    """Refuse a start that a command does not take, and turn numpy's errors into ours."""
+    if scene.initial.source is not None and not COMMANDS[command].goes_on:
+        allowed = ", ".join(repr(name) for name, row in COMMANDS.items() if row.goes_on)
+        raise SceneError(
+            f"{scene.path}: initial.from: {command!r} does not go on from a stored run; allowed: {allowed}",
+            file=scene.path, key="initial.from",
+        )  # fmt: skip
     with np.errstate(all="ignore"):  # results are looked at; a user gets no warning of numpy's
         try:
-            return functions[command](scene, progress=progress, watch=watch, **options)
+            yield
         except (np.linalg.LinAlgError, ZeroDivisionError) as error:
             raise no_linear_algebra(error) from error
         except OverflowError as error:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Sequence
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import CapabilityError, GeometryError, RobodynError, SceneError
 from robodyn_cli.scene.text.nodes import Node, Path, dotted, find, index_of, located, name_of, nearest
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
@@ -59,7 +60,7 @@ def path_of(error: RobodynError, sentence: str, root: Node, command: str) -> Pat
             if index is not None:
                 return (*steps(where), index)
     if isinstance(error, GeometryError):
-        return ("trajectory",) if command in ("inverse", "kinematics") else ("initial",)
+        return (COMMANDS[command].blames,)
     return ()
 
 

@@ -7,7 +7,8 @@ import dataclasses
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.ready.prepare import plant_of, prepare
+from robodyn_cli.ready.doors import at_rest
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.ready.reference import with_joint_reference
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import RANK
@@ -39,7 +40,7 @@ def _with_directions(scene: Scene) -> Scene:
     ------
     SceneError : the driven joints do not command all freedoms of the mechanism at the start.
     """
-    setup = prepare(plant_of(scene))
+    setup = prepare(at_rest(scene))
     model, joints = setup.problem.model, scene.control.joints
     psi = setup.problem.numbers(setup.problem.psi, setup.assembled.q)
     N, _ = allowed_motions(psi[None])

@@ -8,11 +8,13 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
-from robodyn_cli.fastest.resolve import with_time_law
+from robodyn_cli.fastest.resolve import timed_path
 from robodyn_cli.given.along_path import motion_along
-from robodyn_cli.model.build import build_model
+from robodyn_cli.given.motion import led_by
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.trajectories.base import Lacks, Trajectory
 from robodyn_cli.trajectories.fastest import FastestTrajectory
 from robodyn_cli.trajectories.led import (
     follow_trajectory,
@@ -23,17 +25,17 @@ from robodyn_cli.trajectories.led import (
 from robodyn_cli.trajectories.sequence import SequenceTrajectory
 
 
-def with_motion(scene: Scene) -> Scene:
-    """Return the scene with a trajectory that has times, and within a sequence with the motion of the joints.
+def motion_in_time(scene: Scene) -> Any:
+    """Return the scene's trajectory with times that follow from the dynamics, a sequence with the motion of the joints.
 
     Raises
     ------
     SceneError : segments that do not meet. CapabilityError : a path within a mechanism with loops. Others as
-    ``with_time_law`` and the inverse kinematics raise.
+    ``timed_path`` and the inverse kinematics raise.
     """
     if isinstance(scene.trajectory, SequenceTrajectory):
-        return _with_sequence(scene, scene.trajectory, None)
-    return with_time_law(scene)
+        return _joined(scene, scene.trajectory, None)
+    return timed_path(scene, scene.trajectory)
 
 
 def with_motion_found(scene: Scene) -> Scene:
@@ -41,12 +43,12 @@ def with_motion_found(scene: Scene) -> Scene:
 
     Raises
     ------
-    CapabilityError : the joints' rates jump on the way. Others as ``with_motion`` raises.
+    CapabilityError : the joints' rates jump on the way. Others as ``motion_in_time`` raises.
     """
     formulas = given_by_formulas(scene.prescribed)
     found = {name: x for name, x in scene.prescribed.items() if name not in formulas}
     columns = position_columns(found)
-    trajectory: Any = _of_joints(dataclasses.replace(scene, prescribed=formulas), columns)
+    trajectory = _of_joints(scene, scene.trajectory, columns)
     rates = velocity_columns(found)
     initial = dataclasses.replace(
         scene.initial,
@@ -57,26 +59,26 @@ def with_motion_found(scene: Scene) -> Scene:
     return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
 
 
-def _of_joints(scene: Scene, columns: Sequence[str] | None) -> Any:
-    """Return the scene's trajectory in joint space, where a path leads joints with the motion of ``columns`` of q.
+def _of_joints(scene: Scene, trajectory: Any, columns: Sequence[str] | None) -> Any:
+    """Return a trajectory of the scene in joint space, where a path leads joints with the motion of ``columns`` of q.
 
     columns : None for all.
     """
-    trajectory: Any = scene.trajectory
     if isinstance(trajectory, SequenceTrajectory):
-        return _with_sequence(scene, trajectory, columns).trajectory
-    led = tuple(columns or build_model(scene).q_names)
+        return _joined(scene, trajectory, columns)
     if isinstance(trajectory, FastestTrajectory):
-        if hasattr(trajectory.way, "target"):
-            way = motion_along(dataclasses.replace(scene, trajectory=trajectory.way), led)
-            jumps = tuple(getattr(trajectory.way, "knots", None) or ())
+        if trajectory.way.lacks is Lacks.JOINTS:
+            way = motion_along(Problem(led_by(scene, trajectory.way)), columns)
+            jumps = trajectory.way.knots or ()
             trajectory = dataclasses.replace(trajectory, path=dataclasses.replace(way, jumps=jumps))
-        return with_time_law(dataclasses.replace(scene, trajectory=trajectory)).trajectory
-    return trajectory if hasattr(trajectory, "expressions") else motion_along(scene, led)
+        return timed_path(scene, trajectory)
+    if trajectory.lacks is Lacks.JOINTS:
+        return motion_along(Problem(led_by(scene, trajectory)), columns)
+    return trajectory
 
 
-def _with_sequence(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None) -> Scene:
-    """Return the scene with the motion of the joints in each segment of its trajectory."""
+def _joined(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None) -> SequenceTrajectory:
+    """Return a sequence with the motion of the joints in each segment."""
     found: list[Any] = []
     for k, segment in enumerate(sequence.segments):
         if (scene.loops or scene.couplers) and _leads_point(segment):
@@ -86,13 +88,13 @@ def _with_sequence(scene: Scene, sequence: SequenceTrajectory, columns: Sequence
             )
         own = _begun(segment, _end(found[-1], scene)) if found else segment
         try:
-            found.append(_of_joints(dataclasses.replace(scene, trajectory=own), columns))
+            found.append(_of_joints(scene, own, columns))
         except RobodynError as error:
             raise _within(f"trajectory.segments.{k}", error) from None
     joined = dataclasses.replace(sequence, segments=tuple(found))
     for path, message in joined.meeting_problems(scene.parameters):
         raise SceneError(message, key=".".join(str(x) for x in ("trajectory", *path)))
-    return dataclasses.replace(scene, trajectory=joined)
+    return joined
 
 
 def _within(place: str, error: RobodynError) -> RobodynError:
@@ -104,8 +106,9 @@ def _within(place: str, error: RobodynError) -> RobodynError:
     return error
 
 
-def _leads_point(segment: Any) -> bool:
-    return hasattr(segment, "target") or hasattr(getattr(segment, "path", None), "target")
+def _leads_point(segment: Trajectory) -> bool:
+    way = segment.way if isinstance(segment, FastestTrajectory) else segment
+    return bool(way.lacks is Lacks.JOINTS)
 
 
 def _end(trajectory: Any, scene: Scene) -> dict[str, float]:
@@ -117,9 +120,9 @@ def _end(trajectory: Any, scene: Scene) -> dict[str, float]:
 
 def _begun(segment: Any, q: Mapping[str, float]) -> Any:
     """Return a segment whose inverse kinematics, where it chooses no branch itself, begins at positions ``q``."""
-    if hasattr(getattr(segment, "path", None), "target"):
+    if isinstance(segment, FastestTrajectory) and segment.path is not None:
         return dataclasses.replace(segment, path=_begun(segment.path, q))
-    ik = getattr(segment, "ik", None)
+    ik = segment.ik
     if ik is None or ik.branch is not None or ik.guess:
         return segment
     return dataclasses.replace(segment, ik=dataclasses.replace(ik, guess=dict(q)))

@@ -3,23 +3,9 @@
 from __future__ import annotations
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.record import record
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
-
-
-@record
-class Mobility:
-    """Degrees of freedom by counting and by rank; the keys of the summaries (see docs/cli.md)."""
-
-    coordinates: int
-    rows: int
-    vanishing_rows: int
-    rank: int
-    redundant_rows: int
-    count: int
-    planar_count: int
-    actual: int
+from robodyn_cli.summaries.mechanism import Mobility
 
 
 def mobility(problem: Problem, psi: Array) -> Mobility:

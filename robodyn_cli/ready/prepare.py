@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -70,13 +69,6 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             keep = assembled.independent if assembled.redundant and not groups else None
             problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups, braces=needed)
     return Setup(problem, assembled)
-
-
-def plant_of(scene: Scene) -> Scene:
-    """Return a scene without its controller."""
-    if scene.control is None:
-        return scene
-    return dataclasses.replace(scene, control=None, expect={})
 
 
 def refuse_changes(scene: Scene, command: str) -> None:

@@ -13,7 +13,8 @@ from robodyn_cli.equations.linear.reduce import Linear, held_by, independent, li
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.ready.prepare import plant_of, prepare
+from robodyn_cli.ready.doors import at_rest
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.spatial.algebra import Array, Vector
@@ -70,7 +71,7 @@ def _pose(scene: Scene, problem: Problem) -> Array:
     """Return the pose (nq,) of the model, with its loops closed: driven joints that it names keep their place."""
     names, given = problem.model.q_names, {**scene.initial.q, **scene.control.pose}
     if problem.model.closures:
-        start = prepare(plant_of(scene)).assembled.q
+        start = prepare(at_rest(scene)).assembled.q
         given = {**dict(zip(names, start.tolist())), **scene.control.pose}
         hold = [name for name in scene.control.joints if name in scene.control.pose]
         return assemble(problem, given, {}, hold).q

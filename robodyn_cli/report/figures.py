@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.record import record
-from robodyn_cli.results.columns import UNKNOWN, column_names, units_of
+from robodyn_cli.results.columns import column_names, units_of
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import stated
+from robodyn_cli.summaries.keys import Leaf, leaves_of
 
 MOST_ROWS = 12  # that a small table shows
 Summary = Mapping[str, Any]
@@ -49,8 +52,9 @@ def _is_number(value: Any) -> bool:
 
 def tables(result: Result) -> list[Table]:
     """Return the main figures of a result; none of a command that has no small tables."""
-    make = TABLES.get(result.command)
-    found = make(result, result.summary) if make is not None else []
+    if result.command not in COMMANDS:
+        return []
+    found = TABLES.get(result.command, _declared)(result, result.summary)
     return [table for table in found if table.rows]
 
 
@@ -86,24 +90,36 @@ def _lock(summary: Summary) -> list[str]:
     return [f"locked at t = {figure(lock.get('time'), lock.get('time_error'), 's')}: {kind}"]
 
 
-def _inverse(result: Result, summary: Summary) -> list[Table]:
-    rounding = _at(summary, "error_estimate", "torque_rounding")
-    quadrature, of_rms = (_at(summary, "error_estimate", f"{x}_quadrature") for x in ("energy", "rms"))
-    rows = []
-    for name, joint in summary.get("joints", {}).items():
-        units = joint["units"]
-        rows.append(
-            [
-                name,
-                figure(joint["peak_torque"], rounding, units["torque"]),
-                figure(joint["rms_torque"], _larger(rounding, of_rms), units["torque"]),
-                figure(joint["peak_speed"], None, units["speed"]),
-                figure(joint["peak_power"], None, units["power"]),
-                figure(joint["energy"], quadrature, units["energy"]),
-            ]
-        )
-    head = ("joint", "peak torque", "RMS torque", "peak speed", "peak power", "energy")
-    return [Table(head, rows), *_drives(summary)]
+def _declared(result: Result, summary: Summary) -> list[Table]:
+    """Return the tables of the figures that have a column, one for each kind of names (joints, points)."""
+    columns = {
+        steps: leaf for steps, leaf in leaves_of(result.command) if leaf.fact.column and steps[1].isupper()
+    }
+    coordinates = _coordinates(result)
+    found = []
+    for kind in dict.fromkeys(steps[1] for steps in columns):
+        own = {steps: leaf for steps, leaf in columns.items() if steps[1] == kind and _at(summary, steps[0])}
+        names = list(_at(summary, next(iter(own))[0])) if own else []
+        rows = [
+            [name, *(_cell(summary, *column, name, coordinates) for column in own.items())] for name in names
+        ]
+        found.append(Table((kind.lower(), *(leaf.fact.column for leaf in own.values())), rows))
+    return [*found, *_drives(summary)]
+
+
+def _cell(
+    summary: Summary, steps: tuple[str, ...], leaf: Leaf, name: str, coordinates: Mapping[str, str]
+) -> str:
+    """Return a figure of a joint or a point, with its error and unit as its declaration says."""
+    own = dataclasses.replace(leaf, names=(name,))
+    error = _larger(*(_at(summary, *key.split(".")) for key in own.errors))
+    return figure(_at(summary, steps[0], name, *steps[2:]), error, own.unit(coordinates))
+
+
+def _coordinates(result: Result) -> dict[str, str]:
+    """Return the units of coordinates, ``rad`` or ``m``, by their names."""
+    rates = {name: unit.removesuffix("/s") for name, unit in _units(result, "qd").items()}
+    return {**rates, **_units(result, "q")}
 
 
 def _larger(*errors: Any) -> float | None:
@@ -162,47 +178,6 @@ def _units(result: Result, path: str) -> dict[str, str]:
     return {} if variable is None else dict(zip(column_names(variable), units_of(variable)))
 
 
-def _kinematics(result: Result, summary: Summary) -> list[Table]:
-    keys = ("smallest", "largest", "peak_speed", "peak_acceleration")
-    units = _units(result, "q")
-    joints = [
-        [name, *(figure(row[key], None, _per(units.get(name, ""), k)) for key, k in zip(keys, (0, 0, 1, 2)))]
-        for name, row in summary.get("joints", {}).items()
-    ]
-    points = [
-        [
-            name,
-            *(figure(row[key], None, _per("m", k)) for key, k in zip(("path_length", *keys[2:]), (0, 1, 2))),
-        ]
-        for name, row in summary.get("points", {}).items()
-    ]
-    fast = ("peak speed", "peak acceleration")
-    return [
-        Table(("joint", "smallest", "largest", *fast), joints),
-        Table(("point", "path length", *fast), points),
-    ]
-
-
-def _per(unit: str, order: int) -> str:
-    """Return a unit per second, to a power."""
-    return f"{unit}{('', '/s', '/s^2')[order]}" if unit else ""
-
-
-def _configuration(result: Result, summary: Summary) -> list[Table]:
-    """Return positions, with the torques that hold them where there are some."""
-    units, loads = _units(result, "q"), _units(result, "tau")
-    torques = summary.get("torques_of_joints", {})
-    rows = [
-        [name, figure(q, None, units.get(name, "")), figure(torques.get(name), None, loads.get(name, ""))]
-        for name, q in summary.get("configuration", {}).items()
-    ]
-    return [
-        Table(("joint", "position", "torque"), rows)
-        if torques
-        else Table(("joint", "position"), [r[:2] for r in rows])
-    ]
-
-
 def _study(result: Result, summary: Summary) -> list[Table]:
     head = ["output", "as it stands", "smallest", "largest"]
     if "sampler" in summary:
@@ -211,7 +186,7 @@ def _study(result: Result, summary: Summary) -> list[Table]:
     for name, spread in summary.get("results", {}).items():
         if spread is None:
             continue
-        worst, unit = spread.get("largest_error"), spread["unit"] if spread["unit"] != UNKNOWN else ""
+        worst, unit = spread.get("largest_error"), spread["unit"]
         row = [name, *(figure(spread[key], worst, unit) for key in ("nominal", "minimum", "maximum"))]
         if "sampler" in summary:
             row += [figure(spread["mean"], spread.get("mean_error"), unit), figure(spread["sd"], None, unit)]
@@ -219,13 +194,9 @@ def _study(result: Result, summary: Summary) -> list[Table]:
     return [Table(head, rows)]
 
 
+# tables that are more than the columns of their records
 TABLES: dict[str, Callable[[Result, Summary], list[Table]]] = {
-    "inverse": _inverse,
-    "size": _inverse,
     "simulate": _motion,
     "deploy": _motion,
-    "kinematics": _kinematics,
-    "statics": _configuration,
-    "assemble": _configuration,
     "sweep": _study,
 }

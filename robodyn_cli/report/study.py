@@ -9,7 +9,6 @@ import numpy as np
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.ticks import labelled
-from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -30,7 +29,7 @@ def outputs(result: Result) -> dict[str, Array]:
 def axis_label(result: Result, key: str, group: str = "inputs") -> str:
     """Return the name of a key that varies, or of an output (``group`` outputs), with its unit where it has one."""
     units = result.variables[f"{group}/{key}"].units
-    return labelled(key, units) if units not in ("", "1", UNKNOWN) else key
+    return labelled(key, units) if units not in ("", "1") else key
 
 
 def panels(result: Result, subtitle: str, names: list[str], height: float = 2.2, **layout: Any) -> Sheet:

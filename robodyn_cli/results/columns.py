@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from robodyn_cli.results.result import Variable
 
-UNKNOWN = "SI, as in the summary"  # unit of an output of a study that has no short one
-
 
 def column_names(variable: Variable) -> list[str]:
     """Return the names of the columns; their numbers where they have none."""

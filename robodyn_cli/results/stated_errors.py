@@ -7,9 +7,11 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.keys import leaf_of
 
 
 @record
@@ -17,7 +19,7 @@ class Statement:
     """An error or a residual that a summary may state.
 
     key : its path in the summary.
-    words, unit : what it is; the unit is empty for a plain number.
+    words : what it is.
     about : datasets, or groups of them, that are to be read with it.
     bounds : the dataset whose largest error it is, in the unit of the dataset; empty if there is none.
     is_main : whether it is told where there is room for a few only.
@@ -25,10 +27,15 @@ class Statement:
 
     key: tuple[str, ...]
     words: str
-    unit: str
     about: tuple[str, ...]
     bounds: str = ""
     is_main: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Its unit, as the records of summaries declare it: the same for all commands that have it."""
+        leaves = (leaf_of(command, ".".join(self.key)) for command in SCENE_COMMANDS)
+        return next((leaf.unit({}) for leaf in leaves if leaf is not None), "1")
 
 
 @record
@@ -50,64 +57,69 @@ POSES = ("q", "points", "transmission_angle", "singularity", "branches")
 RATES = ("qd", "point_velocities")
 LOADS = ("constraints/multipliers", "reactions")
 STATEMENTS = (
-    Statement(("error_estimate", "q_max"), "largest error of q", "rad or m", POSES, "q", True),
-    Statement(("error_estimate", "q_end"), "error of q at the end", "rad or m", ("q",)),
-    Statement(("error_estimate", "qd_max"), "largest error of qd", "rad/s or m/s", RATES, "qd", True),
-    Statement(("error_estimate", "qd_end"), "error of qd at the end", "rad/s or m/s", ("qd",)),
+    Statement(("error_estimate", "q_max"), "largest error of q", POSES, "q", True),
+    Statement(("error_estimate", "q_end"), "error of q at the end", ("q",)),
+    Statement(("error_estimate", "qd_max"), "largest error of qd", RATES, "qd", True),
+    Statement(("error_estimate", "qd_end"), "error of qd at the end", ("qd",)),
+    Statement(("error_estimate", "state_max"), "largest error of the state", LOADS),
+    Statement(("ik_residual",), "path off by", POSES, is_main=True),
+    Statement(("attitude_residual",), "attitude on the path off by", POSES, is_main=True),
     Statement(
-        ("error_estimate", "state_max"), "largest error of the state", "rad or m, rad/s or m/s", LOADS
-    ),
-    Statement(("ik_residual",), "path off by", "m", POSES, is_main=True),
-    Statement(("attitude_residual",), "attitude on the path off by", "rad", POSES, is_main=True),
-    Statement(
-        ("error_estimate", "torque_rounding"), "rounding of any torque", "N m or N", ("tau", "torque_terms"), "tau"
+        ("error_estimate", "torque_rounding"), "rounding of any torque", ("tau", "torque_terms"), "tau"
     ),
     Statement(
-        ("round_trip",), "forward after inverse dynamics: relative error", "",
-        ("qdd", "tau", "torque_terms", "reactions"), is_main=True,
+        ("round_trip",),
+        "forward after inverse dynamics: relative error",
+        ("qdd", "tau", "torque_terms", "reactions"),
+        is_main=True,
     ),
-    Statement(("energy_drift",), "energy drift", "J", ("energy",), "energy/total", True),
-    Statement(("energy_drift_relative",), "energy drift, over the energy exchanged", "", ("energy",)),
-    Statement(("error_estimate", "energy_balance"), "work less the change of energy", "J", ("energy",)),
+    Statement(("energy_drift",), "energy drift", ("energy",), "energy/total", True),
+    Statement(("energy_drift_relative",), "energy drift, over the energy exchanged", ("energy",)),
+    Statement(("error_estimate", "energy_balance"), "work less the change of energy", ("energy",)),
     Statement(
-        ("error_estimate", "energy_balance_relative"), "work less the change of energy, over the work", "",
+        ("error_estimate", "energy_balance_relative"),
+        "work less the change of energy, over the work",
         ("energy",),
     ),
+    Statement(("error_estimate", "energy_quadrature"), "energies with every second sample", ("energy",)),
+    Statement(("error_estimate", "rms_quadrature"), "RMS torques with every second sample", ("tau",)),
     Statement(
-        ("error_estimate", "energy_quadrature"), "energies with every second sample", "J", ("energy",)
+        ("constraint_residual", "position"),
+        "loops off by",
+        (*POSES, "constraints"),
+        "constraints/position_residual",
+        True,
     ),
     Statement(
-        ("error_estimate", "rms_quadrature"), "RMS torques with every second sample", "N m or N", ("tau",)
+        ("constraint_residual", "velocity"),
+        "velocities of the loops off by",
+        (*RATES, "constraints"),
+        "constraints/velocity_residual",
     ),
     Statement(
-        ("constraint_residual", "position"), "loops off by", "m or rad",
-        (*POSES, "constraints"), "constraints/position_residual", True,
-    ),
-    Statement(
-        ("constraint_residual", "velocity"), "velocities of the loops off by", "m/s or rad/s",
-        (*RATES, "constraints"), "constraints/velocity_residual",
-    ),
-    Statement(
-        ("constraint_residual", "redundant"), "loop rows that were left out off by", "m or rad",
+        ("constraint_residual", "redundant"),
+        "loop rows that were left out off by",
         ("constraints",),
     ),
-    Statement(("error_estimate", "closure", "position"), "loops off by", "m or rad", POSES, is_main=True),
+    Statement(("error_estimate", "closure", "position"), "loops off by", POSES, is_main=True),
+    Statement(("error_estimate", "closure", "velocity"), "velocities of the loops off by", RATES),
     Statement(
-        ("error_estimate", "closure", "velocity"), "velocities of the loops off by", "m/s or rad/s", RATES
-    ),
-    Statement(
-        ("error_estimate", "closure", "acceleration"), "accelerations of the loops off by", "m/s^2 or rad/s^2",
+        ("error_estimate", "closure", "acceleration"),
+        "accelerations of the loops off by",
         ("qdd", "point_accelerations", "constraints/multipliers"),
     ),
     Statement(
-        ("error_estimate", "virtual_work_residual"), "virtual work of actuators and loads out of balance by",
-        "N m or N", ("tau", "constraints/multipliers"),
+        ("error_estimate", "virtual_work_residual"),
+        "virtual work of actuators and loads out of balance by",
+        ("tau", "constraints/multipliers"),
     ),
     Statement(
-        ("error_estimate", "force_residual"), "forces out of balance by", "N m or N", ("tau", "reactions"),
+        ("error_estimate", "force_residual"),
+        "forces out of balance by",
+        ("tau", "reactions"),
         is_main=True,
     ),
-)  # fmt: skip
+)
 # a run that goes on after the lock states its errors phase by phase
 PHASES = {"": (), "after the lock": ("after_lock",)}
 # groups whose datasets have their errors in another group

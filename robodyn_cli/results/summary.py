@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 import dataclasses
-import enum
 import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
-from robodyn_cli.record import record
 from robodyn_cli.results.atomic import write_bytes
+from robodyn_cli.summaries.facts import ABSENT, key_of
 
 # Keys of the contract come first and in this order; a command's own results follow in the order given.
 LEADING_KEYS = (
@@ -29,39 +28,12 @@ LEADING_KEYS = (
 TRAILING_KEYS = ("counters", "wall_time_s", "scene_file", "run_id", "outputs")
 
 
-class Absent(enum.Enum):
-    """The value of a field whose key a run does not have; ``None`` is a value, written as null."""
-
-    ABSENT = "absent"
-
-
-ABSENT: Final = Absent.ABSENT
-
-
-@record
-class Termination:
-    """Why a run ended, and when [s]."""
-
-    reason: str
-    time: float
-
-
-@record
-class Residual:
-    """Largest residuals of the loops by level, where they are known; ``redundant`` : of rows that were left out."""
-
-    position: float
-    velocity: float | Absent = ABSENT
-    acceleration: float | Absent = ABSENT
-    redundant: float | Absent = ABSENT
-
-
 def as_keys(summary: Any) -> dict[str, Any]:
     """Return the keys and values of a summary record, in the order of its fields.
 
     Records inside, in lists and maps too, become dictionaries likewise; fields that are ``ABSENT`` are left out.
     """
-    found = {f.name: getattr(summary, f.name) for f in dataclasses.fields(summary)}
+    found = {key_of(f.name): getattr(summary, f.name) for f in dataclasses.fields(summary)}
     return {name: _plain(value) for name, value in found.items() if value is not ABSENT}
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NewType
 
 from robodyn_cli.commands import SAMPLERS, SCENE_COMMANDS
 from robodyn_cli.expr.expectation import Expectation
@@ -395,3 +395,6 @@ class Scene:
     path: str = dataclasses.field(default="", compare=False)
     text: str = dataclasses.field(default="", compare=False, repr=False)
     sources: tuple[str, ...] = dataclasses.field(default=(), compare=False)
+
+
+Ready = NewType("Ready", Scene)  # as the doors of `ready` return it

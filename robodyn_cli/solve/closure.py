@@ -76,7 +76,7 @@ def _lengths(model: Model) -> list[float]:
     """Return the coordinates of places, of joints first, and lengths of bars, each as a place along one axis."""
     ends = (frame.p for loop in model.loops for frame in (loop.first, loop.second))
     places = [*(body.X_tree.r for body in model.bodies), *(frame.p for frame in model.points.values()), *ends]
-    bars = [vector([getattr(loop.element, "length", 0.0), 0.0, 0.0]) for loop in model.loops]
+    bars = [vector([loop.element.length, 0.0, 0.0]) for loop in model.loops]
     return [0.0 if isinstance(x, Expr) else x for place in (*places, *bars) for x in place]
 
 

@@ -17,16 +17,9 @@ from robodyn_cli.solve import planar_path
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.base import Ik
+from robodyn_cli.trajectories.base import Ik, TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.trajectories.motion import (
-    Asked,
-    JointMotion,
-    PointMotion,
-    PoseMotion,
-    TaskSpace,
-    in_frame,
-)
+from robodyn_cli.trajectories.motion import Asked, JointMotion, PointMotion, PoseMotion, in_frame
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.newton import Drift
@@ -48,7 +41,7 @@ class PointTask:
 
     model: Model
     frame: FixedFrame
-    trajectory: TaskSpace
+    trajectory: TaskSpaceTrajectory
     start: Mapping[str, float]
     parameters: Mapping[str, float]
     where: str = ""
@@ -140,14 +133,14 @@ class PointTask:
         return np.array([self.start[name] for name in names])
 
 
-def moving_reference(model: Model, trajectory: TaskSpace) -> FixedFrame | None:
+def moving_reference(model: Model, trajectory: TaskSpaceTrajectory) -> FixedFrame | None:
     """Return the frame in whose coordinates a path is given where a moving link carries it, else None."""
     place = None if trajectory.relative_to is None else model.place(trajectory.relative_to)
     return None if place is None or place.body == BASE else place
 
 
 def target_of(
-    model: Model, trajectory: TaskSpace, times: Array, parameters: Mapping[str, float]
+    model: Model, trajectory: TaskSpaceTrajectory, times: Array, parameters: Mapping[str, float]
 ) -> PointMotion | PoseMotion:
     """Return what a trajectory asks at ``times`` (T,), in world coordinates, or in those of a ``moving_reference``."""
     motion = trajectory.target(times, parameters)

@@ -9,13 +9,7 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.given.motion import (
-    Planned,
-    motion_duration,
-    plan_motion,
-    with_led_point,
-    without_following,
-)
+from robodyn_cli.given.motion import Planned, motion_duration, plan_motion
 from robodyn_cli.model.model import Model
 from robodyn_cli.observe.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.record import record
@@ -25,7 +19,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.program import InverseProgram, Sampled, expressions_of
 
 
-def build_inverse(scene: sc.Scene) -> InverseProgram:
+def build_inverse(scene: sc.Ready) -> InverseProgram:
     """Return the program of a scene's inverse dynamics.
 
     Raises
@@ -33,8 +27,7 @@ def build_inverse(scene: sc.Scene) -> InverseProgram:
     SceneError, CapabilityError : motion or actuators do not suffice, or inverse dynamics does not support a part of
     the scene.
     """
-    scene = without_following(scene)
-    problem = _problem_along(with_led_point(scene))
+    problem = _problem_along(scene)
     if scene.loops or scene.couplers:
         from robodyn_cli.torques.closed import build_closed
 

@@ -13,10 +13,10 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.rounding import largest_difference
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.figures import ErrorEstimate, JointFigures
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual
+from robodyn_cli.summaries.inverse import InverseErrors, JointFigures
 from robodyn_cli.torques.program import InverseProgram, Sampled
 
 Figure = Callable[[Array, float, Sequence[float]], Array]
@@ -130,7 +130,7 @@ def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
     return float(np.linalg.norm(turn, axis=1).max())
 
 
-def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> ErrorEstimate:
+def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> InverseErrors:
     """Return the errors of an inverse run.
 
     ik_residual, attitude_residual : see ``path_error`` and ``attitude_error``. round_trip, torque_rounding : see there.
@@ -148,7 +148,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
     loops = sampled.loops
-    return ErrorEstimate(
+    return InverseErrors(
         ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
         attitude_residual=attitude_error(program.problem, planned),
         torque_rounding=torque_rounding(program, sampled),
@@ -157,7 +157,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         energy_balance_relative=balance / turned if balance else 0.0,
         energy_quadrature=_halved(integrate, power, sampled.step, breaks),
         rms_quadrature=_halved(root_mean_square, sampled.tau, sampled.step, breaks),
-        closure=ABSENT if loops is None else planned.residuals,
+        closure=ABSENT if loops is None else LoopResidual(**planned.residuals),
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
     )
 

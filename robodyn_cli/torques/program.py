@@ -24,7 +24,7 @@ from robodyn_cli.trajectories.motion import JointMotion
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.load_sharing import Shared
-    from robodyn_cli.trajectories.fastest import Scaling
+    from robodyn_cli.trajectories.laws import Scaling
 
 RIGID = ("inertia", "coriolis", "gravity")
 
@@ -117,7 +117,8 @@ class InverseProgram(ABC):
     @property
     def scaling(self) -> Scaling | None:
         """How the path got its times, None where it had them."""
-        return getattr(self.problem.scene.trajectory, "scaling", None)
+        trajectory = self.problem.scene.trajectory
+        return None if trajectory is None else trajectory.scaling
 
     @property
     def outputs(self) -> Outputs:

@@ -1,4 +1,4 @@
-"""What the trajectories share: the inverse kinematics options, and what they may ask about the scene.
+"""What the trajectories share: their contract, the inverse kinematics options, what they may ask about the scene.
 
 A trajectory is a frozen dataclass whose fields are its YAML keys. ``problems`` reports what single keys
 cannot tell, as (path below the trajectory, message); the loader adds file and line.
@@ -7,16 +7,23 @@ cannot tell, as (path below the trajectory, message); the loader adds file and l
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from typing import Any, Protocol
+from enum import IntEnum
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, key
+from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, Text, key
+
+if TYPE_CHECKING:
+    from robodyn_cli.spatial.algebra import Array
+    from robodyn_cli.trajectories.laws import Scaling
+    from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 
 # the sides of an arm that its inverse kinematics chooses between
 SIDES, ELBOWS, WRISTS = ("righty", "lefty"), ("elbow_up", "elbow_down"), ("no_flip", "flip")
 BRANCHES = (*ELBOWS, *(f"{side}-{elbow}-{wrist}" for side in SIDES for elbow in ELBOWS for wrist in WRISTS))
 
 Problems = Iterator[tuple[tuple[str | int, ...], str]]
+Own = TypeVar("Own", bound="Trajectory")
 
 
 class JointLimits(Protocol):
@@ -79,6 +86,16 @@ def limit_key(what: str, unit: str, angle: bool = True) -> Any:
     )
 
 
+def relative_key() -> Any:
+    """Declare the key of the frame in which a path is given."""
+    return key(
+        Text(),
+        default=None,
+        doc="The frame in which the path is given: a named frame or point of the base or of a link, which may move; "
+        "default: the world.",
+    )
+
+
 @record
 class Ik:
     """Options of the inverse kinematics."""
@@ -114,6 +131,104 @@ class Ik:
     max_iterations: int = key(
         Integer(minimum=1, maximum=100_000), default=50, doc="Newton iterations a sample."
     )
+
+
+class Lacks(IntEnum):
+    """What has to be found before a trajectory is a motion of joints in time; false where that is nothing."""
+
+    NOTHING = 0
+    JOINTS = 1  # it leads a point
+    TIMES = 2  # they follow from the dynamics
+    PARTS = 3  # it is a sequence of motions, some of which lack something
+
+
+class Trajectory:
+    """What every trajectory answers, with the answers of most. It has no fields, so that records derive from it.
+
+    lacks : what has to be found before it is a motion of joints in time. least_time : whether its times, or those of a
+    part, follow from the dynamics. point, relative_to, ik : what it leads, in which coordinates, and the options of the
+    inverse kinematics that finds the joints. scaling : how its times were found. A field of the same name wins.
+    """
+
+    lacks: Lacks = Lacks.NOTHING
+    least_time: bool = False
+    point: str | None = None
+    relative_to: str | None = None
+    ik: Ik | None = None
+    scaling: Scaling | None = None
+
+    if TYPE_CHECKING:  # a field, or a property, of each kind
+
+        @property
+        def duration(self) -> float: ...
+
+    @property
+    def in_time(self) -> bool:
+        """Whether it is a motion in time as it stands, of joints or of a point."""
+        return self.lacks <= Lacks.JOINTS
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The places that it names: the point that it leads, and in whose coordinates."""
+        return tuple(x for x in (self.point, self.relative_to) if x is not None)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The columns of q whose motion it gives; those of attitudes in any form. () where that is to be found."""
+        return ()
+
+    @property
+    def knots(self) -> tuple[float, ...] | None:
+        """Times at which an acceleration, or a rate of it, jumps; None where that is not known beforehand."""
+        return None
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        return iter(())
+
+    def completed(self: Own, scene: SceneNames) -> Own:
+        """Return the trajectory with the limits of the joints where it gives none of its own."""
+        return self
+
+    def at_constant_speed(self: Own) -> Own:
+        """Return the path, where it has a time law of its own, without it: its length is linear in time."""
+        return self
+
+
+class TaskSpaceTrajectory(Trajectory):
+    """Base of the trajectories that say where a named point should be, or a frame there."""
+
+    lacks = Lacks.JOINTS
+    point: str
+    ik: Ik
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report a point, or a frame of reference, that does not exist or does not move, and guesses of no joint."""
+        unknown = scene.point_problem(self.point)
+        if unknown is not None:
+            yield ("point",), unknown
+        guessed = tuple(self.ik.guess)
+        if guessed:
+            needed = led_joints(guessed, scene)
+            yield from joint_problems(guessed, scene.joints, ("ik", "guess"), needed)
+        if self.relative_to is None:
+            return
+        problem = scene.point_problem(self.relative_to)
+        if problem is None and unknown is None and not scene.moves(self.point, self.relative_to):
+            problem = (
+                f"no joint moves {self.point!r} against {self.relative_to!r}; allowed: a place on the base or on "
+                "another link"
+            )
+        if problem is not None:
+            yield ("relative_to",), problem
+
+    def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
+        """Return what is asked of the point, or of the frame there, at ``times`` (T,).
+
+        In the coordinates of the place ``relative_to``, which may move; by default the world's. parameters : of the
+        scene.
+        """
+        raise NotImplementedError
 
 
 def joint_problems(
@@ -206,27 +321,3 @@ def time_problems(times: Sequence[float], paths: Sequence[tuple[str | int, ...]]
     for k in range(1, len(times)):
         if not times[k] > times[k - 1]:
             yield paths[k], f"times must increase (value {times[k]!r} after {times[k - 1]!r})"
-
-
-def place_problems(point: str, reference: str | None, scene: SceneNames) -> Problems:
-    """Report a frame of reference that does not exist, or against which no joint moves the point."""
-    if reference is None:
-        return
-    problem = scene.point_problem(reference)
-    if problem is None and scene.point_problem(point) is None and not scene.moves(point, reference):
-        problem = (
-            f"no joint moves {point!r} against {reference!r}; allowed: a place on the base or on another link"
-        )
-    if problem is not None:
-        yield ("relative_to",), problem
-
-
-def point_problems(point: str, ik: Ik, scene: SceneNames) -> Problems:
-    """Report a point that does not exist, and guesses for joints that do not."""
-    problem = scene.point_problem(point)
-    if problem is not None:
-        yield ("point",), problem
-    guessed = tuple(ik.guess)
-    for path, message in joint_problems(guessed, scene.joints, ("ik", "guess"), led_joints(guessed, scene)):
-        if ik.guess:
-            yield path, message

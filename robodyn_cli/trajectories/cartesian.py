@@ -12,7 +12,7 @@ from robodyn_cli.schema.fields import Choice, Formula, ListOf, Number, Section, 
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.attitudes import FORMS
-from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, place_problems, point_problems
+from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, TaskSpaceTrajectory, relative_key
 from robodyn_cli.trajectories.formulas import sampled, time_derivatives, time_symbol
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 
@@ -51,7 +51,7 @@ class OrientationFormulas:
 
 
 @record
-class CartesianTrajectory:
+class CartesianTrajectory(TaskSpaceTrajectory):
     """Position of a point in world coordinates as formulas in t; with x and y only, z is left free."""
 
     type: str = key(Choice(("cartesian",)), doc="Kind of trajectory.")
@@ -67,18 +67,12 @@ class CartesianTrajectory:
         default=None,
         doc="How the frame at the point is turned; default: left free.",
     )
-    relative_to: str | None = key(
-        Text(),
-        default=None,
-        doc="The frame in which the path is given: a named frame or point of the base or of a link, which may move; "
-        "default: the world.",
-    )
+    relative_to: str | None = relative_key()
     ik: Ik = key(Section(Ik), default=Ik(), doc="Options of the inverse kinematics.")
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
-        yield from point_problems(self.point, self.ik, scene)
-        yield from place_problems(self.point, self.relative_to, scene)
+        yield from super().problems(scene)
         if self.orientation is not None:
             forms = self.orientation.given()
             if len(forms) != 1:

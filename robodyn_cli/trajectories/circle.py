@@ -10,12 +10,12 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Direction, ListOf, Number, Section, Text, key
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, place_problems, point_problems
+from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, TaskSpaceTrajectory, relative_key
 from robodyn_cli.trajectories.motion import PointMotion
 
 
 @record
-class CircleTrajectory:
+class CircleTrajectory(TaskSpaceTrajectory):
     """``p = center + radius (u cos phi + v sin phi)`` in world coordinates, phi at constant rate.
 
     u is the world's x axis projected into the plane of the circle (the y axis where ``normal`` lies along x),
@@ -41,18 +41,12 @@ class CircleTrajectory:
     normal: tuple[float, ...] = key(
         Direction(), default=(0.0, 0.0, 1.0), unit="1", doc="Normal of the circle's plane in the world frame."
     )
-    relative_to: str | None = key(
-        Text(),
-        default=None,
-        doc="The frame in which the path is given: a named frame or point of the base or of a link, which may move; "
-        "default: the world.",
-    )
+    relative_to: str | None = relative_key()
     ik: Ik = key(Section(Ik), default=Ik(), doc="Options of the inverse kinematics.")
 
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
-        yield from point_problems(self.point, self.ik, scene)
-        yield from place_problems(self.point, self.relative_to, scene)
+        yield from super().problems(scene)
         if len(self.center) == 2 and any(self.normal[:2]):
             yield (
                 ("normal",),

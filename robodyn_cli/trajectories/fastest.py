@@ -19,8 +19,12 @@ from robodyn_cli.registry import Registry
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, ListOf, Number, OrFile, Section, Tagged, key
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import (
+    Ik,
+    Lacks,
     Problems,
     SceneNames,
+    TaskSpaceTrajectory,
+    Trajectory,
     limit_key,
     limit_problems,
     position_problems,
@@ -28,6 +32,7 @@ from robodyn_cli.trajectories.base import (
 )
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import CourseTrajectory, JointSpaceTrajectory
+from robodyn_cli.trajectories.laws import Scaling
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.registry import PACKAGE, PLACES
@@ -51,7 +56,7 @@ class ThroughPoints(CourseTrajectory):
     points: tuple[PathPoint, ...]
 
     @property
-    def joints(self) -> tuple[str, ...]:  # type: ignore[override]
+    def joints(self) -> tuple[str, ...]:
         return tuple(self.points[0].q)
 
     @property
@@ -70,13 +75,13 @@ class ThroughPoints(CourseTrajectory):
 
 
 @record
-class FastestTrajectory:
+class FastestTrajectory(Trajectory):
     """A path in the least time, from rest to rest, under limits of speed, acceleration and effort of the joints.
 
     The path is a spline through ``points``, or that of another trajectory, whose own times are dropped.
     """
 
-    to_be_found = least_time = True  # its times follow from the dynamics
+    lacks, least_time = Lacks.TIMES, True
 
     type: str = key(Choice(("fastest",)), doc="Kind of trajectory.")
     points: tuple[PathPoint, ...] = key(
@@ -122,7 +127,7 @@ class FastestTrajectory:
                     ("points", k + 1, "q"),
                     "is the position of the way point before it; leave one of them out",
                 )
-        if getattr(self.path, "to_be_found", False):
+        if self.path is not None and not self.path.in_time:
             yield (
                 ("path",),
                 "is a sequence with motions of a point or in the least time; allowed: motions of joints",
@@ -131,7 +136,7 @@ class FastestTrajectory:
             found = list(self.path.problems(scene))
             for where, message in found:
                 yield ("path", *where), message
-            place = getattr(self.path, "relative_to", None)
+            place = self.path.relative_to
             if not found and place is not None and scene.moves(place):
                 yield ("path", "relative_to"), f"{place!r} moves; allowed: places that stay where they are"
         yield from self._limit_problems(scene)
@@ -145,7 +150,7 @@ class FastestTrajectory:
     def completed(self, scene: SceneNames) -> FastestTrajectory:
         """Return the trajectory with the limits of the joints where it gives none of its own."""
         found = with_joint_limits(self._limits, scene)
-        path = self.path.completed(scene) if hasattr(self.path, "completed") else self.path
+        path = None if self.path is None else self.path.completed(scene)
         return dataclasses.replace(self, path=path, **found)
 
     @property
@@ -157,58 +162,12 @@ class FastestTrajectory:
         """The path as a trajectory over its own parameter."""
         if self.points:
             return ThroughPoints(self.points)
-        return self.path.at_constant_speed() if hasattr(self.path, "at_constant_speed") else self.path
+        return self.path.at_constant_speed()
 
 
 @record
-class Scaling:
-    """A path with its time law s(t), and how it was found.
-
-    law : one function of t. error : estimated error of the duration [s]. limits : bounds by kind and column of v.
-    intervals : of the grid. tolerance : of the duration, in parts of it, asked for; None: the grid was.
-    """
-
-    law: Course
-    error: float
-    limits: Mapping[str, Mapping[str, float]]
-    intervals: int
-    tolerance: float | None
-
-
-@record
-class TimedJoints(JointSpaceTrajectory):
-    """A path in joint space with its time law."""
-
-    way: Any
-    scaling: Scaling
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """The columns of q whose motion it gives."""
-        return position_columns(self.way.joints)
-
-    @property
-    def duration(self) -> float:
-        """Time of the whole path [s]."""
-        return self.scaling.law.duration
-
-    @property
-    def knots(self) -> tuple[float, ...]:  # type: ignore[override]
-        """Times at which the acceleration along the path, or its rate, jumps."""
-        return tuple(self.scaling.law.knots[1:-1].tolist())
-
-    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
-        (s,) = self.scaling.law.expressions(t)
-        found: Mapping[str, Any] = self.way.expressions(s, {**env, "t": s})
-        return found
-
-    def described(self, column: str) -> str:
-        return str(self.way.described(column))
-
-
-@record
-class TimedPath:
-    """A path in task space with its time law."""
+class Timed(Trajectory):
+    """A path with its time law."""
 
     way: Any
     scaling: Scaling
@@ -220,24 +179,33 @@ class TimedPath:
 
     @property
     def knots(self) -> tuple[float, ...]:
-        """Times at which the acceleration along the path, or its rate, jumps."""
         return tuple(self.scaling.law.knots[1:-1].tolist())
 
-    @property
-    def point(self) -> str:
-        """The point that is led."""
-        return str(self.way.point)
+
+@record
+class TimedJoints(Timed, JointSpaceTrajectory):
+    """A path in joint space with its time law."""
 
     @property
-    def relative_to(self) -> str | None:
-        """The place in whose coordinates the path is given."""
-        found: str | None = self.way.relative_to
+    def joints(self) -> tuple[str, ...]:
+        return position_columns(self.way.joints)
+
+    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
+        (s,) = self.scaling.law.expressions(t)
+        found: Mapping[str, Any] = self.way.expressions(s, {**env, "t": s})
         return found
 
-    @property
-    def ik(self) -> Any:
-        """Options of the inverse kinematics."""
-        return self.way.ik
+    def described(self, column: str) -> str:
+        return str(self.way.described(column))
+
+
+@record
+class TimedPath(Timed, TaskSpaceTrajectory):
+    """A path in task space with its time law."""
+
+    point: str
+    relative_to: str | None
+    ik: Ik
 
     def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
         """Return what is asked of the point at ``times`` (T,)."""
@@ -252,7 +220,9 @@ class TimedPath:
 
 def timed(way: Any, scaling: Scaling) -> TimedJoints | TimedPath:
     """Return a path with its time law."""
-    return TimedJoints(way, scaling) if hasattr(way, "expressions") else TimedPath(way, scaling)
+    if way.lacks is Lacks.JOINTS:
+        return TimedPath(way, scaling, way.point, way.relative_to, way.ik)
+    return TimedJoints(way, scaling)
 
 
 def names_of(limits: Mapping[str, Mapping[str, float]], columns: Sequence[str]) -> list[tuple[str, str]]:

@@ -11,17 +11,18 @@ import numpy as np
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.attitudes import evaluated, joint_expressions
+from robodyn_cli.trajectories.base import Trajectory
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.formulas import sampled, time_symbol
 from robodyn_cli.trajectories.led import QUATERNION, with_attitudes
 from robodyn_cli.trajectories.motion import JointMotion
 
 
-class JointSpaceTrajectory:
-    """Base of the trajectories that give the joints' positions as expressions of t."""
+class JointSpaceTrajectory(Trajectory):
+    """Base of the trajectories that give the joints' positions as expressions of t.
 
-    # times at which an acceleration, or a rate of it, jumps; None where that is to be found from the expressions
-    knots: tuple[float, ...] | None = None
+    Where ``knots`` are None, they are found from the expressions.
+    """
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         """Return the columns of q by name, as expressions of t.
@@ -54,8 +55,6 @@ class CourseTrajectory(JointSpaceTrajectory):
     The quaternion of an attitude is interpolated like other columns, and divided by its length.
     """
 
-    joints: tuple[str, ...]
-
     def make_course(self) -> Course:
         """Return the columns of q over time."""
         raise NotImplementedError
@@ -65,7 +64,7 @@ class CourseTrajectory(JointSpaceTrajectory):
         return self.make_course()
 
     @property
-    def knots(self) -> tuple[float, ...]:  # type: ignore[override]
+    def knots(self) -> tuple[float, ...]:
         return tuple(self.course.knots[1:-1].tolist())
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -83,7 +82,10 @@ class Together(JointSpaceTrajectory):
 
     def __init__(self, prescribed: Mapping[str, Any], trajectory: Any) -> None:
         self.prescribed, self.trajectory = prescribed, trajectory
-        self.joints = (*prescribed, *(trajectory.joints if trajectory is not None else ()))
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        return (*self.prescribed, *(self.trajectory.joints if self.trajectory is not None else ()))
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         found = {} if self.trajectory is None else self.trajectory.expressions(t, env)

@@ -1,8 +1,9 @@
-"""Time laws: how far along its way a motion from rest to rest is, from 0 to 1."""
+"""Time laws: how far along its way a motion is, from rest to rest from 0 to 1, or along a path in the least time."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from robodyn_cli.record import record
 from robodyn_cli.trajectories.course import Course
@@ -22,6 +23,21 @@ class Law:
     def stretched(self, duration: float) -> Law:
         """Return the law in a longer time."""
         return Law(self.course.stretched(duration), self.ramp * duration / self.course.duration, self.rests)
+
+
+@record
+class Scaling:
+    """A path with its time law s(t), and how it was found.
+
+    law : one function of t. error : estimated error of the duration [s]. limits : bounds by kind and column of v.
+    intervals : of the grid. tolerance : of the duration, in parts of it, asked for; None: the grid was.
+    """
+
+    law: Course
+    error: float
+    limits: Mapping[str, Mapping[str, float]]
+    intervals: int
+    tolerance: float | None
 
 
 def fastest(speed: float, acceleration: float, jerk: float = math.inf) -> Law:

@@ -84,48 +84,35 @@ class Followed:
 
 
 class Follows:
-    """The motion of one column of q, or of one attitude, in place of its formulas."""
+    """The motion of one column of q, or of one attitude, in place of its formulas.
+
+    followed : the trajectory; None where it is a path, before the joints' motion along it is found.
+    """
 
     text = FOLLOW
 
-    def __init__(self, followed: Followed, name: str) -> None:
+    def __init__(self, followed: Followed | None, name: str) -> None:
         self.followed, self.name = followed, name
         self.where = f"prescribed.{name}"
 
     def evaluate(self, env: Mapping[str, Any]) -> Any:
-        """Return the expression of t, or those of an attitude."""
+        """Return the expression of t, or those of an attitude.
+
+        Raises
+        ------
+        CapabilityError : the motion is not found.
+        """
+        if self.followed is None:
+            raise CapabilityError(
+                "`prescribed: trajectory` finds the joints' motion along a path for a motion in time only; allowed: "
+                "simulate, deploy, inverse, kinematics"
+            )
         return self.followed.expressions(env)[self.name]
 
 
-class ToFind:
-    """The motion of one column of q, or of one attitude, along a path, before the joints' motion on it is known."""
-
-    text = FOLLOW
-
-    def __init__(self, name: str) -> None:
-        self.name = name
-        self.where = f"prescribed.{name}"
-
-    def evaluate(self, env: Mapping[str, Any]) -> Any:
-        raise CapabilityError(
-            "`prescribed: trajectory` finds the joints' motion along a path for a motion in time only; allowed: "
-            "simulate, deploy, inverse, kinematics"
-        )
-
-
-def to_find(columns: Iterable[str]) -> dict[str, ToFind]:
+def to_find(columns: Iterable[str]) -> dict[str, Follows]:
     """Return the motion of each joint with these columns of q, which is still to be found."""
-    return {name: ToFind(name) for name in with_attitudes(dict.fromkeys(columns))}
-
-
-def is_to_find(prescribed: Mapping[str, Any]) -> bool:
-    """Tell whether prescribed motions are still to be found along a path."""
-    return any(isinstance(x, ToFind) for x in prescribed.values())
-
-
-def is_to_be_found(trajectory: Any) -> bool:
-    """Tell whether a segment of a sequence has no motion of joints yet: that of a point, or one in the least time."""
-    return not hasattr(trajectory, "expressions") or bool(getattr(trajectory, "to_be_found", False))
+    return {name: Follows(None, name) for name in with_attitudes(dict.fromkeys(columns))}
 
 
 def follow_trajectory(trajectory: Any, until: float) -> dict[str, Follows]:
@@ -141,4 +128,4 @@ def followed_by(prescribed: Mapping[str, Any]) -> Followed | None:
 
 def given_by_formulas(prescribed: Mapping[str, Any]) -> dict[str, Any]:
     """Return the prescribed motions that do not follow a trajectory."""
-    return {name: x for name, x in prescribed.items() if not isinstance(x, (Follows, ToFind))}
+    return {name: x for name, x in prescribed.items() if not isinstance(x, Follows)}

@@ -1,14 +1,14 @@
 """What a trajectory yields: joint motion, or the motion asked of a point.
 
-A trajectory is one of two kinds, told apart by the method that it has: ``motion`` in joint space, ``target``
-in task space (``solve`` finds the joints then) of a point, or of a frame
-with its axes. Each has a ``duration``, times run from 0 to it.
+A trajectory is one of two kinds, told apart by their base: ``JointSpaceTrajectory``, whose ``motion`` is that of
+joints, and ``TaskSpaceTrajectory``, whose ``target`` is asked of a point, or of a frame with its axes (``solve`` finds
+the joints then). Times run from 0 to its ``duration``.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol, runtime_checkable
+from collections.abc import Sequence
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -33,8 +33,10 @@ class JointMotion:
 class PointMotion:
     """Position [m], velocity [m/s] and acceleration [m/s^2] asked of a point at T times, world coordinates.
 
-    p, pd, pdd : (T, 3), or (T, 2) where only x and y are asked for and z is left free.
+    p, pd, pdd : (T, 3), or (T, 2) where only x and y are asked for and z is left free. R : none are asked for.
     """
+
+    R: ClassVar[None] = None
 
     p: Array
     pd: Array
@@ -104,46 +106,6 @@ class Asked:
     values: Array
     rates: Array
     accelerations: Array
-
-
-@runtime_checkable
-class JointSpace(Protocol):
-    """A trajectory that gives the joints' motion itself."""
-
-    @property
-    def duration(self) -> float: ...
-
-    @property
-    def joints(self) -> tuple[str, ...]: ...
-
-    def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
-        """Return the motion of ``joints``, columns of q, at ``times`` (T,); ``parameters`` are those of the scene."""
-        ...
-
-
-@runtime_checkable
-class TaskSpace(Protocol):
-    """A trajectory that says where a named point should be."""
-
-    @property
-    def duration(self) -> float: ...
-
-    @property
-    def point(self) -> str: ...
-
-    @property
-    def relative_to(self) -> str | None: ...
-
-    @property
-    def ik(self) -> Any: ...
-
-    def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
-        """Return what is asked of the point, or of the frame there, at ``times`` (T,).
-
-        In the coordinates of the place ``relative_to``, which may move; by default the world's. parameters : of the
-        scene.
-        """
-        ...
 
 
 def column_order(columns: Sequence[Any], samples: int) -> Array:

@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -52,6 +52,8 @@ class StopPoint:
 class Moves(JointSpaceTrajectory):
     """What motions from stop to stop share: between two stops the joints move in proportion, on a straight line."""
 
+    bounds: ClassVar[tuple[str, ...]] = BOUNDS[:2]  # it may do without one of the speed
+
     type: str
     points: tuple[StopPoint, ...] = key(
         ListOf(Section(StopPoint), minimum=2), doc="Way points, in their order."
@@ -65,11 +67,6 @@ class Moves(JointSpaceTrajectory):
         doc="Part of the braking before a way point during which the joints speed up towards the next one already; "
         "less where limits would be passed. 0: the joints stop at each.",
     )
-
-    @property
-    def bounds(self) -> tuple[str, ...]:
-        """Names of the limits that the motion needs; it may do without one of the speed."""
-        return tuple(name for name in BOUNDS if hasattr(self, name))
 
     @property
     def _limits(self) -> dict[str, dict[str, float]]:
@@ -168,7 +165,7 @@ class Moves(JointSpaceTrajectory):
 
     # -- time -----------------------------------------------------------------------------------------
     def _limit(self, name: str) -> Array:
-        given: Mapping[str, float] = getattr(self, name, {})
+        given = self._limits.get(name, {})
         return np.array([given.get(part, math.inf) for part in self._parts])
 
     def _least(self, k: int, share: float = 1.0) -> Law | None:
@@ -209,7 +206,7 @@ class Moves(JointSpaceTrajectory):
         return superposed(self._legs, self._ways[:, : len(self._plain)], self._q[0, self._plain])
 
     @property
-    def knots(self) -> tuple[float, ...]:  # type: ignore[override]
+    def knots(self) -> tuple[float, ...]:
         return tuple(self.course.knots[1:-1].tolist())
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
@@ -239,6 +236,8 @@ class TrapezoidTrajectory(Moves):
 @record
 class SCurveTrajectory(Moves):
     """From stop to stop in the least time under limits of speed, acceleration and jerk: accelerations do not jump."""
+
+    bounds: ClassVar[tuple[str, ...]] = BOUNDS
 
     type: str = key(Choice(("s_curve",)), doc="Kind of trajectory.")
     jerk: dict[str, float] = limit_key("rate of the acceleration", "rad/s^3 or m/s^3")

@@ -25,7 +25,7 @@ from robodyn_cli.schema.fields import (
 )
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.spatial.orientation import orientation_problems, rotation_of
-from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, place_problems, point_problems
+from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, TaskSpaceTrajectory, relative_key
 from robodyn_cli.trajectories.laws import polynomial
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.task.chain import Plan, planned
@@ -68,7 +68,7 @@ def _limit(what: str, unit: str, angle: bool = False) -> Any:
 
 
 @record
-class PathTrajectory:
+class PathTrajectory(TaskSpaceTrajectory):
     """Segments one after another; the frame stops between them but where a `blend` says otherwise."""
 
     type: str = key(Choice(("path",)), doc="Kind of trajectory.")
@@ -79,12 +79,7 @@ class PathTrajectory:
     segments: tuple[Any, ...] = key(
         ListOf(Tagged(lambda: segment_types), minimum=1), doc="The segments, in their order."
     )
-    relative_to: str | None = key(
-        Text(),
-        default=None,
-        doc="The frame in which the path is given: a named frame or point of the base or of a link, which may move; "
-        "default: the world.",
-    )
+    relative_to: str | None = relative_key()
     facing: PathFacing | None = key(
         Section(PathFacing), default=None, doc="Turns the frame along the path or towards a point."
     )
@@ -114,8 +109,7 @@ class PathTrajectory:
             yield problem.path, str(problem)
 
     def _problems(self, scene: SceneNames) -> Problems:
-        yield from point_problems(self.point, self.ik, scene)
-        yield from place_problems(self.point, self.relative_to, scene)
+        yield from super().problems(scene)
         turned = self.start.orientation is not None
         if turned and self.facing is not None:
             yield ("facing",), "does not go with 'start.orientation'; allowed: one of them"
@@ -138,7 +132,7 @@ class PathTrajectory:
     def _of_points(self) -> Problems:
         """Report orientations of a spline that do not belong to its points one by one."""
         for k, segment in enumerate(self.segments):
-            own = getattr(segment, "orientations", ())
+            own = segment.orientations
             if not own:
                 continue
             if segment.orientation is not None:
@@ -153,8 +147,7 @@ class PathTrajectory:
         given = [(("start", "orientation"), self.start.orientation)]
         given += [(("segments", k, "orientation"), x.orientation) for k, x in enumerate(self.segments)]  # type: ignore[misc]
         for k, segment in enumerate(self.segments):
-            own = getattr(segment, "orientations", ())
-            given += [(("segments", k, "orientations", i), x) for i, x in enumerate(own)]  # type: ignore[misc]
+            given += [(("segments", k, "orientations", i), x) for i, x in enumerate(segment.orientations)]  # type: ignore[misc]
         return [(path, x) for path, x in given if x is not None]
 
     # -- motion ---------------------------------------------------------------------------------------

@@ -15,10 +15,10 @@ from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, ListOf, OrFile, Tagged, key
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.attitudes import FORMS
-from robodyn_cli.trajectories.base import Problems, SceneNames
+from robodyn_cli.trajectories.base import Lacks, Problems, SceneNames
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
-from robodyn_cli.trajectories.led import QUATERNION, is_to_be_found, position_columns, with_attitudes
-from robodyn_cli.trajectories.motion import JointMotion, JointSpace
+from robodyn_cli.trajectories.led import QUATERNION, position_columns, with_attitudes
+from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.trajectories.registry import trajectory_types
 
 MEET = 1e-9  # rad, m, and the same per second: how well segments have to meet
@@ -51,7 +51,7 @@ class SequenceTrajectory(JointSpaceTrajectory):
 
     def meeting_problems(self, parameters: Mapping[str, float]) -> Problems:
         """Report segments that do not meet those before them, as far as their motion is known already."""
-        known = [k for k, segment in enumerate(self.segments) if not is_to_be_found(segment)]
+        known = [k for k, segment in enumerate(self.segments) if not segment.lacks]
         for k in known:
             others = {*position_columns(self.segments[k].joints)} ^ {*self.joints}
             if others:
@@ -72,24 +72,20 @@ class SequenceTrajectory(JointSpaceTrajectory):
                 yield ("segments", after), f"{gap}, where {ends}; allowed: the same position and rate"
 
     @property
-    def to_be_found(self) -> bool:
-        """Whether the motion of joints in one of the segments has to be found before it is asked for."""
-        return any(is_to_be_found(segment) for segment in self.segments)
+    def lacks(self) -> Lacks:  # type: ignore[override]
+        return Lacks.PARTS if any(segment.lacks for segment in self.segments) else Lacks.NOTHING
 
     @property
-    def least_time(self) -> bool:
-        """Whether the times of one of the segments follow from the dynamics."""
-        return any(getattr(segment, "least_time", False) for segment in self.segments)
+    def least_time(self) -> bool:  # type: ignore[override]
+        return any(segment.least_time for segment in self.segments)
 
     def completed(self, scene: SceneNames) -> SequenceTrajectory:
-        """Return the trajectory with the limits of the joints in segments that give none of their own."""
-        found = (s.completed(scene) if hasattr(s, "completed") else s for s in self.segments)
-        return dataclasses.replace(self, segments=tuple(found))
+        return dataclasses.replace(self, segments=tuple(x.completed(scene) for x in self.segments))
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The columns of q whose motion it gives."""
-        return position_columns(next(x for x in self.segments if not is_to_be_found(x)).joints)
+        known = next((segment for segment in self.segments if not segment.lacks), None)
+        return () if known is None else position_columns(known.joints)
 
     @property
     def duration(self) -> float:
@@ -103,7 +99,7 @@ class SequenceTrajectory(JointSpaceTrajectory):
         return np.concatenate([[0.0], np.cumsum(lengths)])
 
     @property
-    def knots(self) -> tuple[float, ...] | None:  # type: ignore[override]
+    def knots(self) -> tuple[float, ...] | None:
         if any(segment.knots is None for segment in self.segments):
             return None
         found = [*self._starts[1:-1].tolist()]
@@ -153,12 +149,16 @@ def _with_quaternions(given: Mapping[str, Any]) -> dict[str, Any]:
     return found
 
 
-def _ends(segment: JointSpace, columns: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
+def _ends(
+    segment: JointSpaceTrajectory, columns: Sequence[str], parameters: Mapping[str, float]
+) -> JointMotion:
     """Return the motion at the start and at the end."""
     return segment.motion(np.array([0.0, segment.duration]), columns, parameters)
 
 
-def _gap(first: JointSpace, second: JointSpace, parameters: Mapping[str, float]) -> str | None:
+def _gap(
+    first: JointSpaceTrajectory, second: JointSpaceTrajectory, parameters: Mapping[str, float]
+) -> str | None:
     """Return in words how the start of a motion differs from the end of another, None where they meet."""
     columns = position_columns(first.joints)
     before, after = _ends(first, columns, parameters), _ends(second, columns, parameters)

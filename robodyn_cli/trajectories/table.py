@@ -100,7 +100,7 @@ class TableTrajectory(CourseTrajectory):
                     break
 
     @property
-    def joints(self) -> tuple[str, ...]:  # type: ignore[override]
+    def joints(self) -> tuple[str, ...]:
         """The columns of q whose motion it gives."""
         return tuple(self.columns[1:])
 

@@ -99,7 +99,7 @@ class WayPoints(CourseTrajectory):
             yield ("points", k, name), "does not go with 'dwell': the joints are at rest there"
 
     @property
-    def joints(self) -> tuple[str, ...]:  # type: ignore[override]
+    def joints(self) -> tuple[str, ...]:
         """The columns of q whose motion it gives."""
         return tuple(self.points[0].q)
 

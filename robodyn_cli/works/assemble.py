@@ -10,20 +10,21 @@ from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.closing import add_sample
 from robodyn_cli.observe.finite import refuse_result
+from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops
 from robodyn_cli.solve.closure import RANK
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
+from robodyn_cli.summaries.mechanism import AssembleSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.works.branches import Branches, find_branches
-from robodyn_cli.works.mechanism_summary import AssembleSummary
+from robodyn_cli.works.branches import Branches, find_branches, refuse_freedom
 
 
 @record
@@ -63,25 +64,42 @@ def assemble(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch
     which, and by how much. SingularConfigurationError : the constraints lose rank there.
     """
     watch = watch or Stopwatch()
-    if not scene.loops and not scene.couplers:
-        raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none", key="loops")
-    with watch.stage("equations"):
-        problem = Problem(scene)
-        held = tuple(dict.fromkeys((*scene.initial.hold, *position_columns(scene.prescribed))))
-    with watch.stage("assemble"):
-        closed = close(problem)
-    branches = None
+    closed = closed_loops(scene, watch)
+    held, branches = held_joints(scene), None
     if scene.assemble.branches:
         with watch.stage("branches"):
-            branches = find_branches(problem, closed.conditions, closed.q, held)
+            branches = find_branches(closed.problem, closed.conditions, closed.q, held)
     progress(0.0, 0.0)
     result = Result.of("assemble", scene)
-    add_sample(result, problem, closed.q, closed.v, closed.a)
+    add_sample(result, closed.problem, closed.q, closed.v, closed.a)
     if branches is not None:
         branches.add_to(result)
     result.summarise(summarise(closed, held, branches), seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def closed_loops(scene: Scene, watch: Stopwatch) -> Closed:
+    """Return the state in which the loops of a scene are closed at t = 0.
+
+    Raises
+    ------
+    RobodynError : see ``assemble``.
+    """
+    if not scene.loops and not scene.couplers:
+        raise CapabilityError(f"{scene.path}: assemble closes loops; this scene has none", key="loops")
+    with watch.stage("equations"):
+        problem = Problem(at_rest(scene))
+    with watch.stage("assemble"):
+        closed = close(problem)
+    if scene.assemble.branches:
+        refuse_freedom(problem, closed.conditions, closed.q, held_joints(scene))
+    return closed
+
+
+def held_joints(scene: Scene) -> tuple[str, ...]:
+    """Return the joints that stay where they are."""
+    return tuple(dict.fromkeys((*scene.initial.hold, *position_columns(scene.prescribed))))
 
 
 def close(problem: Problem) -> Closed:
@@ -112,7 +130,7 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
         accelerations=dict(zip(model.v_names, closed.a.tolist())),
         held=list(held),
         solved=[name for name in model.joint_names if name not in held],
-        residual=Residual(
+        residual=LoopResidual(
             *(float(np.abs(x).max(initial=0.0)) for x in (closed.F, closed.rates, closed.accelerations))
         ),
         residual_by_loop=_by_loop(problem, closed.F),

@@ -10,7 +10,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.mechanism_summary import Balanced, Held
+from robodyn_cli.summaries.mechanism import Balanced, Held
 
 
 @record

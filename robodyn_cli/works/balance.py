@@ -19,9 +19,9 @@ from robodyn_cli.observe.finite import cause
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.solve.equilibrium import Balance, balance
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.mechanism import Balanced
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.works.at_rest import AtRest, refuse_unknown
-from robodyn_cli.works.mechanism_summary import Balanced
 
 
 class _RestForces:

@@ -18,7 +18,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.solve.branches import halton, search
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.mechanism_summary import Branch, BranchSearch
+from robodyn_cli.summaries.mechanism import BranchSearch, ClosedBranch
 
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
 
@@ -29,7 +29,7 @@ class Branches:
 
     problem: Problem
     configurations: list[Array]
-    described: list[Branch]
+    described: list[ClosedBranch]
     search: BranchSearch
 
     def add_to(self, result: Result) -> None:
@@ -51,12 +51,9 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
 
     Raises
     ------
-    CapabilityError : the mechanism may still move.
+    CapabilityError : see ``refuse_freedom``.
     """
-    model = problem.model
-    stays = [b.v + j for b in model.bodies if b.joint_name in held for j in range(b.joint.nv)]
-    free = [k for k in range(model.nv) if k not in stays]
-    _refuse_freedom(problem, conditions, q, free, held)
+    model, free = problem.model, _free(problem, held)
     angles = [unit == "rad" for unit in model.q_units]
     cosines = Evaluator([row.cosine for row in problem.constraints.rows])
 
@@ -82,9 +79,12 @@ def _attitude(body: Any, q: Array) -> Array:
     return np.outer(own, own).ravel()
 
 
-def _refuse_freedom(
-    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], held: tuple[str, ...]
-) -> None:
+def _free(problem: Problem, held: tuple[str, ...]) -> list[int]:
+    """Return the velocity coordinates of joints that are not held."""
+    return [b.v + j for b in problem.model.bodies if b.joint_name not in held for j in range(b.joint.nv)]
+
+
+def refuse_freedom(problem: Problem, conditions: LoopConditions, q: Array, held: tuple[str, ...]) -> None:
     """Refuse a mechanism that closes in infinitely many ways.
 
     Raises
@@ -92,6 +92,7 @@ def _refuse_freedom(
     CapabilityError
     """
     _, J = conditions.at(q, 0.0)
+    free = _free(problem, held)
     left = len(free) - rank(J[problem.constraints.of_loops][:, free])
     if left > 0:
         raise CapabilityError(
@@ -118,7 +119,7 @@ def _starts(
 
 def _describe(
     problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], chosen: bool
-) -> Branch:
+) -> ClosedBranch:
     F, J = conditions.at(q, 0.0)
     block = J[problem.constraints.of_loops][:, list(free)]
     s = np.linalg.svd(block, compute_uv=False)
@@ -126,4 +127,6 @@ def _describe(
     determinant = float(np.linalg.det(block)) if block.shape[0] == block.shape[1] else None
     orientation = None if determinant is None else int(np.sign(determinant)) if ratio > SINGULAR else 0
     configuration = dict(zip(problem.model.q_names, q.tolist()))
-    return Branch(configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen)
+    return ClosedBranch(
+        configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen
+    )

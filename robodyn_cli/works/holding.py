@@ -12,10 +12,10 @@ from robodyn_cli.errors import CapabilityError, SingularConfigurationError
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led, velocity_places
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.mechanism import Held
 from robodyn_cli.torques.sharing import lost_rank
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.works.at_rest import AtRest, refuse_unknown
-from robodyn_cli.works.mechanism_summary import Held
 
 
 def held(problem: Problem, q: Array) -> AtRest:

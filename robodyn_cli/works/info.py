@@ -24,11 +24,11 @@ from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.prepare import Setup, prepare
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, Transform
 from robodyn_cli.spatial.inertia import RigidInertia
+from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.works.state_text import state_overrides
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,9 +11,17 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.places import FORCES, add_places
 from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
+from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, Residual, Termination
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
+from robodyn_cli.summaries.inverse import (
+    FastestFigures,
+    InverseErrors,
+    InverseSummary,
+    LoadedMechanism,
+    definitions_of,
+)
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.torques.build import build_inverse
@@ -23,17 +31,9 @@ from robodyn_cli.torques.checks import (
     joint_figures,
     path_error,
 )
-from robodyn_cli.torques.figures import ErrorEstimate
 from robodyn_cli.torques.program import InverseProgram, Loops, Sampled
-from robodyn_cli.works.inverse_summary import (
-    CLOSED_DEFINITIONS,
-    DEFINITIONS,
-    InverseSummary,
-    Mechanism,
-)
 
 if TYPE_CHECKING:
-    from robodyn_cli.fastest.report import FastestFigures
     from robodyn_cli.observe.reactions import Loads
 
 
@@ -86,13 +86,13 @@ def inverse(
         loads = loads_of(program, sampled) if scene.outputs.reactions else None
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    summary = summarise(program, planned, sampled, errors, loads)
+    records: list[Any] = [summarise(program, planned, sampled, errors, loads)]
     if scene.drives:
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            summary = with_drives(summary, result, scene, program.problem)
-    result.summarise(summary, seconds=watch.report())
+            records = with_drives(records, result, scene, program.problem)
+    result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
 
@@ -104,11 +104,7 @@ def program_of(scene: Scene) -> InverseProgram:
     ------
     RobodynError : see ``inverse``.
     """
-    if getattr(scene.trajectory, "to_be_found", False):
-        from robodyn_cli.ready.in_time import with_motion
-
-        scene = with_motion(scene)
-    return build_inverse(scene)
+    return build_inverse(along(scene))
 
 
 def at_rest(problem: Problem, planned: Planned) -> Planned:
@@ -206,7 +202,7 @@ def summarise(
     program: InverseProgram,
     planned: Planned,
     sampled: Sampled,
-    errors: ErrorEstimate,
+    errors: InverseErrors,
     loads: Loads | None,
 ) -> InverseSummary:
     """Return the summary of a run."""
@@ -237,14 +233,14 @@ def summarise(
         round_trip=errors.round_trip,
         constraint_residual=ABSENT
         if loops is None
-        else Residual(loops.residual["position"], loops.residual["velocity"]),
+        else LoopResidual(loops.residual["position"], loops.residual["velocity"]),
         joints=joint_figures(problem, sampled),
-        definitions=DEFINITIONS if loops is None else CLOSED_DEFINITIONS,
+        definitions=definitions_of(loops is not None),
         counters=dict(sampled.counters),
         reactions=ABSENT if loads is None else loads.summary(),
     )
 
 
-def _mechanism(loops: Loops) -> Mechanism:
+def _mechanism(loops: Loops) -> LoadedMechanism:
     shared = loops.shared
-    return Mechanism(shared.freedom, list(loops.actuated), *shared.uniqueness)
+    return LoadedMechanism(shared.freedom, list(loops.actuated), *shared.uniqueness)

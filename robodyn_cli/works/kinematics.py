@@ -11,13 +11,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
-from robodyn_cli.given.motion import (
-    Planned,
-    motion_duration,
-    plan_motion,
-    with_led_point,
-    without_following,
-)
+from robodyn_cli.given.motion import Planned, motion_duration, plan_motion
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.closing import add_rows
 from robodyn_cli.observe.evaluation import SampleFunction
@@ -25,24 +19,26 @@ from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.places import add_places, place_outputs, point_motion
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.observe.units import add_joint_limits, add_motion
-from robodyn_cli.ready.mobility import Mobility, mobility
+from robodyn_cli.ready.doors import along
+from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
-from robodyn_cli.trajectories.led import velocity_columns
-from robodyn_cli.works.mechanism_summary import (
-    Closure,
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
+from robodyn_cli.summaries.mechanism import (
+    ClosureErrors,
     JointRange,
     KinematicsSummary,
+    Mobility,
     PointPath,
     SingularRatio,
     TransmissionAngle,
 )
+from robodyn_cli.tools.progress import Progress, no_progress
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.trajectories.led import velocity_columns
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -81,12 +77,9 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
 def problem_of(scene: Scene) -> Problem:
     """Return the equations of a scene for its kinematics, with the points that are wanted."""
     if scene.kinematics.sweep is None:
-        scene = without_following(scene)
-        if getattr(scene.trajectory, "to_be_found", False):
-            from robodyn_cli.ready.in_time import with_motion
-
-            scene = with_motion(scene)
-    return Problem(with_points(with_led_point(scene), scene.kinematics.transmission or ()))
+        scene = along(scene)
+    led = () if scene.trajectory is None else scene.trajectory.places
+    return Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
 
 
 def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
@@ -210,7 +203,7 @@ def summarise(
         points=_point_paths(result),
         singular_ratio=_singular_ratio(result),
         transmission_angle=_transmission(result),
-        error_estimate=Closure(planned.residuals) if planned.residuals else ABSENT,
+        error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
         counters=planned.counters,
     )
 

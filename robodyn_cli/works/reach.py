@@ -8,46 +8,20 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.given.poses.explain import explain_miss
 from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics
-from robodyn_cli.given.poses.targets import Way
+from robodyn_cli.given.poses.targets import Poses, Way
 from robodyn_cli.model.placement import orientation
 from robodyn_cli.observe.closing import add_sample
 from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.units import joint_columns
-from robodyn_cli.record import record
+from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, Termination
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.nested_options import ReachOptions
+from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Termination
+from robodyn_cli.summaries.mechanism import ReachedBranch, ReachSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
-
-
-@record
-class ReachedBranch:
-    """One way to reach the pose."""
-
-    name: str
-    configuration: dict[str, float]
-    reached: bool
-    within_limits: bool
-    error: float
-    chosen: bool
-
-
-@record
-class ReachSummary:
-    """The summary of ``reach`` (see docs/cli.md)."""
-
-    termination: Termination
-    samples: int
-    frame: str
-    method: str
-    configuration: dict[str, float]
-    branch: str | Absent
-    error: float
-    freedom: int
-    singular_ratio: float
-    branches: list[ReachedBranch] | Absent
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -64,21 +38,9 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     reach; by how much, and which joint or limit is in the way.
     """
     watch = watch or Stopwatch()
-    options = scene.reach
-    if options is None:
-        raise SceneError(f"{scene.path}: key 'reach' is missing: which frame is to go where", key="reach")
-    with watch.stage("equations"):
-        solver = _solver(scene)
-    target = np.array(options.position or (0.0, 0.0, 0.0), dtype=float)
-    R = None if options.orientation is None else np.array(orientation(options.orientation), dtype=float)
-    with watch.stage("solve"):
-        found = solver.solve(target, R, branch=options.branch)
-    if not found.reached[0]:
-        beside = f" on branch {options.branch}" if options.branch else ""
-        raise GeometryError(
-            f"{scene.path}: {options.frame!r} cannot reach the pose{beside}: {explain_miss(solver, found, 0)}",
-            frame=options.frame, distance=float(found.error[0]),
-        )  # fmt: skip
+    options = _options(scene)
+    target, R = _pose(options)
+    solver, found = reached(scene, watch)
     with watch.stage("branches"):
         ways = [] if solver.freedom else solver.ways(target, R)
     progress(0.0, 0.0)
@@ -108,9 +70,40 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     return result
 
 
-def _solver(scene: Scene) -> InverseKinematics:
-    options = scene.reach
-    assert options is not None
+def _options(scene: Scene) -> ReachOptions:
+    if scene.reach is None:
+        raise SceneError(f"{scene.path}: key 'reach' is missing: which frame is to go where", key="reach")
+    return scene.reach
+
+
+def _pose(options: ReachOptions) -> tuple[Array, Array | None]:
+    """Return the position (3,) and the attitude (3, 3) that are asked for."""
+    R = None if options.orientation is None else np.array(orientation(options.orientation), dtype=float)
+    return np.array(options.position or (0.0, 0.0, 0.0), dtype=float), R
+
+
+def reached(scene: Scene, watch: Stopwatch) -> tuple[InverseKinematics, Poses]:
+    """Return the solver, and the joint positions that bring the frame to the pose.
+
+    Raises
+    ------
+    RobodynError : see ``reach``.
+    """
+    options = _options(scene)
+    with watch.stage("equations"):
+        solver = _solver(at_rest(scene), options)
+    with watch.stage("solve"):
+        found = solver.solve(*_pose(options), branch=options.branch)
+    if not found.reached[0]:
+        beside = f" on branch {options.branch}" if options.branch else ""
+        raise GeometryError(
+            f"{scene.path}: {options.frame!r} cannot reach the pose{beside}: {explain_miss(solver, found, 0)}",
+            frame=options.frame, distance=float(found.error[0]),
+        )  # fmt: skip
+    return solver, found
+
+
+def _solver(scene: Ready, options: ReachOptions) -> InverseKinematics:
     axis = options.axis
     oriented = options.orientation is not None
     return InverseKinematics(

@@ -8,12 +8,13 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
-from robodyn_cli.motion.motion import Beginning
-from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error, grid_of
+from robodyn_cli.motion.motion import Beginning, Motion
+from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, judge
-from robodyn_cli.motion.summary import motion_summary
+from robodyn_cli.motion.summary import motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -23,6 +24,7 @@ from robodyn_cli.tools.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.going_on.journal import Journal
+from robodyn_cli.summaries.motion import MotionErrors
 
 
 def simulate(
@@ -61,21 +63,25 @@ def simulate(
 
 def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
     """Build everything, and put the driver to the start."""
-    if scene.initial.source is None:
-        motion = build_motion(scene, watch)
-        beginning = motion.beginning
-    else:
-        from robodyn_cli.motion.going_on.stored import stored_run
-
-        stored = stored_run(scene)
-        motion = build_motion(stored.completed(), watch)
-        beginning = stored.beginning(motion)
+    motion, beginning = motion_of(scene, watch)
     with watch.stage("equations"):
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("method"):
         driver = Driver.of(motion, supervisor_for(motion.choice))
         driver.start(beginning.time, beginning.state)
     return Run(motion, beginning, driver, recorder)
+
+
+def motion_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
+    """Return the motion of a scene, and where its run begins: at t = 0, or where a stored one is."""
+    if scene.initial.source is None:
+        motion = build_motion(integrable(scene, watch), watch)
+        return motion, motion.beginning
+    from robodyn_cli.motion.going_on.stored import stored_run
+
+    stored = stored_run(scene)
+    motion = build_motion(integrable(stored.completed(), watch), watch)
+    return motion, stored.beginning(motion)
 
 
 def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:
@@ -127,14 +133,14 @@ def _take_up(run: Run, journal: Journal) -> None:
         watcher.recall(noted)
 
 
-def _estimate(run: Run, progress: Progress) -> ErrorEstimate:
+def _estimate(run: Run, progress: Progress) -> MotionErrors:
     """Return the error of the run just made."""
     duration = run.motion.scene.simulate.duration
-    first = FirstRun.of(run.motion, run.driver.time, run.driver.counters.steps, run.beginning)
+    first = FirstRun.of(run.driver, run.beginning, grid_of(run.motion.scene, run.beginning), run.recorder)
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 
-def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watch: Stopwatch) -> Result:
+def _report(run: Run, judgement: Judgement, estimate: MotionErrors | None, watch: Stopwatch) -> Result:
     """Return the result with its summary.
 
     Raises
@@ -146,11 +152,11 @@ def _report(run: Run, judgement: Judgement, estimate: ErrorEstimate | None, watc
     result.events = run.driver.log
     run.recorder.fill(result)
     add_joint_limits(result, run.motion.scene, run.motion.problem.model)
-    summary = motion_summary(run, judgement, estimate)
+    records = motion_records(run, judgement, estimate)
     if run.motion.scene.drives and failure is None:
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            summary = with_drives(summary, result, run.motion.scene, run.motion.problem)
-    result.summarise(summary, seconds=watch.report())
+            records = with_drives(records, result, run.motion.scene, run.motion.problem)
+    result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

@@ -13,14 +13,16 @@ from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.formulas import check_formulas
 from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
-from robodyn_cli.ready.mobility import Mobility, mobility
-from robodyn_cli.ready.prepare import held_columns, initial_positions, plant_of
+from robodyn_cli.ready.doors import at_rest
+from robodyn_cli.ready.mobility import mobility
+from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import psi_at
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Residual, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
+from robodyn_cli.summaries.mechanism import ForceResidual, Mobility, StaticsSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import position_columns
@@ -28,7 +30,6 @@ from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.works.at_rest import AtRest
 from robodyn_cli.works.balance import balanced
 from robodyn_cli.works.holding import held
-from robodyn_cli.works.mechanism_summary import ForceResidual, StaticsSummary
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -50,13 +51,7 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     mechanism. GeometryError, SingularConfigurationError : from closing the loops; a dead point of the actuators.
     """
     watch = watch or Stopwatch()
-    with watch.stage("equations"):
-        problem = problem_of(scene)
-    with watch.stage("assemble"):
-        q = closed_configuration(problem)
-    with watch.stage("solve"):
-        state = balanced(problem, q) if scene.statics.find == "balance" else held(problem, q)
-        refuse_beyond_stops(problem, state.q)
+    state = rest_of(scene, watch)
     with watch.stage("evaluate"):
         loads = loads_at_rest(state) if scene.outputs.reactions else None
     progress(0.0, 0.0)
@@ -64,6 +59,18 @@ def statics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch 
     result.summarise(summarise(state, loads), seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def rest_of(scene: Scene, watch: Stopwatch) -> AtRest:
+    """Return the balance, or the configuration that is held."""
+    with watch.stage("equations"):
+        problem = problem_of(scene)
+    with watch.stage("assemble"):
+        q = closed_configuration(problem)
+    with watch.stage("solve"):
+        state = balanced(problem, q) if scene.statics.find == "balance" else held(problem, q)
+        refuse_beyond_stops(problem, state.q)
+    return state
 
 
 def problem_of(scene: Scene) -> Problem:
@@ -78,7 +85,7 @@ def problem_of(scene: Scene) -> Problem:
             "statics knows no controller, whose torques may depend on more than the configuration; take "
             "'control' away, or simulate until the motion comes to rest"
         )
-    return Problem(plant_of(scene))
+    return Problem(at_rest(scene))
 
 
 def closed_configuration(problem: Problem) -> Array:
@@ -165,7 +172,7 @@ def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
         mobility=mobility_at(state) if rows else ABSENT,
         warnings=_beyond_limits(state) or ABSENT,
         multipliers=dict(zip([row.name for row in rows], state.lam.tolist())) if rows else ABSENT,
-        constraint_residual=Residual(float(np.abs(eta).max())) if rows else ABSENT,
+        constraint_residual=LoopResidual(float(np.abs(eta).max())) if rows else ABSENT,
         samples=1,
         find=find,
         configuration=dict(zip(model.q_names, state.q.tolist())),

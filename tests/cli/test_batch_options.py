@@ -14,13 +14,13 @@ import pytest
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.over.batch import batch as batch_module
 from robodyn_cli.over.batch.batch import Batch
-from robodyn_cli.over.batch.criteria import Outcome
 from robodyn_cli.over.batch.entry import Entry
 from robodyn_cli.over.batch.reports import junit
 from robodyn_cli.over.commands import execute, functions
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.checks import JudgedCriterion
 from robodyn_cli.tools.progress import Progress
 from tests.cli.batch_scenes import arm, loaded, robodyn, run
 from tests.cli.tool import PENDULUM
@@ -164,7 +164,7 @@ JUNIT: dict[str, tuple[set[str], set[str], set[str]]] = {
 
 def test_junit_is_what_its_readers_know() -> None:
     """Elements, attributes and children are those of the strictest schema; the sums add up."""
-    failed = Outcome("lock.time", "1 +- 0.1", 2.0, False)
+    failed = JudgedCriterion("lock.time", "1 +- 0.1", 2.0, False)
     done = [
         Entry(Path("a.yaml"), "a", seconds=1.5),
         Entry(Path("b.yaml"), "b", exit_code=1, criteria=[failed], unchanged=True),

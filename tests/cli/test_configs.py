@@ -12,6 +12,7 @@ import pytest
 
 from robodyn_cli.results.hdf5 import read
 from tests.cli.tool import CONFIGS, Done, files, invoke
+from tests.leaves import undeclared
 
 SCENES = sorted(path.stem for path in CONFIGS.glob("*.yaml"))
 EXIT = {"parallelogram": 4}
@@ -71,6 +72,10 @@ def ran(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
     return Ran(
         name, command, invoke(command, CONFIGS / f"{name}.yaml", "--json", "--out", directory), directory
     )
+
+
+def test_every_number_of_the_summary_is_declared(ran: Ran) -> None:
+    assert undeclared(ran.done.data) == []
 
 
 def test_exit_code_and_streams(ran: Ran) -> None:

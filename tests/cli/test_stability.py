@@ -7,8 +7,8 @@ from pathlib import Path
 
 from robodyn_cli.over.numerics.stability_cases import CASES, Case
 from robodyn_cli.over.numerics.stability_suite import judge
-from robodyn_cli.over.numerics.trial import Trial
 from robodyn_cli.results.hdf5 import read
+from robodyn_cli.summaries.stability import MethodTrial
 from tests.cli.tool import files, invoke
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -60,8 +60,8 @@ def test_usage(tmp_path: Path) -> None:
 
 def test_a_missed_expectation_is_found() -> None:
     case = Case("x", lambda quick: "", "stable")
-    good = Trial("auto", relative=1e-9)
-    hidden = Trial("rk4", status="inaccurate", relative=0.1, error=0.1, estimate=1e-9, honest=False)
+    good = MethodTrial("auto", relative=1e-9)
+    hidden = MethodTrial("rk4", status="inaccurate", relative=0.1, error=0.1, estimate=1e-9, honest=False)
     assert "no reference" in judge(case, [good], None)[0]
     assert judge(Case("y", lambda quick: "", "stops", stops="NumericalError"), [good], None)
     assert "hides" in judge(case, [good, hidden], None)[-1]

@@ -473,7 +473,7 @@ def test_counters_add_up(method: str) -> None:
         new, tries = kind.table.stages - 1, counters.attempts
         states = 1 if kind.table.first_same_as_last else counters.steps
         assert counters.evaluations == new * tries + states
-    assert set(counters.as_dict()) == {"steps", "rejected", "evaluations", "projections", "events"}
+    assert set(vars(counters)) == {"steps", "rejected", "evaluations", "projections", "events"}
     for limit in (1, 5, counters.steps - 1):
         with pytest.raises(NumericalError, match=f"more than {limit} steps, stopped at t = ") as caught:
             advance(case, method, **options, max_steps=limit)

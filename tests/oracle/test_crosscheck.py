@@ -68,7 +68,7 @@ def test_every_joint_moves_alike(kind: str, engine: str) -> None:
         assert one.agrees, one
         assert one.difference < 1e-7
         assert 0.0 < one.our_error < 1e-8
-    assert "force pull" in found.given
+    assert "force pull" in found.handed_over
     assert set(PINOCCHIO) == set(JOINTS)
 
 
@@ -83,10 +83,10 @@ def test_torques_agree(engine: str) -> None:
     assert found.command == "inverse"
     (tau,) = found.compared
     assert tau.agrees and tau.difference < 1e-11
-    assert set(found.own) == {
+    assert set(found.by_own_formulas) == {
         "damper of j0", "spring of j2", "damper of j3.d", "spring of j4.x",
     }  # fmt: skip
-    assert found.given == ("force pull",)
+    assert found.handed_over == ["force pull"]
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -95,7 +95,7 @@ def test_torques_on_a_moving_table_agree(seventh: str, engine: str) -> None:
     """A tool follows a path on a table that a belt carries, both led by formulas."""
     position, attitude = start_at("work", PRESCRIBED, seventh)
     found = crosscheck(scene(position + attitude, "work", PRESCRIBED, seventh), engine)
-    assert found.command == "inverse" and not found.own
+    assert found.command == "inverse" and not found.by_own_formulas
     (tau,) = found.compared
     assert tau.agrees and tau.difference < 1e-11
 
@@ -174,6 +174,15 @@ def test_what_cannot_be_asked_is_listed() -> None:
         crosscheck(load_scene_text(LOOP % ("point_on_plane", ", axis: [0, 0, 1]")), "mujoco")
     with pytest.raises(CapabilityError, match="inverse dynamics of loops"):
         crosscheck(load_scene_text(LOOP % ("spherical", "")), "mujoco", "inverse")
+
+
+def test_commands_that_are_not_compared_are_refused_by_name() -> None:
+    scene = dataclasses.replace(load_scene_text(chain(["revolute"])), command="statics")
+    with pytest.raises(
+        CapabilityError, match="compares inverse and simulate, and the scene's command is 'statics'"
+    ):
+        crosscheck(scene, "pinocchio")
+    assert module.compared_command(dataclasses.replace(scene, command="deploy")) == "simulate"
 
 
 @pytest.mark.parametrize("engine", ENGINES)

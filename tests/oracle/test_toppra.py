@@ -10,6 +10,7 @@ import pytest
 
 from robodyn_cli import load_scene_text
 from robodyn_cli.fastest.resolve import fastest_on, limited_path, special_points
+from robodyn_cli.ready.doors import along
 from robodyn_cli.torques.build import build_inverse
 from tests.source import ROOT
 
@@ -64,7 +65,7 @@ def test_durations(seed: int) -> None:
     """toppra keeps limits between grid points only about, and converges with the first order of the grid."""
     scene = scene_of(seed)
     trajectory = scene.trajectory
-    program = build_inverse(dataclasses.replace(scene, trajectory=trajectory.way))
+    program = build_inverse(along(dataclasses.replace(scene, trajectory=trajectory.way)))
     path = limited_path(trajectory, program)
     special = special_points(trajectory, program, path)
     found = fastest_on(path, trajectory, special, program).law.duration

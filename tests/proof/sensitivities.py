@@ -56,7 +56,7 @@ def _settings(command: str, scene: Scene, rng: np.random.Generator) -> list[str]
             f"simulate.duration={rng.uniform(0.2, 0.6):.3f}",
         ]
     if command == "statics":
-        return ["command=statics", f"statics.find={rng.choice(['hold', 'balance'])}"]
+        return ["command=statics", "expect=null", f"statics.find={rng.choice(['hold', 'balance'])}"]
     names = [joint.name for joint in scene.robot.joints if joint.type in ("revolute", "prismatic", "helical")]
     led = list(scene.initial.hold) or names if scene.loops or scene.couplers else names
     starts = {name: scene.initial.q.get(name, 0.1) for name in led if name not in scene.prescribed}
@@ -64,7 +64,13 @@ def _settings(command: str, scene: Scene, rng: np.random.Generator) -> list[str]
         f"{name}: '{q} + {rng.uniform(0.05, 0.2):.3f}*sin({rng.uniform(1, 4):.3f}*t)'"
         for name, q in starts.items()
     )
-    settings = [f"command={command}", "torques={}", "inverse.samples=31", "kinematics.samples=31"]
+    settings = [
+        f"command={command}",
+        "expect=null",
+        "torques={}",
+        "inverse.samples=31",
+        "kinematics.samples=31",
+    ]
     return [*settings, f"trajectory={{type: joint, duration: 0.7, q: {{{waves}}}}}"] if starts else settings
 
 

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import poses, transforms
-from robodyn_cli.given.motion import compile_point, with_led_point
+from robodyn_cli.given.motion import compile_point
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
+from robodyn_cli.ready.doors import along
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.solve.inverse_kinematics import Found, PointTask, follow_point
 from tests.numeric import real
@@ -47,7 +48,7 @@ def scene(robot: str, trajectory: str, rest: str = "") -> Any:
 
 def follow(robot: str, trajectory: str, times: np.ndarray, rest: str = "") -> tuple[Found, Model, Any]:
     """Return what the inverse kinematics finds, the model and the scene."""
-    s = with_led_point(scene(robot, trajectory, rest))
+    s = along(scene(robot, trajectory, rest))
     model = build_model(s)
     start = s.trajectory.ik.guess or s.initial.q
     task = PointTask(model, model.points[s.trajectory.point], s.trajectory, start, s.parameters)

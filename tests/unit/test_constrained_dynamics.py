@@ -16,7 +16,13 @@ from robodyn_cli.scene.types import Scene
 from tests.numeric import assert_close
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
-SHORT = ["simulate.duration=0.3", "simulate.samples=7", "simulate.error_estimate=false", "command=simulate"]
+SHORT = [
+    "simulate.duration=0.3",
+    "simulate.samples=7",
+    "simulate.error_estimate=false",
+    "command=simulate",
+    "expect=null",
+]
 # in the plane, in space, with rows that depend on each other, with quaternions
 SCENES = {
     "four-bar": load_scene(CONFIGS / "benchmarks/drake_four_bar.yaml", SHORT),

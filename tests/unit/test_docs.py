@@ -19,12 +19,15 @@ import typer.main
 import robodyn_cli
 from robodyn_cli import deploy, errors, inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.app import app
+from robodyn_cli.commands import COMMANDS as ROWS
 from robodyn_cli.exit_codes import ALL
 from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
 from robodyn_cli.over.numerics.work_precision import work_precision
 from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.starters import STARTERS
+from robodyn_cli.summaries.keys import EVERY_RUN
+from tests.leaves import undeclared
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -73,8 +76,8 @@ def section(page: str, heading: str) -> str:
 
 
 @lru_cache
-def reference() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("make_scene_reference", DOCS / "make_scene_reference.py")
+def reference(name: str = "make_scene_reference") -> ModuleType:
+    spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
@@ -240,6 +243,14 @@ BY_NAME = {"angles", "angles_deg", "rates", "rates_before", "rates_after", "impu
 BY_NAME |= {"wall_time_s", "q", "qd"}
 
 
+def test_every_record_of_summaries_has_its_table() -> None:
+    module, page = reference("make_summary_reference"), text("docs/cli.md")
+    tables = [match.group(2) for match in module.TABLE.finditer(page)]
+    places = [EVERY_RUN, *(place for row in ROWS.values() for place in row.summary)]
+    assert sorted(tables) == sorted(set(places))
+    assert module.rewritten(page) == page, "run: python docs/make_summary_reference.py"
+
+
 def summary_keys(summary: dict[str, Any]) -> Iterator[str]:
     for key, value in summary.items():
         if key == "joints":
@@ -262,6 +273,7 @@ def test_every_key_of_a_summary_is_documented(command: str) -> None:
         scene = load_scene(ROOT / "configs" / "double_pendulum.yaml")
         summary = work_precision(scene, ["gauss"], [1e-6], repeats=1).summary
     assert set(summary_keys(summary)) - words == set()
+    assert not ROWS[command].summary or undeclared(summary) == []
 
 
 # -- figures -------------------------------------------------------------------------------------------

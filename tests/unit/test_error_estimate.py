@@ -6,7 +6,8 @@ import importlib.util
 import sys
 from functools import lru_cache
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,7 +15,8 @@ import pytest
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.motion.second_run import end_errors, remainder, tighter
+from robodyn_cli.motion.error.attempts import First, first_attempt
+from robodyn_cli.motion.error.estimate import Courses, Floor, remainder
 from tests.mechanisms import CONFIGS
 from tests.methods import ADAPTIVE, taking
 
@@ -83,14 +85,19 @@ def test_error_of_the_time_of_the_lock(method: str, rtol: str) -> None:
 
 def test_the_second_run_takes_less_than_twice_the_steps() -> None:
     for name in ADAPTIVE:
-        options, _ = tighter(Options(rtol=1e-7, atol=1e-9), 0.1, name)
-        more = (1e-7 / options.rtol) ** (methods[name].proportion / methods[name].order)
+        first = First(Options(rtol=1e-7, atol=1e-9), name, np.array([1000]), np.array([100.0]))
+        tight = first_attempt(first).alone
+        more = (1e-7 / tight.rtol) ** (methods[name].proportion / methods[name].order)
         assert more < 1.95, name
-        assert 1.0 <= remainder(name, 1000, round(1000 * more)) < 2.0
+        assert 1.0 <= remainder(first, np.array([round(1000 * more)]))[0] < 2.0
+
+
+NOTHING = Floor(np.zeros(1), np.zeros(1))
 
 
 def test_errors_that_agree_at_the_end_are_not_taken_for_none() -> None:
     """Errors of a swinging motion, that of the second run a part of the first's and late by a little."""
+    one: Any = SimpleNamespace(q_places=(0,), v_places=())
     time = np.linspace(0.0, 7.0, 41)
     ratios = []
     for part, late, phase in (
@@ -99,7 +106,8 @@ def test_errors_that_agree_at_the_end_are_not_taken_for_none() -> None:
         first = time * np.sin(3.0 * time + phase)
         second = part * time * np.sin(3.0 * time + phase - late)
         scale = 1.0 / (1.0 - part)
-        ratios.append(abs(first[-1]) / float(end_errors(scale * np.abs(first - second)[:, None], scale)[0]))
+        courses = Courses(one, first[None, :, None], second[None, :, None], np.array([scale]))
+        ratios.append(abs(first[-1]) / float(courses.at_end(NOTHING)[0, 0]))
     assert max(ratios) < 10.0 and np.median(ratios) == pytest.approx(1.0, abs=0.2)
 
 

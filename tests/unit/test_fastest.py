@@ -9,8 +9,8 @@ import pytest
 
 from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError
-from robodyn_cli.fastest.resolve import with_time_law
 from robodyn_cli.model.build import build_model
+from robodyn_cli.ready.doors import along
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.torques.dynamics import InverseDynamics
 from robodyn_cli.works.inverse import inverse
@@ -41,7 +41,7 @@ def mass(limits: str, gravity: float = 0.0, friction: str = "") -> Scene:
 
 
 def duration(scene: Scene) -> float:
-    return float(with_time_law(scene).trajectory.duration)
+    return float(along(scene).trajectory.duration)
 
 
 def two_parts(up: float, down: float) -> float:
@@ -101,7 +101,7 @@ def seven(intervals: int) -> Scene:
 
 
 def test_no_limit_is_passed_between_grid_points() -> None:
-    scene = with_time_law(seven(100))
+    scene = along(seven(100))
     law = scene.trajectory.scaling.law
     # many times in each interval, but the last moment, at rest without friction
     times = (law.knots[:-1, None] + np.diff(law.knots)[:, None] * np.linspace(1e-6, 1.0 - 1e-6, 41)).ravel()
@@ -134,7 +134,7 @@ def test_random_paths_under_random_limits(seed: int) -> None:
 
     def timed(intervals: int) -> Scene:
         text = f"{head}trajectory: {{type: fastest, points: [{points}], {limits}, intervals: {intervals}}}\n"
-        return with_time_law(load_scene_text(text, str(path)))
+        return along(load_scene_text(text, str(path)))
 
     scene = timed(200)
     law = scene.trajectory.scaling.law
@@ -154,9 +154,9 @@ def test_random_paths_under_random_limits(seed: int) -> None:
 def test_random_arms_meet_their_tolerance(seed: int) -> None:
     """The duration is within the tolerance of that on a much finer grid, the stated error is honest, limits are kept."""
     scene = random_path(seed)
-    found = with_time_law(scene).trajectory
+    found = along(scene).trajectory
     finer = dataclasses.replace(scene.trajectory, intervals=8 * found.scaling.intervals)
-    fine = with_time_law(dataclasses.replace(scene, trajectory=finer)).trajectory.scaling
+    fine = along(dataclasses.replace(scene, trajectory=finer)).trajectory.scaling
     off = found.duration - fine.law.duration
     assert -fine.error <= off < 1e-4 * found.duration
     assert off < 1.5 * found.scaling.error < 1.5e-4 * found.duration + 1e-9
@@ -176,14 +176,14 @@ def test_a_tighter_tolerance_takes_more_intervals() -> None:
     found = []
     for tolerance in (1e-2, 1e-5):
         trajectory = dataclasses.replace(scene.trajectory, intervals=None, tolerance=tolerance)
-        found.append(with_time_law(dataclasses.replace(scene, trajectory=trajectory)).trajectory.scaling)
+        found.append(along(dataclasses.replace(scene, trajectory=trajectory)).trajectory.scaling)
     loose, tight = found
     assert tight.intervals > 2 * loose.intervals
     assert tight.error < 1e-5 * tight.law.duration < loose.error
 
 
 def test_the_time_converges_and_its_error_is_stated() -> None:
-    coarse, fine = (with_time_law(seven(n)).trajectory.scaling for n in (100, 400))
+    coarse, fine = (along(seven(n)).trajectory.scaling for n in (100, 400))
     assert fine.law.duration <= coarse.law.duration
     assert coarse.law.duration - fine.law.duration < 2.0 * coarse.error
     assert coarse.error < 1e-2 * coarse.law.duration
@@ -206,11 +206,11 @@ def test_a_slower_motion_of_the_same_path_needs_less_and_a_faster_one_more() -> 
 def _least_time(scene: Scene, circle: object, s: np.ndarray) -> float:
     """Return the shortest time in which s, at uniform times, keeps to the limits of torque."""
     from robodyn_cli.equations.problem import Problem
-    from robodyn_cli.given.motion import plan_motion, with_led_point
+    from robodyn_cli.given.motion import plan_motion
 
-    problem = Problem(with_led_point(dataclasses.replace(scene, trajectory=circle)))
+    problem = Problem(along(dataclasses.replace(scene, trajectory=circle)))
     law = dataclasses.replace(problem.scene, trajectory=circle)
-    way = plan_motion(Problem(with_led_point(law)), s).motion
+    way = plan_motion(Problem(along(law)), s).motion
     h = 1.0 / (len(s) - 1)
     sd, sdd = np.gradient(s, h), np.gradient(np.gradient(s, h), h)
     dynamics, bounds = InverseDynamics(problem), np.array([250.0, 120.0])
@@ -271,21 +271,21 @@ def test_what_is_wrong_is_said(trajectory: str, error: type[Exception], words: s
         MASS.format(limits="", gravity=0, friction="").split("trajectory:")[0] + f"trajectory: {trajectory}\n"
     )
     with pytest.raises(error, match=words):
-        with_time_law(load_scene_text(text, "mass.yaml"))
+        along(load_scene_text(text, "mass.yaml"))
 
 
 def test_a_drive_that_cannot_hold_the_weight_is_named() -> None:
     with pytest.raises(
         GeometryError, match="'slide' needs 20 there at rest, and its effort is limited to 10"
     ):
-        with_time_law(mass("effort: {slide: 10}", gravity=-10.0))
+        along(mass("effort: {slide: 10}", gravity=-10.0))
 
 
 def test_losses_of_gears_are_refused() -> None:
     text = MASS.format(limits="effort: {slide: 9}", gravity=0, friction="")
     text = text.replace("axis: [1, 0, 0]", "axis: [1, 0, 0], gear: {ratio: 10, efficiency: 0.8}")
     with pytest.raises((CapabilityError, SceneError)):
-        with_time_law(load_scene_text(text, "mass.yaml"))
+        along(load_scene_text(text, "mass.yaml"))
 
 
 def test_a_mechanism_keeps_to_the_limits_of_its_drives() -> None:

@@ -386,7 +386,7 @@ def test_a_pole_is_as_uncertain_as_it_says() -> None:
         ([], {"outputs": ["top"]}, "--output top: unknown.*allowed: theta1, theta2, qd.theta1"),
         ([], {"about": "there"}, "allowed: state, balance, hold, motion, times"),
         (
-            ["command=statics"],
+            ["command=statics", "expect=null"],
             {"about": "motion"},
             "the scene's command is 'statics'; allowed: simulate, inverse",
         ),

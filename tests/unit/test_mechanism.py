@@ -15,15 +15,17 @@ from robodyn_cli.expr.fixed import Fixed, literal, witnessed
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.many import Expressions, ManyNumbers, Recipe
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.grid import JUDGED
 from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.over.many.groups import Built, Structures
-from robodyn_cli.over.many.integrate import JUDGED, Batch
+from robodyn_cli.over.many.integrate import Batch
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.over.many.simulate import Simulate
 from robodyn_cli.over.many.start import _least_steps
 from robodyn_cli.over.many.structure import Structure
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from tests.numeric import assert_close
@@ -92,7 +94,7 @@ def test_recipe_gives_the_numbers_that_a_build_of_its_own_gives(path: Path) -> N
     values = around(scene, keys, 3, seed=3)
 
     def build(own: Scene) -> Any:
-        motion = build_motion(own)
+        motion = build_motion(integrable(own))
         return methods[motion.choice.method].tables(motion.system)
 
     with witnessed() as witnesses:
@@ -377,7 +379,7 @@ def test_shapes_and_keys_that_do_not_fit_are_refused() -> None:
         mechanism.simulate_many([[1.0, 2.0]])
     with pytest.raises(CapabilityError, match="needed"):
         mechanism.simulate_many([[1.0]], q=np.zeros((2, 2)))
-    with pytest.raises(CapabilityError, match="no run of simulate has a number of this name"):
+    with pytest.raises(CapabilityError, match="of: .title.: is not a number but a text"):
         mechanism.simulate_many([[1.0]], of=["final.time", "title"])
     with pytest.raises(RobodynError):
         Mechanism(PENDULUM, [MASS, MASS])

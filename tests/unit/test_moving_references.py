@@ -9,8 +9,8 @@ import pytest
 
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.errors import RobodynError, SceneError
-from robodyn_cli.given.motion import with_led_point
 from robodyn_cli.model.build import build_model
+from robodyn_cli.ready.doors import along
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.trajectories.motion import PoseMotion
@@ -99,7 +99,7 @@ def place(model: Any, reference: str, q: np.ndarray, time: float) -> tuple[np.nd
 
 def relative(s: Any, result: Any, reference: str) -> tuple[np.ndarray, np.ndarray]:
     """The tool's position (T, 3) and axes (T, 3, 3) as seen from the place of reference."""
-    model = build_model(with_led_point(s))
+    model = build_model(along(s))
     p, R = [], []
     for q, time in zip(result["q"], result.time):
         at, axes = place(model, "tool", q, time)
@@ -112,7 +112,7 @@ def relative(s: Any, result: Any, reference: str) -> tuple[np.ndarray, np.ndarra
 def start_at(reference: str, prescribed: Any, seventh: str = "revolute") -> tuple[str, str]:
     """Position and roll, pitch, yaw of the tool in the reference's coordinates at the guess, as texts."""
     s = scene("position: [0, 0, 0], duration: 1", reference, prescribed, seventh)
-    model = build_model(with_led_point(s))
+    model = build_model(along(s))
     names = {name: GUESS.get(name, 0.0) for name in model.q_names}
     q = np.array([1.0 if name.endswith(".qw") else names[name] for name in model.q_names])
     at, axes = place(model, "tool", q, 0.0)
@@ -219,7 +219,7 @@ simulate: {duration: 1, samples: 101}
     driven = "joints: [theta1, theta2],"
     s = load_scene_text(text % ("pd", driven, circle))
     run = simulate(s)
-    model = build_model(with_led_point(s))
+    model = build_model(along(s))
     for q, time in zip(run["q"][30:], run.time[30:]):
         at, (origin, R) = place(model, "tip", q, time)[0], place(model, "part", q, time)
         phi = 2.0 * np.pi * time

@@ -24,7 +24,7 @@ from robodyn_cli.model import build as models
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.model.places import SECTIONS, numbers_at_places, with_places
 from robodyn_cli.over.commands import execute
-from robodyn_cli.ready.controllers import with_controller_ready
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.types import Inertia, Scene
 from robodyn_cli.tools.progress import no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
@@ -128,7 +128,7 @@ def _numbers(value: Any) -> list[tuple[str, float]]:
 
 def programs_of(scene: Scene) -> dict[str, list[Any]]:
     """Return inverse dynamics, mass matrix, passive torques, constraints and energies of a scene."""
-    p = equations.Problem(scene if scene.control is None else with_controller_ready(scene))
+    p = equations.Problem(integrable(scene))
     rows = p.constraints.rows
     found = {
         "inverse": list(p.inverse_dynamics),

@@ -12,7 +12,8 @@ import pytest
 from robodyn_cli import InverseKinematics, assemble, load_scene
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.given.motion import point_task, with_led_point
+from robodyn_cli.given.motion import point_task
+from robodyn_cli.ready.doors import along
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.fields import Orientation
@@ -293,7 +294,7 @@ FORMULAS = (
 def test_pinocchio_finds_the_frame_where_the_path_asks_and_as_fast(kind: str) -> None:
     pin = pytest.importorskip("pinocchio")
     text = f"{PUMA}trajectory: {{{kind}, point: hand, ik: {{branch: righty-elbow_up-flip}}}}"
-    scene = with_led_point(load_scene_text(text))
+    scene = along(load_scene_text(text))
     problem = Problem(
         dataclasses.replace(scene, kinematics=dataclasses.replace(scene.kinematics, samples=60))
     )
@@ -340,7 +341,7 @@ def follow(scene: Scene, frame: str, q: Any) -> None:
         scene, trajectory=trajectory, kinematics=dataclasses.replace(scene.kinematics, samples=41),
         initial=dataclasses.replace(scene.initial, q=dict(zip(solver.model.q_names, np.array(q).tolist())), hold=()),
     )  # fmt: skip
-    problem = Problem(with_led_point(scene))
+    problem = Problem(along(scene))
     problem.model.points[trajectory.point] = (
         solver.task.frame
     )  # the link's frame, which may lie beside its joint

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 from pathlib import Path
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robodyn_cli.commands import SCENE_COMMANDS, places
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.build import build_model
@@ -105,6 +107,14 @@ def test_commands() -> None:
         planned("2r_circle", command="deploy")
     with pytest.raises(SceneError, match="trajectory"):
         planned("four_bar_deploy", command="inverse")
+
+
+@pytest.mark.parametrize("command", sorted(set(SCENE_COMMANDS) - set(places("plan"))))
+def test_what_has_no_plan_is_refused_by_name(command: str) -> None:
+    scene = dataclasses.replace(load_scene(CONFIGS / "2r_circle.yaml"), command=command)
+    with pytest.raises(CapabilityError, match=f"'{command}' has no plan; allowed: inverse, simulate, deploy"):
+        plan(scene)
+    assert plan(scene, "inverse")["operations_of"] == "torques"
 
 
 def test_inverse_dynamics_of_loops_is_planned() -> None:

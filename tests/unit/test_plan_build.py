@@ -21,8 +21,9 @@ from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.observe.evaluation import SampleFunction
-from robodyn_cli.over.plan.forward import Forward, title_of
-from robodyn_cli.over.plan.plan import COMMANDS, command_of, plan
+from robodyn_cli.over.commands import command_of
+from robodyn_cli.over.plan.forward import title_of
+from robodyn_cli.over.plan.plan import plan, subjects
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.works.deploy.deploy import deploy
@@ -87,7 +88,7 @@ def check(scene: Scene, command: str) -> None:
     """Fail unless a plan says what the command builds."""
     if command != "inverse":
         # the method and Baumgarte's gains as chosen, so that their choice integrates nothing
-        motion = Forward(scene, command).motion
+        motion = subjects[command](scene).motion
         options = dataclasses.replace(motion.scene.simulate, integrator=motion.choice.method)
         scene = dataclasses.replace(motion.scene, simulate=options)
     found = plan(scene, command)
@@ -130,7 +131,7 @@ def check_system(found: dict[str, Any], system: System, stepped: set[str]) -> No
 
 
 SCENES = [path for path in sorted(CONFIGS.rglob("*.yaml")) if path.parent.name != "robots"]  # parts of scenes
-PLANNED = [path for path in SCENES if load_scene(path).command in (None, *COMMANDS)]
+PLANNED = [path for path in SCENES if load_scene(path).command in (None, *subjects)]
 
 
 @pytest.mark.parametrize("path", PLANNED, ids=lambda path: path.stem)

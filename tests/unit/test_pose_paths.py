@@ -10,13 +10,14 @@ import pytest
 from robodyn_cli import InverseKinematics, load_scene
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
-from robodyn_cli.results.summary import ABSENT
+from robodyn_cli.ready.doors import along
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.solve.poses.subproblems import rotations
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import attitude_error
-from robodyn_cli.trajectories.base import Ik
+from robodyn_cli.trajectories.base import Ik, TaskSpaceTrajectory
 from robodyn_cli.trajectories.motion import PoseMotion
 from robodyn_cli.works.kinematics import plan
 from tests.numeric import assert_close
@@ -31,11 +32,10 @@ TIMES = np.linspace(0.0, 2.0, 201)
 POSES = {"link6": [0.3, 0.7, -0.9, 0.4, -0.8, 0.2], "link7": [0.1, 0.6, 0.2, -1.5, 0.3, 1.2, 0.1]}
 
 
-class ScrewPath:
+class ScrewPath(TaskSpaceTrajectory):
     """A frame that goes to and fro along a line while it turns about an axis: p0 + s a, rot(u, s) R0, s = sin(w t) / 2."""
 
     def __init__(self, point: str, p: Array, R: Array, ik: Ik, along: Array) -> None:
-        self.relative_to = None
         self.point, self.p, self.R, self.ik, self.along, self.duration = point, p, R, ik, along, 2.0
 
     def target(self, times: Array, parameters: object) -> PoseMotion:
@@ -118,7 +118,7 @@ def test_a_path_away_from_limits_begins_in_their_middle() -> None:
 
 def test_the_attitude_is_judged_beside_the_place() -> None:
     """A last joint that is off by an angle turns the frame by it, and moves no point of its axis."""
-    program = build_inverse(load_scene(ROOT / "configs" / "trajectories" / "pick_and_place.yaml"))
+    program = build_inverse(along(load_scene(ROOT / "configs" / "trajectories" / "pick_and_place.yaml")))
     planned = program.plan(21)
     problem, q = program.problem, planned.motion.q.copy()
     exact = attitude_error(problem, planned)

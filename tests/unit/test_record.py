@@ -141,6 +141,24 @@ def test_bases_and_own_methods() -> None:
             make(-1)
 
 
+def test_what_a_base_answers_is_no_default_of_a_field() -> None:
+    class Kind:
+        """Declares answers of all of its kind."""
+
+        a: int | None = None
+
+    @record
+    class Member(Kind):
+        """Has a field of the same name."""
+
+        a: int
+        b: int = 2
+
+    assert Member(1) == Member(a=1, b=2) and Member(1).a == 1
+    with pytest.raises(TypeError, match="missing: a"):
+        Member(b=2)  # type: ignore[call-arg]
+
+
 def test_no_class_is_written_as_code() -> None:
     """All dataclasses of the package are records: every one written as code costs half a millisecond at each start."""
     found = 0

@@ -175,3 +175,26 @@ def test_building_a_system_imports_neither_results_nor_runs() -> None:
     assert (
         not {"robodyn_cli.works.simulate", "robodyn_cli.observe.recorder", "h5py", "numpy.polynomial"} & found
     )
+
+
+def test_a_sweep_loads_its_command_alone(tmp_path: Path) -> None:
+    """Of what is by command, ``sweep`` of ``inverse`` loads that of ``inverse``."""
+    study = ("--vary", "robot.links.link1.mass=[10, 12]", "--of", "joints.theta1.peak_torque")
+    found = modules_of(
+        "sweep", "configs/2r_circle.yaml", *study, "--no-plots", "--quiet", "--out", str(tmp_path)
+    )
+    others = (
+        "motion",
+        "over.numerics",
+        "over.sensitivity",
+        "ready.controllers",
+        "ready.reference",
+        "ready.regulator",
+        "works.deploy",
+        "works.linearise",
+        "works.simulate",
+        "works.size",
+    )
+    loaded = sorted(name for name in found if name.startswith(tuple(f"robodyn_cli.{x}" for x in others)))
+    assert not loaded
+    assert "robodyn_cli.over.many.inverse" in found and "robodyn_cli.over.many.simulate" not in found

@@ -419,7 +419,8 @@ def test_units_of_derivatives() -> None:
     assert quotient("s", "kg") == "s/kg"
     assert quotient("N m", "kg m^2") == "N m/(kg m^2)"
     assert quotient("rad", "1") == "rad"
-    assert quotient("s", "") == "SI"
+    assert quotient("s", "") == "s/(unit of the key)"
+    assert quotient("", "1/s") == "(unit of the output)/(1/s)"
 
 
 def test_units_are_those_of_the_joint() -> None:

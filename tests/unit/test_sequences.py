@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli import load_scene_text
+from robodyn_cli import linearise, load_scene_text
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.fastest.resolve import with_time_law
+from robodyn_cli.ready.doors import along
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.kinematics import kinematics
@@ -57,7 +57,7 @@ def test_a_path_and_the_fastest_way_back_twice() -> None:
     alone = scene_of(
         BACK.replace("law: quintic", "ik: {guess: {waist: -0.3, shoulder: 0.3, elbow: 0.8}}, law: quintic")
     )
-    back = with_time_law(alone).trajectory
+    back = along(alone).trajectory
     out = scene_of(OUT).trajectory
     T = out.duration + back.duration
     times = found["time"].ravel()
@@ -105,6 +105,53 @@ def test_a_simulation_follows_it() -> None:
     for k in range(3):
         q = np.interp(times, np.linspace(0.0, whole, 8001), fine["q"][:, k])
         assert run["q"][:, k] == pytest.approx(q, abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "trajectory", ["{type: sequence, segments: [%s, %s]}", "%s"], ids=["sequence", "path"]
+)
+def test_what_a_simulation_follows_is_given_to_others(trajectory: str) -> None:
+    """`prescribed: trajectory` is for what integrates; others take the same motion, and torques, without it."""
+    circle = "{type: circle, point: tip, center: [0, 0], radius: 0.1, duration: 0.5}"
+    text = f"""
+schema: 1
+command: inverse
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{{name: x, type: prismatic, axis: [1, 0, 0]}}, {{name: y, type: prismatic, axis: [0, 1, 0]}}]
+  links: [{{name: guide, mass: 1}}, {{name: pen, mass: 1}}]
+  points: {{tip: {{link: pen, at: [0, 0, 0]}}}}
+initial: {{q: {{x: 0.1, y: 0}}}}
+trajectory: {trajectory.replace("%s", circle)}
+"""
+    plain, following = load_scene_text(text), load_scene_text(text + "prescribed: trajectory")
+    for compute, name in ((inverse, "tau"), (kinematics, "qdd")):
+        assert np.array_equal(compute(plain)[name], compute(following)[name])
+    models = [linearise(scene, about="motion") for scene in (plain, following)]
+    assert np.array_equal(*(model["linear/B"] for model in models))
+
+
+def test_a_controller_follows_paths_one_after_another() -> None:
+    """Joints that a sequence leads are not known before those of its paths are found."""
+    circle = "{type: circle, point: tip, center: [0, 0], radius: 0.1, duration: 0.5}"
+    scene = load_scene_text(f"""
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{{name: x, type: prismatic, axis: [1, 0, 0]}}, {{name: y, type: prismatic, axis: [0, 1, 0]}}]
+  links: [{{name: guide, mass: 1}}, {{name: pen, mass: 1}}]
+  points: {{tip: {{link: pen, at: [0, 0, 0]}}}}
+initial: {{q: {{x: 0.1, y: 0}}, qd: {{y: {0.4 * np.pi!r}}}}}
+control:
+  type: computed_torque
+  gains: {{kp: 100, kd: 20}}
+  reference: {{type: sequence, segments: [{circle}, {circle}]}}
+simulate: {{duration: 1, samples: 101}}
+""")
+    assert scene.control.reference.joints == ()
+    found = simulate(scene)
+    phi = 4.0 * np.pi * found.time
+    assert np.abs(found["q"] - 0.1 * np.stack([np.cos(phi), np.sin(phi)], axis=1)).max() < 1e-7
 
 
 def test_a_motion_of_joints_goes_before_the_fastest_one() -> None:

@@ -147,6 +147,44 @@ def test_libraries_stay_behind_their_fences(library: str) -> None:
     assert users - inside == set(), f"{library} belongs into robodyn_cli/{' or '.join(FENCES[library])}"
 
 
+# -- contracts -------------------------------------------------------------------------------------------------
+# what may be asked of an object that may not have it; what trajectories, forces, closures and controllers answer stands
+# in the bases of their kinds
+ASKED_FOR = {
+    # of the system, of libraries, and of what users pass
+    **dict.fromkeys(("O_BINARY", "O_NOFOLLOW", "O_NONBLOCK"), "flags of opening files, by system"),
+    **dict.fromkeys(("fork", "sched_getaffinity", "pthread_kill"), "functions that not every system has"),
+    **dict.fromkeys(("encoding", "reconfigure"), "streams that stand for those of the console"),
+    "strerror": "errors of the system, and ours",
+    "format_message": "errors of the command line's library",
+    "CSafeLoader": "a library built without C",
+    "__version__": "modules without one",
+    "triangleset": "shapes of a library",
+    "dtype": "numbers and arrays",
+    "reset": "a function of the user's as controller",
+    # of classes, and of values of any kind
+    "__post_init__": "classes without one",
+    "name": "parts of a scene with and without one",
+    "kinds": "kinds of a key, one or several",
+    "value": "signals: formulas, or records with a unit",
+    "unit": "signals: formulas, or records with a unit",
+}
+
+
+def test_nothing_asks_whether_an_object_has_what_its_base_declares() -> None:
+    found: dict[str, set[str]] = {}
+    for path in files():
+        for node in ast.walk(tree_of(path)):
+            named = isinstance(node, ast.Call) and isinstance(node.func, ast.Name)
+            if named and node.func.id in ("getattr", "hasattr") and isinstance(node.args[1], ast.Constant):
+                found.setdefault(node.args[1].value, set()).add(f"{name_of(path)}:{node.lineno}")
+    none(
+        {f"{where}: {name}" for name in found.keys() - ASKED_FOR for where in found[name]},
+        "asked for by name",
+    )
+    none(ASKED_FOR.keys() - found, "nobody asks for these any more; this list may only shrink")
+
+
 # -- folders ---------------------------------------------------------------------------------------------------
 def registered() -> set[str]:
     """Return the modules that registries name: by ``module:member``, or by the name of the file alone."""
@@ -175,6 +213,18 @@ def test_folders_stay_small() -> None:
 def test_no_package_is_empty() -> None:
     for path in PACKAGE.rglob("__init__.py"):
         assert any(x != path for x in path.parent.rglob("*.py")), f"{name_of(path.parent)} holds nothing"
+
+
+# -- doors ----------------------------------------------------------------------------------------------------
+def test_scenes_are_made_ready_by_the_doors_alone() -> None:
+    """What finds motions before the equations are built, and readies controllers, is imported by the doors only."""
+    steps = ("ready.in_time", "ready.controllers")
+    users = {
+        name
+        for name, path in modules_of(PACKAGE, "robodyn_cli").items()
+        if any(x.endswith(steps) for x in imported(path, name))
+    }
+    assert users and all(".ready." in name for name in users), users
 
 
 # -- one driver ------------------------------------------------------------------------------------------------

@@ -16,12 +16,13 @@ from robodyn_cli.over.study.report import report
 from robodyn_cli.over.study.row import Rows
 from robodyn_cli.over.study.rows import BLOCK, REASONS_NAME, ROWS_NAME, RowFile
 from robodyn_cli.over.study.samples import strata
-from robodyn_cli.over.study.spread import LEVELS, MOST, Moments, quantiles
+from robodyn_cli.over.study.spread import MOST, Moments, quantiles
 from robodyn_cli.over.study.study import Asked, Study, prepare
 from robodyn_cli.results.hdf5 import ResultWriter, read
 from robodyn_cli.scene.load import Family, load_scene_text
 from robodyn_cli.scene.nested_options import Correlation
 from robodyn_cli.scene.types import StudyOptions
+from robodyn_cli.summaries.study import LEVELS
 
 SLIDER = """
 schema: 1

@@ -20,6 +20,7 @@ import xarray
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
+from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import parse_variation
 from robodyn_cli.model.build import build_model
@@ -30,12 +31,11 @@ from robodyn_cli.over.study.rows import ROWS_NAME, RowFile
 from robodyn_cli.over.study.runs import run_here
 from robodyn_cli.over.study.statistics import influences, share, sobol
 from robodyn_cli.over.study.study import Asked, prepare
-from robodyn_cli.over.study.units import unit_of_output
-from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
 from robodyn_cli.scene.nested_options import Correlation
 from robodyn_cli.scene.types import StudyOptions
+from robodyn_cli.summaries.keys import leaf_of
 
 # a falling point mass with drag-free motion has a closed form: z = v t - g t^2 / 2
 FALL = """
@@ -517,12 +517,13 @@ robot:
         ("control.limits.slide", "N"),
         ("control.saturated.slide", "s"),
         ("control.energy.braking", "J"),
-        ("error_estimate.q_end", UNKNOWN),
-        ("constraint_residual.position", UNKNOWN),
+        ("error_estimate.q_end", "rad or m"),
+        ("constraint_residual.position", "m or rad"),
     ],
 )
 def test_outputs_have_the_units_of_their_keys(key: str, unit: str) -> None:
-    assert unit_of_output(key, build_model(load_scene_text(UNITS))) == unit
+    leaf = next(leaf for command in SCENE_COMMANDS if (leaf := leaf_of(command, key)) is not None)
+    assert leaf.unit(build_model(load_scene_text(UNITS)).coordinate_units) == unit
 
 
 def test_units_of_outputs_are_shown_and_stored(fall: Path, tmp_path: Path) -> None:
@@ -569,11 +570,11 @@ def test_the_scene_can_say_what_it_studies(fall: Path, tmp_path: Path) -> None:
         (["--vary", "gravity.2=uniform(0, 1)", "-n", "1", "--indices"], "allowed: 2, 4, 8, 16"),
         (
             ["--vary", "gravity.2=[1]", "--of", "final.q.y"],
-            "error: --of final.q.y: the summary has no such key",
+            "error: --of final.q.y: the summary of simulate has no such key (did you mean 'final.q.z'?)",
         ),
         (
             ["--vary", "gravity.2=[1]", "--set", "study={of: [final.q.y]}"],
-            "error: study.of: final.q.y: the summary",
+            "study.of.0: the summary of simulate has no such key",
         ),
         (["--vary", "gravity.2=[1]", "--of", "status"], "not a number"),
         (["--vary", "gravity.2=uniform(0, 1)"], "-n N"),

@@ -48,14 +48,14 @@ def command(
 
 
 def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
-    from robodyn_cli.over.batch.compare_records import ComparisonReport
+    from robodyn_cli.over.batch.compare_records import comparison_of
     from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.results.compare import compare
     from robodyn_cli.results.summary import as_keys, jsonable
 
     new, old = read_stored(result), read_stored(baseline)
     found = compare(new, old, rtol=rtol, atol=atol)
-    console.data(jsonable(as_keys(ComparisonReport.of(found, rtol, atol))))
+    console.data(jsonable(as_keys(comparison_of(found, rtol, atol))))
     longer = _only_longer(new, old)
     shown = [item for item in found.differences if item.path not in longer]
     width = max((len(item.path) for item in shown), default=0)
@@ -84,13 +84,13 @@ def _only_longer(one: Result, other: Result) -> list[str]:
 
 
 def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
-    from robodyn_cli.over.batch.compare_records import TreeReport
+    from robodyn_cli.over.batch.compare_records import trees_of
     from robodyn_cli.over.batch.trees import compare_trees
     from robodyn_cli.results.summary import as_keys, jsonable
 
     with console.waiting(lambda: "comparing"):
         found = compare_trees(result, baseline, rtol=rtol, atol=atol)
-    report = TreeReport.of(found, rtol, atol)
+    report = trees_of(found, rtol, atol)
     console.data(jsonable(as_keys(report)))
     for item in found:
         _tell(item, console)

@@ -13,7 +13,7 @@ from robodyn_cli.cli.words import table
 from robodyn_cli.exit_codes import FAILED
 
 if TYPE_CHECKING:
-    from robodyn_cli.over.crosscheck.crosscheck import Crosscheck
+    from robodyn_cli.summaries.checks import CrosscheckReport
 
 
 def command(
@@ -41,19 +41,21 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare a scene with another engine; return the exit code, 1 where they differ beyond their errors."""
-    from robodyn_cli.over.crosscheck.crosscheck import as_data, crosscheck
-    from robodyn_cli.results.summary import jsonable
+    from robodyn_cli.over.crosscheck.crosscheck import compared_command, crosscheck
+    from robodyn_cli.results.summary import as_keys, jsonable
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)
-    with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides or (), "simulate"):
-        found = crosscheck(load_scene(scene, overrides or ()), engine, asked)
-    console.data(jsonable(as_data(found)))
+    loaded = load_scene(scene, overrides or ())
+    command = asked or compared_command(loaded)
+    with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides or (), command):
+        found = crosscheck(loaded, engine, command)
+    console.data(jsonable(as_keys(found)))
     console.say(describe(found))
     return 0 if found.agrees else FAILED
 
 
-def describe(found: Crosscheck) -> str:
+def describe(found: CrosscheckReport) -> str:
     """Return the comparison for the terminal."""
     rows = [["", "largest difference", "at", "here", "there", "error here", "error there"]]
     for one in found.compared:
@@ -68,8 +70,8 @@ def describe(found: Crosscheck) -> str:
         f"{found.title}: {found.command} here and in {found.engine} {found.version}: the answers {verdict}",
         table(rows),
     ]
-    if found.own:
-        lines.append(f"  by formulas of the check   {', '.join(found.own)}")
-    if found.given:
-        lines.append(f"  handed over, not checked   {', '.join(found.given)}")
+    if found.by_own_formulas:
+        lines.append(f"  by formulas of the check   {', '.join(found.by_own_formulas)}")
+    if found.handed_over:
+        lines.append(f"  handed over, not checked   {', '.join(found.handed_over)}")
     return "\n".join(lines)

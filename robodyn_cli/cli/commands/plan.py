@@ -24,14 +24,15 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Print the plan; return 2 where data are missing that the command needs."""
+    from robodyn_cli.over.commands import command_of
     from robodyn_cli.over.plan.plan import plan, render
     from robodyn_cli.scene.load import load_scene
 
     console = Console(as_json, quiet)
     loaded = load_scene(scene, list(overrides or ()))
-    command = for_command or loaded.command or ""
+    command = for_command or command_of(loaded)
     with console.waiting(lambda: "planning"), placed(scene, overrides or (), command):
-        found = plan(loaded, for_command)
+        found = plan(loaded, command)
     console.data(found)
     console.say(render(found, width(sys.stdout)))
     if missing := found.get("missing"):

@@ -90,10 +90,10 @@ def _require_scene(path: Path, result: Result) -> None:
 def plan_of(result: Result) -> Mapping[str, Any] | None:
     """Return the plan of the scene that is stored in a result; None where its command has none."""
     from robodyn_cli.errors import RobodynError
-    from robodyn_cli.over.plan.plan import COMMANDS, plan
+    from robodyn_cli.over.plan.plan import plan, subjects
     from robodyn_cli.scene.load import load_scene_text
 
-    if result.command not in COMMANDS:
+    if result.command not in subjects:
         return None
     try:
         return plan(load_scene_text(result.scene_text), result.command)

@@ -75,7 +75,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
-    from robodyn_cli.over.batch.report_records import BatchReport
+    from robodyn_cli.over.batch.report_records import batch_of
     from robodyn_cli.over.batch.reports import tally, write_reports
     from robodyn_cli.results.summary import as_keys, jsonable
 
@@ -112,7 +112,7 @@ def command(
         write_reports(entries, junit, markdown)
     code = worst(e.exit_code for e in entries)
     console.say(f"{tally(entries)}; {time.perf_counter() - start:.2f} s")
-    console.data(jsonable(as_keys(BatchReport.of(entries, code))))
+    console.data(jsonable(as_keys(batch_of(entries, code))))
     return code
 
 

@@ -75,8 +75,6 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 
 def _head(name: str, found: Mapping[str, Any]) -> str:
-    from robodyn_cli.results.columns import UNKNOWN
-
-    unit = "" if found["unit"] in ("1", UNKNOWN) else f" {found['unit']}"
+    unit = "" if found["unit"] in ("", "1") else f" {found['unit']}"
     error = "" if found.get("error") is None else f" +- {found['error']:.2g}"
     return f"  {name} = {found['value']:.9g}{error}{unit}"

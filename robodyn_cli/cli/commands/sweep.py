@@ -253,9 +253,7 @@ def _spreads(summary: Mapping[str, Any]) -> list[str]:
 
 def _unit(unit: str) -> str:
     """Return a unit as a table shows it."""
-    from robodyn_cli.results.columns import UNKNOWN
-
-    return {"1": "-", UNKNOWN: "SI"}.get(unit, unit)
+    return "-" if unit == "1" else unit
 
 
 def _influences(summary: Mapping[str, Any]) -> list[str]:

@@ -10,7 +10,7 @@ from robodyn_cli.cli.options import Quiet, ReportAsJson, SceneFiles, Strict
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
-    from robodyn_cli.over.batch.findings import Finding
+    from robodyn_cli.summaries.checks import Finding
 
 
 def command(
@@ -18,8 +18,9 @@ def command(
 ) -> int:
     """List the errors of each scene; return the exit code of the worst finding."""
     from robodyn_cli.over.batch.gather import gather
-    from robodyn_cli.over.batch.report_records import SceneFindings, ValidationReport
+    from robodyn_cli.over.batch.report_records import validation_of
     from robodyn_cli.results.summary import as_keys
+    from robodyn_cli.summaries.checks import SceneFindings
 
     console = Console(as_json, quiet)
     report, codes = [], []
@@ -36,7 +37,7 @@ def command(
             if quiet and finding.severity == "error":
                 console.error(finding.message)
     code = worst(codes)
-    console.data(as_keys(ValidationReport.of(report, code)))
+    console.data(as_keys(validation_of(report, code)))
     return code
 
 

@@ -65,7 +65,7 @@ def command(
         loaded = load_scene(scene, list(overrides or ()))
         with begun(directory, console):
             try:
-                with placed(scene, overrides or (), loaded.command or "simulate"):
+                with placed(scene, overrides or (), "work-precision"):
                     result = work_precision(loaded, names, tolerances, repeats, console.progress)
             finally:
                 console.clear()

@@ -70,7 +70,7 @@ class Control:
         self.places = [model.v_names.index(name) for name in self.joints]
         self.units = tuple(TORQUE[model.v_units[k]] for k in self.places)
         self.period: float | None = self.controller.period
-        self.function = getattr(self.controller, "call", None)
+        self.function = self.controller.call
         own = self.controller.states(self.joints)
         self.own = tuple(name for name, _ in own)
         self._starts = [float(x) for _, x in own]
@@ -131,7 +131,7 @@ class Control:
     @property
     def _starting(self) -> dict[str, float]:
         """Positions by column that are held without a motion to follow, as far as the scene gives them."""
-        return {**self.problem.scene.initial.q, **getattr(self.controller, "pose", {})}
+        return {**self.problem.scene.initial.q, **self.controller.pose}
 
     @cached_property
     def tracked(self) -> list[Tracked]:
@@ -145,7 +145,7 @@ class Control:
         if not self.reference.known:
             return []
         places = {name: k for k, name in enumerate(model.q_names)}
-        joints = tracked_joints(self.reference, getattr(self.controller, "pose", {}), model)
+        joints = tracked_joints(self.reference, self.controller.pose, model)
         wanted = self.reference.positions(joints, self.problem.t, self.problem.environment)
         return [
             Tracked(name, model.q_units[places[name]], r, self.problem.q[places[name]])
@@ -183,7 +183,8 @@ class Control:
         for name in self.joints:
             own = _of_joint(self.controller.limit, name)
             if own is None:
-                own = getattr(dict(robot[name].forces).get("limits"), "effort", None)
+                limits = dict(robot[name].forces).get("limits")
+                own = None if limits is None else limits.effort
             found.append(math.inf if own is None else own)
         return found
 

@@ -74,9 +74,9 @@ class ControllerModel:
     def __init__(self, problem: Equations, make: Callable[..., Equations]) -> None:
         self.controller = problem.scene.control
         scene = model_scene(problem.scene)
-        lead = getattr(getattr(self.controller, "reference", None), "point", None)
-        if lead is not None:
-            scene = with_points(scene, [lead])
+        motion = self.controller.reference
+        if motion is not None and motion.point is not None:
+            scene = with_points(scene, [motion.point])
         self.problem, self.t = make(scene, **_same_rows(problem)), problem.t
         if self.problem.model.v_names != problem.model.v_names:
             raise SceneError(

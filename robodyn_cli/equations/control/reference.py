@@ -80,8 +80,8 @@ class Reference:
 def reference_of(scene: Scene, start: Mapping[str, float]) -> Reference:
     """Return what the controller of a scene follows."""
     controller = scene.control
-    own = getattr(controller, "reference", None)
-    motion = own if hasattr(own, "expressions") else None
+    own = controller.reference
+    motion = None if own is None or own.lacks else own
     return Reference(motion, controller.joints, start, scene.simulate.duration)
 
 

@@ -13,6 +13,7 @@ from robodyn_cli.equations.control.reference import Reference
 from robodyn_cli.record import record
 from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.interpolation import interpolated
 
 
@@ -82,7 +83,7 @@ class At:
 
     def point(self) -> PointTask:
         trajectory, scene = self.controller.reference, self.problem.scene
-        if not hasattr(trajectory, "target"):
+        if not isinstance(trajectory, TaskSpaceTrajectory):
             self.model.refuse("'task_pd' follows a path of a point: key 'reference' or 'trajectory'")
 
         if moving_reference(self.model.problem.model, trajectory) is not None:
@@ -95,8 +96,9 @@ class At:
             found = target_of(self.model.problem.model, trajectory, times, scene.parameters)
             return found.p, found.pd, found.pdd
 
-        knots = getattr(trajectory, "knots", None)
-        course = interpolated(motion, trajectory.duration, knots, "the path that 'task_pd' follows")
+        course = interpolated(
+            motion, trajectory.duration, trajectory.knots, "the path that 'task_pd' follows"
+        )
         course = course.at_rest_outside()
         wanted, rate = course.expressions(self.t), course.derivative().expressions(self.t)
         return self.model.point(self.seen.q, self.seen.v, wanted, rate)

@@ -32,6 +32,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.branches import halton
 from robodyn_cli.solve.poses.closed_form import ClosedForm
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.threads import ThreadSafe, one_at_a_time
 
 TOLERANCE = 1e-10  # m and rad
 ROUNDING = 1e-14  # of the size of the mechanism, below which no tolerance can be met
@@ -44,7 +45,7 @@ IMPROVE = 60  # steps towards the criterion
 CHOICE = 8  # solutions among which the criterion chooses where there is no closed form
 
 
-class InverseKinematics:
+class InverseKinematics(ThreadSafe):
     """Joint positions that bring a frame to poses, or parts of poses.
 
     An arm whose structure allows it has a closed form with named branches: planar arms and SCARA robots (elbow_up,
@@ -63,6 +64,7 @@ class InverseKinematics:
     """
 
     def __init__(self, source: Scene | Problem, frame: str, **asked: Any) -> None:
+        super().__init__()
         self.problem = problem = with_frame(source, frame)
         scene = problem.scene
         self.model = problem.model
@@ -95,10 +97,12 @@ class InverseKinematics:
         return [] if self.closed_form is None else ["-".join(name) for name in self.closed_form.names]
 
     @property
+    @one_at_a_time
     def freedom(self) -> int:
         """How many freedoms are left when the task is met, in general poses."""
         return self.equations.freedom
 
+    @one_at_a_time
     def forward(self, q: Array) -> tuple[Array, Array]:
         """Return positions (T, 3) [m] and rotations (T, 3, 3) of the frame in the world at positions q (T, nq)."""
         found = self._forward(q=np.asarray(q, dtype=float))
@@ -120,6 +124,7 @@ class InverseKinematics:
         return free
 
     # -- many poses -----------------------------------------------------------------------------------
+    @one_at_a_time
     def solve(
         self,
         position: Array,
@@ -244,6 +249,7 @@ class InverseKinematics:
         return sorted({column for velocity in idle for column in manifold.columns(velocity)})
 
     # -- all ways to one pose -------------------------------------------------------------------------
+    @one_at_a_time
     def ways(self, position: Array, rotation: Array | None = None, near: Array | None = None) -> list[Way]:
         """Return the ways to reach one pose: the branches of the closed form, else what steps from many starts find.
 

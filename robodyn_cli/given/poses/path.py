@@ -75,7 +75,7 @@ def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
         )
     near = _near(task)
     target = task.target(np.zeros(1))
-    at, R = in_world(problem.model, task.moving, target.p, getattr(target, "R", None), near)
+    at, R = in_world(problem.model, task.moving, target.p, target.R, near)
     p = np.zeros((1, 3))
     p[:, : at.shape[1]] = at
     found = solver.solve(p, R, near=near[0] if task.start else None, branch=wanted)

@@ -48,6 +48,17 @@ NO_LIMITS = Limits()
 
 
 @record
+class Sampling:
+    """Samples of runs after their starts: how many, how far apart (N,) [s]; None: so that the last is at the end."""
+
+    count: int = 0
+    step: Array | None = None
+
+
+NO_SAMPLES = Sampling()
+
+
+@record
 class Runs:
     """Rows of memory, one a run: before they are driven their starts, afterwards their ends.
 
@@ -64,6 +75,19 @@ class Runs:
 
     def __len__(self) -> int:
         return len(self.y)
+
+    def part(self, rows: Any) -> Runs:
+        """Return some of the runs."""
+        if len(rows) == len(self):
+            return self
+        return Runs(
+            self.w[rows], self.n[rows], self.y[rows], self.numbers[rows], self.out[rows], self.status[rows]
+        )
+
+    def put(self, rows: Any, runs: Runs) -> None:
+        """Put runs in place of these rows."""
+        for name in ("w", "n", "y", "numbers", "out", "status"):
+            getattr(self, name)[rows] = getattr(runs, name)
 
     @property
     def time(self) -> Array:
@@ -132,14 +156,9 @@ class Fleet:
         ends: Array,
         options: Options,
         limits: Limits = NO_LIMITS,
-        samples: int = 0,
+        sampling: Sampling = NO_SAMPLES,
     ) -> Runs:
-        """Return runs from ``starts`` (N, nx) at t = 0 to ``ends`` (N,) [s].
-
-        Parameters
-        ----------
-        limits : of single runs. samples : uniform ones of each run after its start, the last at its end.
-        """
+        """Return runs from ``starts`` (N, nx) at t = 0 to ``ends`` (N,) [s]; limits : of single runs."""
         memory, count = self._engines[0].memory, len(starts)
         w = np.zeros((count, len(memory.w)))
         n = np.zeros((count, IntegerSlot.SIZE), dtype=np.int64)
@@ -151,10 +170,10 @@ class Fleet:
         if self.watch:
             n[:, IntegerSlot.WATCH] = UNARMED
         self._set_steps(w, ends, options, limits.step)
-        if samples:
+        if samples := sampling.count:
             n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
             n[:, IntegerSlot.CAPACITY] = samples
-            w[:, DoubleSlot.SAMPLE_STEP] = ends / samples
+            w[:, DoubleSlot.SAMPLE_STEP] = ends / samples if sampling.step is None else sampling.step
         out = np.zeros((count, self.system.size, samples))
         return Runs(w, n, np.array(starts), np.ascontiguousarray(numbers), out, np.full(count, -1))
 

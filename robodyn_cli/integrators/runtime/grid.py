@@ -12,6 +12,7 @@ from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
+JUDGED = 16  # stretches between samples, at least, by which errors are judged
 ROUNDINGS = 4  # of a breakpoint, within which a formula may switch
 
 
@@ -70,6 +71,14 @@ class Grid:
 
     def _slack(self, time: float) -> float:
         return SLACK * (abs(self.start) + abs(time))
+
+
+def stride_of(samples: int) -> float:
+    """Return every how many samples of a run errors are judged by: a power of two, below 1 where more are needed.
+
+    So the times are the same to the bit, whether all samples are taken or only these.
+    """
+    return 2.0 ** math.floor(math.log2(max(samples - 1, 1) / JUDGED))
 
 
 def stretches(points: Sequence[float], time: float, end: float) -> Iterator[tuple[float, float, float]]:

@@ -20,9 +20,10 @@ from robodyn_cli.integrators.runtime.crowd import Crowd
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.grid import Grid, stretches
 from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status, resolution
-from robodyn_cli.integrators.runtime.options import Counters, Options
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.integrators.runtime.parameters import Parameters
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import Counters
 
 if TYPE_CHECKING:
     from robodyn_cli.integrators.event_location.events import Root

@@ -1,36 +1,13 @@
-"""Options of a run, and its counters."""
+"""Options of a run."""
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from typing import Any
 
 import numpy as np
 
-from robodyn_cli.record import mutable_record, record
-
-
-@mutable_record
-class Counters:
-    """Counts of what a run did."""
-
-    steps: int = 0
-    rejected: int = 0
-    evaluations: int = 0
-    projections: int = 0
-    events: int = 0
-
-    def __add__(self, other: Counters) -> Counters:
-        return Counters(**{k: v + getattr(other, k) for k, v in self.as_dict().items()})
-
-    @property
-    def attempts(self) -> int:
-        """Steps, rejected ones too."""
-        return self.steps + self.rejected
-
-    def as_dict(self) -> dict[str, int]:
-        return dataclasses.asdict(self)
+from robodyn_cli.record import record
 
 
 @record

@@ -8,6 +8,7 @@ one is released they do not.
 from __future__ import annotations
 
 import copy
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -29,6 +30,7 @@ from robodyn_cli.observe.observe import potential_energy
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import PayloadFacts
 
 WAITING, CARRIED, RELEASED = "waiting", "carried", "released"
 KEYS = {WAITING: ("from", "until"), CARRIED: ("until",), RELEASED: ()}  # of what may end a phase
@@ -89,12 +91,12 @@ class Payloads(Watcher):
         return self._log
 
     def facts(self, end: float) -> dict[str, Any]:
-        found: dict[str, dict[str, float]] = {x.name: {} for x in self.payloads}
+        found = {x.name: PayloadFacts() for x in self.payloads}
         for event in self._log:
-            if event["kind"] == "grip":
-                found[event["name"]] |= {"gripped": event["time"], "energy_lost": event["energy_lost"]}
-            else:
-                found[event["name"]]["released"] = event["time"]
+            name, time = event["name"], event["time"]
+            gripped = event["kind"] == "grip"
+            more = {"gripped": time, "energy_lost": event["energy_lost"]} if gripped else {"released": time}
+            found[name] = dataclasses.replace(found[name], **more)
         return {"payloads": found}
 
     def again(self) -> Payloads:

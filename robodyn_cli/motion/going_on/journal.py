@@ -18,13 +18,13 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.integrators.runtime.options import Counters
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.provenance import robodyn_version, sha256
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import Counters
 
 DOUBLE = np.dtype("<f8")
 

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import ResultFileError, SceneError
 from robodyn_cli.formulations.system import System
@@ -132,8 +133,10 @@ def stored_run(scene: Scene) -> Stored:
     named = scene.initial.source
     assert named is not None
     result = _read(scene, Path(scene.path).parent / named)
-    if result.command != "simulate":
-        raise refused(scene, f"{named!r} is a result of {result.command!r}; allowed: of 'simulate'")
+    able = [name for name, row in COMMANDS.items() if row.goes_on]
+    if result.command not in able:
+        allowed = " or ".join(map(repr, able))
+        raise refused(scene, f"{named!r} is a result of {result.command!r}; allowed: of {allowed}")
     time, q, v = (result.variables[path] for path in STORED[:3])
     work, control = (result.variables.get(path) for path in STORED[3:])
     sample = _sample(scene, time.data)

@@ -10,13 +10,14 @@ from pathlib import Path
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.exit_codes import FAILED, worst
-from robodyn_cli.over.batch.compare_records import BaselineReport, DatasetReport
+from robodyn_cli.over.batch.compare_records import datasets_of
 from robodyn_cli.over.batch.entry import Entry
 from robodyn_cli.over.batch.trees import Compared, compare_stored, is_run
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, publish, temporary_path, uninterrupted
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, set_in_summary
 from robodyn_cli.results.summary import as_keys
+from robodyn_cli.summaries.checks import BaselineReport
 
 KEY = "baseline"  # of the summary: how the result compares
 
@@ -64,7 +65,7 @@ class Baseline:
             return
         entry.baseline = BaselineReport(
             str(self.directory), found.verdict, found.message or None, self.rtol, self.atol,
-            [DatasetReport.of(item) for item in found.differing],
+            datasets_of(found.differing),
         )  # fmt: skip
         if found.verdict != "equal":
             entry.differences = [f"baseline: {line}" for line in found.lines]

@@ -8,35 +8,13 @@ from typing import Any
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.exit_codes import INTERNAL, OF_STATUS
 from robodyn_cli.expr.expectation import Expectation
-from robodyn_cli.record import record
+from robodyn_cli.summaries.checks import JudgedCriterion
 
 EXIT_CODE = "exit_code"  # the key of the exit code, which every run has
 _ABSENT: Any = object()
 
 
-@record
-class Outcome:
-    """One criterion and what the run gave; the fields are keys of the reports."""
-
-    key: str
-    expected: str
-    found: Any
-    holds: bool
-
-    @property
-    def shown(self) -> str:
-        """What was found, for reading."""
-        if self.found is None:
-            return "null"
-        if isinstance(self.found, bool):
-            return str(self.found).lower()
-        return f"{self.found:.9g}" if isinstance(self.found, float) else str(self.found)
-
-    def __str__(self) -> str:
-        return f"{self.key}: {self.shown} (expected {self.expected})"
-
-
-class NotReached(Outcome):
+class NotReached(JudgedCriterion):
     """A criterion about something that a run which failed did not come to."""
 
     @property
@@ -52,7 +30,9 @@ def exit_code(summary: Mapping[str, Any]) -> int:
     return OF_STATUS.get(str(summary.get("status")), INTERNAL)
 
 
-def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: str = "") -> list[Outcome]:
+def judge(
+    expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: str = ""
+) -> list[JudgedCriterion]:
     """Return the outcome of each criterion.
 
     Raises
@@ -60,7 +40,7 @@ def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: 
     SceneError : a key that a summary of this command does not have.
     """
     facts = {**summary, EXIT_CODE: exit_code(summary)}
-    found: list[Outcome] = []
+    found: list[JudgedCriterion] = []
     for key, expected in expect.items():
         value = lookup(facts, key)
         if value is _ABSENT:
@@ -75,7 +55,7 @@ def judge(expect: Mapping[str, Expectation], summary: Mapping[str, Any], place: 
             raise SceneError(
                 f"{place}expect.{key}: holds several values; name one: {inner}", key=f"expect.{key}"
             )
-        found.append(Outcome(key, expected.text, value, expected.holds(value)))
+        found.append(JudgedCriterion(key, expected.text, value, expected.holds(value)))
     return found
 
 

@@ -7,9 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from robodyn_cli.exit_codes import FAILED
-from robodyn_cli.over.batch.compare_records import BaselineReport
-from robodyn_cli.over.batch.criteria import Outcome
 from robodyn_cli.record import mutable_record
+from robodyn_cli.summaries.checks import BaselineReport, JudgedCriterion
 
 if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
@@ -37,7 +36,7 @@ class Entry:
     message: str = ""
     replaced: Path | None = None
     has_result: bool = False
-    criteria: list[Outcome] = dataclasses.field(default_factory=list)
+    criteria: list[JudgedCriterion] = dataclasses.field(default_factory=list)
     baseline: BaselineReport | None = None
     differences: list[str] = dataclasses.field(default_factory=list)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -10,58 +9,22 @@ import numpy as np
 
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.over.commands import command_of, locks
 from robodyn_cli.over.crosscheck.engine import Engine
 from robodyn_cli.over.crosscheck.translation import Translation, translate
-from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.summaries.checks import ComparedQuantity, CrosscheckReport
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 
 ENGINES = ("pinocchio", "mujoco")
-COMPARED = ("inverse", "simulate")
 MARGIN = 10.0  # times the two errors together by which answers may differ
 FLOOR = 1e-13  # of the largest value: rounding of the comparison itself
 RTOL = (1e-12, 1e-10)  # of the engine's integration, and of a second one that estimates its error
 
 
-@record
-class Compared:
-    """One quantity: largest values and errors of both, and their largest difference, where and when."""
-
-    quantity: str
-    column: str
-    time: float
-    ours: float
-    theirs: float
-    difference: float
-    our_error: float
-    their_error: float
-    allowed: float
-
-    @property
-    def agrees(self) -> bool:
-        return self.difference <= self.allowed
-
-
-@record
-class Crosscheck:
-    """What a cross-check found; ``given``, ``own`` : see ``Translation``."""
-
-    title: str
-    command: str
-    engine: str
-    version: str
-    compared: tuple[Compared, ...]
-    given: tuple[str, ...]
-    own: tuple[str, ...]
-
-    @property
-    def agrees(self) -> bool:
-        return all(one.agrees for one in self.compared)
-
-
-def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crosscheck:
+def crosscheck(scene: Scene, engine: str, command: str | None = None) -> CrosscheckReport:
     """Run a scene here and in another engine, and compare.
 
     Parameters
@@ -71,21 +34,41 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
 
     Raises
     ------
-    CapabilityError : the engine is not installed, or cannot be asked what the scene says.
+    CapabilityError : the engine is not installed, or cannot be asked what the scene says; nothing is compared for the
+    scene's command.
     """
-    command = command or _command_of(scene)
-    asked = translate(scene, command == "simulate")
+    command = command or compared_command(scene)
+    moves, compare = COMPARED[command]
+    asked = translate(scene, moves)
     other = _engine(engine)(asked.model)
-    compared = _torques(asked, other) if command == "inverse" else _motion(asked, other)
-    return Crosscheck(
-        scene.title or "scene", command, other.name, other.version, tuple(compared), asked.given, asked.own
+    compared = compare(asked, other)
+    return CrosscheckReport(
+        status="ok" if all(one.agrees for one in compared) else "differs",
+        title=scene.title or "scene",
+        command=command,
+        engine=other.name,
+        version=other.version,
+        compared=compared,
+        handed_over=list(asked.given),
+        by_own_formulas=list(asked.own),
     )
 
 
-def _command_of(scene: Scene) -> str:
-    if scene.command in COMPARED:
-        return str(scene.command)
-    return "inverse" if scene.trajectory is not None and scene.command is None else "simulate"
+def compared_command(scene: Scene) -> str:
+    """Return what is compared of a scene; a motion until a lock is a simulation.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    command = "simulate" if locks(scene.command) else command_of(scene)
+    if command not in COMPARED:
+        raise CapabilityError(
+            f"{scene.path}: crosscheck compares {' and '.join(COMPARED)}, and the scene's command is {command!r}; name "
+            "one of them with --command",
+            key="command",
+        )
+    return command
 
 
 def _engine(name: str) -> Callable[[Any], Engine]:
@@ -98,7 +81,7 @@ def _engine(name: str) -> Callable[[Any], Engine]:
     return InMujoco
 
 
-def _torques(asked: Translation, other: Engine) -> list[Compared]:
+def _torques(asked: Translation, other: Engine) -> list[ComparedQuantity]:
     """Compare the torques along the scene's trajectory.
 
     The engine's error is M (FD(ID(a)) - a): what its own two algorithms differ by.
@@ -122,7 +105,7 @@ def _torques(asked: Translation, other: Engine) -> list[Compared]:
     return [_compare("tau", names, (found["tau"], theirs), t, (float(own), apart))]
 
 
-def _motion(asked: Translation, other: Engine) -> list[Compared]:
+def _motion(asked: Translation, other: Engine) -> list[ComparedQuantity]:
     """Compare the motion at the samples.
 
     The engine's accelerations are integrated twice by an explicit pair of order 8; the error of its answer is the
@@ -185,26 +168,19 @@ def _compare(
     answers: tuple[Array, Array],
     times: Array,
     errors: tuple[float, float],
-) -> Compared:
+) -> ComparedQuantity:
     ours, theirs = answers
     gap = np.abs(ours - theirs)
     row, column = np.unravel_index(int(np.argmax(gap)), gap.shape)
     allowed = MARGIN * sum(errors) + FLOOR * float(np.abs(ours).max(initial=0.0))
-    return Compared(
+    return ComparedQuantity(
         quantity, names[column], float(times[row]), float(ours[row, column]), float(theirs[row, column]),
-        float(gap[row, column]), *errors, allowed,
+        float(gap[row, column]), *errors, allowed, bool(gap[row, column] <= allowed),
     )  # fmt: skip
 
 
-def as_data(found: Crosscheck) -> dict[str, Any]:
-    """Return what ``--json`` prints."""
-    return {
-        "status": "ok" if found.agrees else "differs",
-        "title": found.title,
-        "command": found.command,
-        "engine": found.engine,
-        "version": found.version,
-        "compared": [{**dataclasses.asdict(one), "agrees": one.agrees} for one in found.compared],
-        "handed_over": list(found.given),
-        "by_own_formulas": list(found.own),
-    }
+# what is compared, and whether the engine integrates
+COMPARED: dict[str, tuple[bool, Callable[[Translation, Engine], list[ComparedQuantity]]]] = {
+    "inverse": (False, _torques),
+    "simulate": (True, _motion),
+}

@@ -11,10 +11,12 @@ import numpy as np
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.layout import IntegerSlot, Status
+from robodyn_cli.motion.error.attempts import First, Masks
+from robodyn_cli.motion.error.estimate import time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.command import Rows
 from robodyn_cli.over.many.groups import first_of
-from robodyn_cli.over.many.integrate import Batch, Driven, Masks, Second, first_run
+from robodyn_cli.over.many.integrate import Batch, Driven, first_run, second_runs
 from robodyn_cli.over.many.motions import MotionCommand, column_of
 from robodyn_cli.over.many.record import ManyRuns
 from robodyn_cli.over.many.single import number_of
@@ -24,7 +26,7 @@ from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment
-from robodyn_cli.works.deploy.lock import ROUNDING, TRUSTED
+from robodyn_cli.works.deploy.lock import TRUSTED
 
 SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
 LOCK_TIME, LOCK_ERROR = "lock.time", "lock.time_error"
@@ -61,7 +63,7 @@ class Deploy(MotionCommand):
             found: Masks = (runs.status == Status.EVENT) & alone & dead[event]
             return found
 
-        runs = first_run(batch, method, 0)
+        runs = first_run(batch, method)
         trusted = locked(runs) & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
         system = motion.system
         trusted &= self._is_regular(batch, batch.starts.q, motion.passive)
@@ -69,12 +71,14 @@ class Deploy(MotionCommand):
         if not motion.scene.simulate.error_estimate:
             return Driven(runs, trusted)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-        rows = np.flatnonzero(trusted)
-        time = runs.time[rows]
-        second = Second(batch.part(rows), method, runs.steps[rows], time, locked)
-        found = np.maximum(second.scale * np.abs(second.time - time), ROUNDING * time)
-        errors[rows], steps[rows] = found, second.steps
-        trusted[rows] &= second.done & (found <= TRUSTED * time)
+        if len(rows := np.flatnonzero(trusted)):
+            time = runs.time[rows]
+            first = First(batch.options, method, runs.steps[rows], time)
+            second, done = second_runs(batch.part(rows), first, locked)
+            pace = time / np.maximum(second.time, 1e-300)
+            found = time_errors(first, np.abs(second.time - time), np.rint(second.steps * pace), time)
+            errors[rows], steps[rows] = found, second.steps
+            trusted[rows] = done & (found <= TRUSTED * time)
         return Driven(runs, trusted, time_errors=errors, second_steps=steps)
 
     @staticmethod

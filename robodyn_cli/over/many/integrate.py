@@ -8,27 +8,21 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.integration_methods import DEFAULT, STIFF
-from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, Limits, Runs
+from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, Limits, Runs, Sampling
+from robodyn_cli.integrators.runtime.grid import JUDGED, stride_of
+from robodyn_cli.integrators.runtime.layout import DoubleSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.motion.method import FAST_DECAYS, trial_of
-from robodyn_cli.motion.second_run import (
-    end_errors,
-    finer_step,
-    other_steps,
-    remainder,
-    rounding_walk,
-    shorter_step,
-    steps_between,
-    tighter,
-)
-from robodyn_cli.motion.self_check import BEYOND, EPS, is_judged_by_energy
+from robodyn_cli.motion.error.attempts import Attempt, First, Masks, integrate_again
+from robodyn_cli.motion.error.estimate import Courses, remainder
+from robodyn_cli.motion.method import compare
+from robodyn_cli.motion.self_check import EPS, allowed_drift, is_judged_by_energy
 from robodyn_cli.motion.stiffness import COST, FIRST_LOOK, MOST, WORTH, largest_decays
 from robodyn_cli.over.many.groups import table_rows
 from robodyn_cli.over.many.start import Starts, starts_of
@@ -36,8 +30,8 @@ from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
-Masks = NDArray[np.bool_]
-JUDGED = 16  # samples, at least, by which errors at the end are judged
+if TYPE_CHECKING:
+    from robodyn_cli.motion.error.conditioning import Conditioning
 
 
 @record
@@ -78,13 +72,18 @@ class Batch:
         )  # fmt: skip
 
     def drive(
-        self, method: str, options: Options, limits: Limits = NO_LIMITS, samples: int = 0, watch: bool = True
+        self,
+        method: str,
+        options: Options,
+        limits: Limits = NO_LIMITS,
+        sampling: Sampling = NO_SAMPLES,
+        watch: bool = True,
     ) -> Runs:
-        """Return the runs, driven; samples, limits : see ``Fleet.begin``. watch : whether to look for events."""
+        """Return the runs, driven; limits, sampling : see ``Fleet.begin``. watch : whether to look for events."""
         fleet = self.structure.fleet(method, watch)
         if method not in self.tables:
             self.tables[method] = table_rows(fleet.tables, self.numbers)
-        runs = fleet.begin(self.states, self.tables[method], self.ends, options, limits, samples)
+        runs = fleet.begin(self.states, self.tables[method], self.ends, options, limits, sampling)
         fleet.drive(runs, self.threads)
         return runs
 
@@ -110,17 +109,17 @@ def method_of(batch: Batch) -> NDArray[np.str_]:
     found = np.full(count, DEFAULT if choice.may_change else choice.method, dtype="<U20")
     if not choice.may_change:
         return found
-    decays = _decays(batch)
-    stiff = np.flatnonzero(decays * batch.ends >= FAST_DECAYS)
-    if len(stiff):
-        part = batch.part(stiff)
-        part = dataclasses.replace(part, ends=trial_of(part.ends, decays[stiff]))
-        most = np.full(len(stiff), MOST)
-        costs = {}
-        for method in (DEFAULT, STIFF):
-            runs = part.drive(method, batch.options, Limits(steps=most), watch=False)
-            costs[method] = np.where(runs.arrived, COST[method] * runs.evaluations, np.inf)
-        found[stiff[costs[STIFF] < costs[DEFAULT]]] = STIFF
+
+    def cost(method: str, rows: NDArray[np.int64], trials: Array) -> Array:
+        limits = Limits(steps=np.full(len(rows), MOST))
+        runs = dataclasses.replace(batch.part(rows), ends=trials).drive(
+            method, batch.options, limits, watch=False
+        )
+        costs: Array = np.where(runs.arrived, COST[method] * runs.evaluations, np.inf)
+        return costs
+
+    rows, _, slow, fast = compare(_decays(batch), batch.ends, cost)
+    found[rows[fast < slow]] = STIFF
     return found
 
 
@@ -134,37 +133,57 @@ def _decays(batch: Batch) -> Array:
     return found
 
 
-def first_run(batch: Batch, method: str, samples: int) -> Runs:
+def first_run(batch: Batch, method: str, sampling: Sampling = NO_SAMPLES) -> Runs:
     """Make the runs of a batch by one method, as far as it is sure to be the one."""
     motion = batch.structure.motion
     most = np.full(len(batch.values), batch.options.max_steps)
     if motion.choice.may_change:
         # more steps: ``StiffnessWatch`` would think about another method
         most = np.minimum(most, FIRST_LOOK + WORTH)
-    return batch.drive(method, batch.options, Limits(steps=most), samples)
+    return batch.drive(method, batch.options, Limits(steps=most), sampling)
 
 
 def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
     """Make the runs of a batch by one method, and estimate their errors by a second integration."""
-    motion = batch.structure.motion
-    if not motion.scene.simulate.error_estimate:
-        runs = first_run(batch, method, samples)
+    if not batch.structure.motion.scene.simulate.error_estimate:
+        runs = first_run(batch, method, Sampling(samples))
         return Driven(runs, _trusted(batch, runs))
-    # the errors at the end are judged by samples, of which those asked for are some
-    share = -(-JUDGED // samples) if samples else 1
-    judged = share * samples or JUDGED
-    runs = first_run(batch, method, judged)
+    sampling, asked, judged = _samplings(batch, method, samples)
+    runs = first_run(batch, method, sampling)
     trusted = _trusted(batch, runs)
-    rows = np.flatnonzero(trusted)
-    second = Second(batch.part(rows), method, runs.steps[rows], batch.ends[rows], samples=judged)
     errors, steps = np.full(runs.y.shape, np.nan), np.zeros(len(runs), dtype=np.int64)
-    errors[rows] = np.maximum(_end_errors(batch, runs.out[rows], second), _rounding(batch, runs)[rows])
-    steps[rows] = second.steps
-    trusted[rows] &= second.done
-    runs = dataclasses.replace(
-        runs, out=runs.out[:, :, share - 1 :: share] if samples else runs.out[:, :, :0]
-    )
-    return Driven(runs, trusted, errors, second_steps=steps)
+    if len(rows := np.flatnonzero(trusted)):
+        part, own = batch.part(rows), runs.part(rows)
+        first = First(batch.options, method, own.steps, part.ends)
+        second, done = second_runs(part, first, lambda runs: runs.arrived, sampling)
+        course, other = (
+            np.concatenate([part.states[:, None], x.out.transpose(0, 2, 1)[:, judged], x.y[:, None]], axis=1)
+            for x in (own, second)
+        )
+        courses = Courses(batch.structure.motion.system, course, other, remainder(first, second.steps))
+
+        def conditioning(k: int) -> Conditioning:
+            samples = own.w[k, DoubleSlot.SAMPLE_STEP] * np.arange(1, own.out.shape[2] + 1)[judged]
+            return batch.structure.conditioning(np.array([0.0, *samples, part.ends[k]]), course[k])
+
+        errors[rows] = courses.at_end(courses.floor(own.steps, part.ends, conditioning))
+        steps[rows], trusted[rows] = second.steps, done
+    return Driven(dataclasses.replace(runs, out=runs.out[:, :, asked]), trusted, errors, second_steps=steps)
+
+
+def _samplings(batch: Batch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
+    """Return which samples are taken, and which of them are asked for (so many) and judged: those of single runs.
+
+    Runs in lanes, which take steps of their own up to each sample, are judged by as few as may be.
+    """
+    count = samples or max(batch.structure.motion.scene.simulate.samples - 1, 1)
+    stride = stride_of(count + 1)
+    if samples:
+        share, every = max(1, round(1 / stride)), max(1, int(stride))
+        return Sampling(samples * share), slice(share - 1, None, share), slice(every - 1, None, every)
+    if batch.structure.fleet(method).lanes > 1:
+        return Sampling(JUDGED), slice(0), slice(None)
+    return Sampling(int(count / stride), batch.ends / count * stride), slice(0), slice(None)
 
 
 def _trusted(batch: Batch, runs: Runs) -> Masks:
@@ -175,87 +194,33 @@ def _trusted(batch: Batch, runs: Runs) -> Masks:
     return trusted
 
 
-def _end_errors(batch: Batch, samples: Array, second: Second) -> Array:
-    """Return the errors of states at the end (N, nx), from samples (N, nx, M), by the rule of ``end_errors``."""
-    system, scale = batch.structure.motion.system, second.scale
-    apart = np.pad(second.samples - samples, ((0, 0), (0, 0), (1, 0)))  # both begin alike
-    found = (scale[:, None, None] * np.abs(apart)).transpose(0, 2, 1)
-    errors: Array = found[:, -1].copy()
-    for places in (list(system.q_places), list(system.v_places)):
-        errors[:, places] = end_errors(found[:, :, places], scale)
-    return errors
+def second_runs(
+    batch: Batch, first: First, arrived: Callable[[Runs], Masks], sampling: Sampling = NO_SAMPLES
+) -> tuple[Runs, Masks]:
+    """Make runs once more, more accurately; return them, and which came to their end.
 
-
-def _rounding(batch: Batch, runs: Runs) -> Array:
-    """Return what rounding of the state is expected to leave of each component (N, nx), as ``rounding_floor`` does."""
-    system, floor = batch.structure.motion.system, np.zeros(runs.y.shape)
-    for places in (list(system.q_places), list(system.v_places)):
-        largest = np.maximum(np.abs(batch.states[:, places]), np.abs(runs.y[:, places])).max(
-            axis=1, initial=0.0
-        )
-        floor[:, places] = (rounding_walk(runs.steps) * largest)[:, None]
-    return floor
-
-
-class Second:
-    """The second integration of many runs; see ``motion/second_run.py``, whose rules these are.
-
-    Parameters
-    ----------
-    steps, ends : of the first one, in which it came so far [s]. arrived : tells which runs came to their end.
-
-    What it came to: time (N,) [s], states y (N, nx), samples (N, nx, M), steps, and which runs are done.
+    arrived : tells which runs did.
     """
+    found: Runs
+    done = np.zeros(len(batch.values), dtype=bool)
 
-    def __init__(
-        self,
-        batch: Batch,
-        method: str,
-        steps: NDArray[np.int64],
-        ends: Array,
-        arrived: Callable[[Runs], Masks] = lambda runs: runs.arrived,
-        samples: int = 0,
-    ) -> None:
-        self._batch, self._method, self._first, self._arrived = batch, method, steps, arrived
-        self._mean_step = ends / np.maximum(steps, 1)
-        count, size = batch.states.shape
-        self.time, self.y = np.full(count, np.nan), np.full((count, size), np.nan)
-        self.samples = np.full((count, size, samples), np.nan)
-        self.steps, self.done = np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool)
-        if count:
-            self._integrate()
+    def once(attempt: Attempt) -> tuple[Any, Masks]:
+        nonlocal found
+        rows = attempt.rows
+        own = sampling if sampling.step is None else Sampling(sampling.count, sampling.step[rows])
+        limits = Limits(attempt.step, attempt.most)
+        runs = batch.part(rows).drive(first.method, attempt.options, limits, own)
+        if len(rows) == len(done):
+            found = runs
+        else:
+            found.put(rows, runs)
+        done[rows] = arrived(runs)
+        given_up: Masks = runs.status == Status.MAX_STEPS
+        # what failed otherwise is not made once more
+        return np.where(done[rows], runs.steps, np.iinfo(np.int64).max), given_up
 
-    @property
-    def scale(self) -> Array:
-        """By which differences from the first are multiplied (N,); see ``remainder``."""
-        found: Array = remainder(self._method, self._first, self.steps)
-        return found
-
-    def _integrate(self) -> None:
-        """Make the runs once more, more accurately."""
-        options, longest_mean = self._batch.options, float(self._mean_step.max())
-        tight, _ = tighter(options, longest_mean, self._method)
-        steps = None if tight.rtol < options.rtol else shorter_step(options, self._mean_step)
-        if options.step is not None:
-            steps = finer_step(options.step, self._mean_step)
-        self._drive(np.arange(len(self.time)), tight, steps)
-        if options.step is not None:
-            return
-        # with other steps those whose method cannot keep a tighter tolerance, or about whose steps it does not decide
-        few = self.done & (self.steps < steps_between(options, tight, self._method, self._first)[0])
-        for rows, base in ((np.flatnonzero(few), tight), (np.flatnonzero(~self.done), options)):
-            other, _ = other_steps(base, longest_mean)
-            self._drive(rows, other, shorter_step(options, self._mean_step))
-
-    def _drive(self, rows: NDArray[np.int64], options: Options, steps: Array | None) -> None:
-        """Make some of the runs; steps : fixed or longest ones (N,) [s]."""
-        if not len(rows):
-            return
-        _, most = steps_between(self._batch.options, options, self._method, self._first[rows])
-        limits = Limits(None if steps is None else steps[rows], most)
-        runs = self._batch.part(rows).drive(self._method, options, limits, self.samples.shape[2])
-        self.time[rows], self.y[rows], self.samples[rows] = runs.time, runs.y, runs.out
-        self.steps[rows], self.done[rows] = runs.steps, self._arrived(runs)
+    integrate_again(first, once)
+    return found, done
 
 
 def _keeps_energy(batch: Batch, runs: Runs) -> Masks:
@@ -278,7 +243,5 @@ def _keeps_energy(batch: Batch, runs: Runs) -> Masks:
     risen, level = potential_end - potential, np.abs(potential_end)
     drift = np.abs(kinetic_end - kinetic + risen - work)
     exchanged = kinetic_end + kinetic + np.abs(risen) + np.abs(work) + level * EPS
-    rtol = max(batch.options.rtol, EPS)
-    rounding = EPS * np.maximum(runs.steps, 1) * (exchanged + level)
-    found: Masks = drift <= BEYOND * np.maximum(rtol * exchanged, rounding)
+    found: Masks = drift <= allowed_drift(exchanged, level, runs.steps, batch.options.rtol)
     return found

@@ -25,7 +25,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.build import OpenChain
 from robodyn_cli.torques.checks import FIGURES, Loaded
 from robodyn_cli.torques.program import InverseProgram
-from robodyn_cli.trajectories.motion import TaskSpace
+from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.works.inverse import at_rest, program_of
 
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
@@ -63,7 +63,7 @@ class InverseStructure(Built):
 
 def obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
     """Return why runs are made one by one; nothing where their torques are evaluated at once."""
-    if isinstance(scene.trajectory, TaskSpace):
+    if isinstance(scene.trajectory, TaskSpaceTrajectory):
         return "a point is led, so lengths change the motion"
     return motion_obstacle(program, scene, keys)
 
@@ -72,7 +72,8 @@ def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) 
     """Return why torques do not depend on the keys directly, whether a point is led or not; nothing where they do."""
     reasons = {
         "closed loops share the load": not isinstance(program, OpenChain),
-        "limits of torques or paths decide the motion": bool(getattr(scene.trajectory, "to_be_found", False)),
+        "limits of torques or paths decide the motion": scene.trajectory is not None
+        and not scene.trajectory.in_time,
         "parameters may change the motion": any(
             key.sort == NUMBER and key.place.startswith("parameters.") for key in keys
         ),

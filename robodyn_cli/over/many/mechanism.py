@@ -16,6 +16,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.threads import one_at_a_time
 from robodyn_cli.works.functions.model import ModelFunctions
 
 if TYPE_CHECKING:
@@ -141,6 +142,7 @@ class Mechanism(ModelFunctions):
             raise CapabilityError(f"samples: {count}; allowed: 2 or more")
         return self._make(Inverse(), values, (None, None), of, count, None)
 
+    @one_at_a_time
     def _make(
         self,
         command: Command[Any],
@@ -160,6 +162,7 @@ class Mechanism(ModelFunctions):
         making.one_by_one(making.compiled(allowed))
         return result
 
+    @one_at_a_time
     def compiled(
         self, command: Command[Any], rows: Array, of: Sequence[str], threads: int
     ) -> tuple[ManyRuns, NDArray[np.int64]]:
@@ -177,11 +180,12 @@ class Mechanism(ModelFunctions):
         """
         if not of:
             return
-        from robodyn_cli.over.possible import is_possible
+        from robodyn_cli.scene.checks.scene import key_names
+        from robodyn_cli.summaries.refusals import refusal
 
         for key in of:
-            if not is_possible(command, key, self.scene.text):
-                raise CapabilityError(f"of: {key!r}: no run of {command} has a number of this name")
+            if wrong := refusal(command, key, key_names(self.scene), number=True):
+                raise CapabilityError(f"of: {key!r}: {wrong}")
 
     @property
     def _key_names(self) -> list[str]:

@@ -13,6 +13,7 @@ from robodyn_cli.over.many.integrate import Batch, Driven, integrate
 from robodyn_cli.over.many.motions import MotionCommand, column_of
 from robodyn_cli.over.many.record import ManyRuns
 from robodyn_cli.over.many.single import number_of
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -26,7 +27,7 @@ class Simulate(MotionCommand):
     name = "simulate"
 
     def build(self, scene: Scene) -> Motion:
-        return build_motion(scene)
+        return build_motion(integrable(scene))
 
     def gives(self, key: str) -> bool:
         return key == "final.time" or key.startswith(("final.q.", "final.qd.")) or key in ERRORS

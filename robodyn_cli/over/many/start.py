@@ -69,7 +69,12 @@ def starts_of(
                 rows[name][:, k] = given[name][column]
     if not motion.problem.constraints.rows:
         return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
-    return _Closing(structure, numbers, given["q"], given["qd"]).close(rows["q"], rows["qd"])
+    starts = _Closing(structure, numbers, given["q"], given["qd"]).close(rows["q"], rows["qd"])
+    if q is None and qd is None:
+        # a run that is the structure's own starts where that does, to the bit
+        alike = (values == structure.row).all(axis=1)
+        starts.q[alike], starts.v[alike], starts.sound[alike] = own["q"], own["qd"], True
+    return starts
 
 
 def _given(

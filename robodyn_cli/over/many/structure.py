@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -19,6 +19,9 @@ from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from robodyn_cli.motion.error.conditioning import Conditioning
 
 
 class Buildable(Protocol):
@@ -48,6 +51,7 @@ class Structure(Built):
         why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
         self._fleets: dict[tuple[str, bool], Fleet] = {}
+        self._conditioning: Conditioning | None = None
 
     def fleet(self, method: str, watch: bool = True) -> Fleet:
         """Return the compiled code of a method."""
@@ -58,6 +62,12 @@ class Structure(Built):
             passing = [k for k, e in enumerate(system.events) if e.is_discontinuity]
             self._fleets[key] = Fleet(system, method, np.zeros(1), watch, passing)
         return self._fleets[key]
+
+    def conditioning(self, times: Array, x: Array) -> Conditioning:
+        """Return what rounding of the equations does, found once: along the first states x (T, nx) that are given."""
+        if self._conditioning is None:
+            self._conditioning = self.motion.conditioning(times, x)
+        return self._conditioning
 
     @cached_property
     def energies(self) -> Expressions:

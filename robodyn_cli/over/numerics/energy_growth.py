@@ -13,19 +13,12 @@ from robodyn_cli.over.numerics.trial import Budget, Reference, Solution, ran_out
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.stability import EnergyKeys, GrowthKeys, Period
 
 PERIODS = 1000
 PATIENCE = 5.0  # times the fastest method's time: what a slower one may take for its long run
 LEAST_SECONDS = 2.0
 CROSSINGS = 4  # passes through the middle that make a motion an oscillation
-
-
-@record
-class Period:
-    """A period [s] and where it comes from."""
-
-    seconds: float
-    source: str
 
 
 def period(ref: Reference | None, spectrum: Spectrum | None, duration: float) -> Period:
@@ -47,21 +40,6 @@ def period(ref: Reference | None, spectrum: Spectrum | None, duration: float) ->
                 float(2 * math.pi / rates.min()), "the slowest oscillation of the linearised equations"
             )
     return Period(duration, "the duration of the scene: nothing in it oscillates")
-
-
-@record
-class GrowthKeys:
-    """Keys of ``summary.energy_growth.methods``; see ``Growth``. until : time reached [s]."""
-
-    method: str
-    status: str
-    until: float
-    largest_relative: float
-    scale: float
-    exponent: float | None
-    steps: int
-    seconds: float
-    message: str
 
 
 @record
@@ -101,6 +79,20 @@ class Growth:
             self.method, self.status, until, self.largest, self.scale, self.exponent, self.steps, self.seconds,
             self.message,
         )  # fmt: skip
+
+
+@record
+class EnergyGrowth:
+    """The energy over many periods, by method."""
+
+    period: Period
+    periods: int
+    growths: list[Growth]
+
+    @property
+    def keys(self) -> EnergyKeys:
+        """What the summary says of it."""
+        return EnergyKeys(self.period, self.periods, [g.keys for g in self.growths])
 
 
 def growth(scene: Scene, method: str, duration: float, budget: Budget) -> Growth:

@@ -22,36 +22,16 @@ from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import LARGEST
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.numerics.trial import Deadline, ran_out, tight
-from robodyn_cli.record import mutable_record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.types import Baumgarte
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.stability import TimedRun
 
 T = TypeVar("T")
 
 LONGEST = 400_000  # steps after which a run counts as too slow
 SECONDS = 20.0  # as the last resort, the time after which it does; three times that for a reference
 FEW_SECONDS = 1.0  # a run that takes longer is made once
-
-
-@mutable_record
-class Entry:
-    """One run of one method: what it was asked, what it reached, what it cost.
-
-    lock_time : when the mechanism locks [s], where that is what is compared.
-    """
-
-    method: str
-    formulation: str
-    tolerance: float | None
-    step: float | None
-    error: float | None = None
-    run_time_s: float | None = None
-    compile_time_s: float = 0.0
-    evaluations: int = 0
-    steps: int = 0
-    status: str = "ok"
-    lock_time: float | Absent | None = ABSENT
 
 
 def supported(method: str, system: System) -> bool:
@@ -96,8 +76,12 @@ def positions_and_rates(system: System, states: Array) -> Array:
 
 
 def run_entry(
-    motion: Motion, entry: Entry, judge: Callable[[Driver, Entry, Motion], None], end: float, repeats: int
-) -> Entry:
+    motion: Motion,
+    entry: TimedRun,
+    judge: Callable[[Driver, TimedRun, Motion], None],
+    end: float,
+    repeats: int,
+) -> TimedRun:
     """Fill in an entry: what ``judge`` makes of a run, median run time without output up to ``end``, counters."""
     tolerance = entry.tolerance or 1e-10
     options = Options(tolerance, tolerance, entry.step, max_steps=LONGEST)
@@ -135,12 +119,12 @@ def _time_without_output(driver: Driver, motion: Motion, end: float) -> float:
     return time.perf_counter() - began
 
 
-def values_of(entry: Entry, names: Sequence[str]) -> list[float]:
+def values_of(entry: TimedRun, names: Sequence[str]) -> list[float]:
     """Return figures of an entry, NaN where there is none."""
     found = (getattr(entry, name) for name in names)
     return [np.nan if x is None or x is ABSENT else float(x) for x in found]
 
 
-def fields_of(entry: Entry) -> dict[str, Any]:
+def fields_of(entry: TimedRun) -> dict[str, Any]:
     """Return the fields of an entry by name."""
     return {field.name: getattr(entry, field.name) for field in dataclasses.fields(entry)}

@@ -12,6 +12,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.over.numerics.trial import Reference
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
@@ -67,7 +68,7 @@ def step_ends(scene: Scene, ref: Reference, most: int) -> tuple[Array, Array, Ar
     """
     method = ref.methods[0].partition(" ")[0]
     changed = dataclasses.replace(scene.simulate, integrator=method, step=None)
-    motion = build_motion(dataclasses.replace(scene, simulate=changed), work=False)
+    motion = build_motion(integrable(dataclasses.replace(scene, simulate=changed)), work=False)
     looks = StepEnds(most)
     options = Options(TOLERANCE, TOLERANCE, max_steps=scene.simulate.max_steps)
     driver = Driver(motion.system, method, options, motion.watchers, looks)

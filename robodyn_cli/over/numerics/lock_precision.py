@@ -9,9 +9,11 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.over.numerics.entries import SECONDS, Entry, driver_of, tight_runs
+from robodyn_cli.over.commands import locks as ends_by_lock
+from robodyn_cli.over.numerics.entries import SECONDS, driver_of, tight_runs
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.stability import TimedRun
 from robodyn_cli.works.deploy.lock import TRUSTED
 from robodyn_cli.works.deploy.scan import DeadPoint, watcher_of
 
@@ -31,7 +33,7 @@ class LockReference:
 def locks(scene: Scene) -> bool:
     """Tell whether a scene deploys to a dead point, whose time is what matters; growth is judged on a grid of 1 ms."""
     return (
-        scene.command == "deploy"
+        ends_by_lock(scene.command)
         and scene.deploy.criterion not in ("multipliers", "latch")
         and bool(scene.loops)
     )
@@ -79,7 +81,7 @@ def lock_reference(motion: Motion) -> LockReference | None:
     return LockReference(one, -float(np.log10(max(apart, 1e-16))), abs(one - other), (first, second))
 
 
-def judge_lock(driver: Driver, entry: Entry, motion: Motion, ref: LockReference) -> None:
+def judge_lock(driver: Driver, entry: TimedRun, motion: Motion, ref: LockReference) -> None:
     """Run to the lock; fill in its time and its error."""
     entry.lock_time = run_to_lock(driver, motion)
     if entry.lock_time is None:

@@ -17,6 +17,7 @@ from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.kernels.rolled.kernels import RolledForwardDynamics
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.stability import SpectrumKeys
 
 DENSE = 120  # velocities up to which all eigenvalues are worth their time
 LARGEST = 8  # eigenvalues of greatest magnitude that are looked for beyond
@@ -89,6 +90,14 @@ class Spectrum:
     def stiffness_ratio(self) -> float:
         """Largest stiffness ratio along the run."""
         return abs(float(self.ratios().max(initial=0.0)))
+
+    @property
+    def keys(self) -> SpectrumKeys:
+        """What the summary says of it."""
+        return SpectrumKeys(
+            self.stiffness_ratio, self.fastest_decay, self.fastest_oscillation, self.fastest_growth,
+            self.slowest, len(self.times), self.complete,
+        )  # fmt: skip
 
 
 def spectrum(problem: Problem, system: System, times: Array, states: Array, duration: float) -> Spectrum:
@@ -202,7 +211,7 @@ def _differences(problem: Problem, dynamics: Rolled, time: float, x: Array) -> A
 
 
 def tangents(problem: Problem, system: System, times: Array, states: Array) -> list[Array | None]:
-    """Return orthonormal bases of the directions (dq, dv) along the constraints; None where there are none.
+    """Return orthonormal bases of the directions (dq, dv, dz) along the constraints; None where there are none.
 
     Psi dq = 0 and Psi dv + d(Psi v + eta_t)/dq dq = 0. For mechanisms with quasi-velocities None too: there the
     directions across the constraints stay in, as eigenvalues 0.
@@ -210,7 +219,7 @@ def tangents(problem: Problem, system: System, times: Array, states: Array) -> l
     rows = problem.constraints.rows
     if not rows or system.layout is not None:
         return [None] * len(times)
-    nv, m = problem.model.nv, len(rows)
+    nv, nz, m = problem.model.nv, system.nz, len(rows)
     rates = [sum((x * v for x, v in zip(row.psi, problem.v)), row.eta_t) for row in rows]
     groups = _samples(system.groups(np.asarray(times, dtype=float), states, _parameters(system)))
     found: list[Array | None] = []
@@ -230,5 +239,7 @@ def tangents(problem: Problem, system: System, times: Array, states: Array) -> l
             continue
         _, s, vt = np.linalg.svd(C)
         rank = int((s > 1e-9 * s.max(initial=0.0)).sum())
-        found.append(vt[rank:].T)
+        along = vt[rank:].T
+        free = np.zeros((2 * nv, nz)), np.zeros((nz, along.shape[1])), np.eye(nz)  # states of a controller
+        found.append(np.block([[along, free[0]], [free[1], free[2]]]))
     return found

@@ -15,36 +15,27 @@ from robodyn_cli.integration_methods import FIXED_STEP, REPRESENTATIVES
 from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.motion.baumgarte import GainStudy
-from robodyn_cli.motion.build import projected_motion, ready
+from robodyn_cli.motion.build import projected_motion
 from robodyn_cli.over.numerics import stability_store as store
-from robodyn_cli.over.numerics.energy_growth import PERIODS, growths, period
+from robodyn_cli.over.numerics.energy_growth import PERIODS, EnergyGrowth, growths, period
 from robodyn_cli.over.numerics.instants import instants
 from robodyn_cli.over.numerics.spectrum import Spectrum, spectrum
-from robodyn_cli.over.numerics.stability_summary import (
-    EnergyGrowth,
-    EnergyKeys,
-    GainKeys,
-    GainPlane,
-    ReferenceKeys,
-    SpectrumKeys,
-    StabilitySummary,
-    StepLimit,
-)  # fmt: skip
 from robodyn_cli.over.numerics.trial import (
     Budget,
     Reference,
-    Trial,
     attempts,
     methods_tried,
     reference,
     step_of,
 )
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import Setup, prepare, refuse_changes
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Termination
+from robodyn_cli.summaries.stability import GainKeys, MethodTrial, StabilitySummary, StepLimit
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 
@@ -85,37 +76,35 @@ def stability(
     ------
     RobodynError : the scene cannot be started (as ``simulate`` would say); what methods do later is the report.
     """
-    refuse_changes(scene, "stability")
     effort = QUICK if quick else FULL
     watch = watch or Stopwatch()
-    scene = ready(scene, watch)
-    setup = prepare(scene, watch)
+    ready, setup = started(scene, watch)
     stages = 4
     with watch.stage("reference"):
-        ref, first = find_reference(scene, setup, effort)
+        ref, first = find_reference(ready, setup, effort)
     progress(1, stages)
     with watch.stage("spectrum"):
         found = along(setup, ref) or first
     with watch.stage("methods"):
-        trials = attempts(scene, ref, effort.trial, methods_tried(quick))
+        trials = attempts(ready, ref, effort.trial, methods_tried(quick))
     progress(2, stages)
     with watch.stage("energy"):
-        energy = follow_energy(scene, ref, found, trials, effort)
+        energy = follow_energy(ready, ref, found, trials, effort)
     progress(3, stages)
-    planes: dict[str, GainPlane] = {}
+    planes: dict[str, store.GainPlane] = {}
     has_gains = bool(setup.problem.constraints.rows) and bool(scene.loops) and not setup.problem.dependent
     if has_gains:
         with watch.stage("baumgarte"):
-            planes = gain_planes(scene, effort)
+            planes = gain_planes(ready, effort)
     progress(stages, stages)
     result = Result.of("stability", scene)
     summary = StabilitySummary(
-        termination={"reason": "report made", "time": ref.until if ref else 0.0},
-        reference=ReferenceKeys.of(ref),
-        spectrum=SpectrumKeys.of(found),
+        termination=Termination("report made", ref.until if ref else 0.0),
+        reference=ref.keys if ref else None,
+        spectrum=found.keys if found else None,
         step_limits=step_limits(found),
         methods=trials,
-        energy_growth=EnergyKeys(energy.period, energy.periods, [g.keys for g in energy.growths]),
+        energy_growth=energy.keys,
         baumgarte={name: plane.keys for name, plane in planes.items()} if has_gains else ABSENT,
     )
     result.summarise(summary, seconds=watch.report())
@@ -126,6 +115,18 @@ def stability(
     return result
 
 
+def started(scene: Scene, watch: Stopwatch) -> tuple[Ready, Setup]:
+    """Return the scene made ready, with its equations and start.
+
+    Raises
+    ------
+    RobodynError : it cannot be started.
+    """
+    refuse_changes(scene, "stability")
+    ready = integrable(scene, watch)
+    return ready, prepare(ready, watch)
+
+
 def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:
     """Return the reference solution, and the spectrum at the start, which decides by which methods."""
     first = at_start(setup)
@@ -134,7 +135,7 @@ def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Referenc
 
 
 def follow_energy(
-    scene: Scene, ref: Reference | None, found: Spectrum | None, trials: Sequence[Trial], effort: Effort
+    scene: Scene, ref: Reference | None, found: Spectrum | None, trials: Sequence[MethodTrial], effort: Effort
 ) -> EnergyGrowth:
     """Follow the energy over many periods: one method of each family, the scene's, and what ``auto`` chose."""
     long = period(ref, found, scene.simulate.duration)
@@ -191,7 +192,7 @@ def step_limits(found: Spectrum | None) -> list[StepLimit]:
     ]
 
 
-def gain_planes(scene: Scene, effort: Effort) -> dict[str, GainPlane]:
+def gain_planes(scene: Ready, effort: Effort) -> dict[str, store.GainPlane]:
     """Run over the plane of Baumgarte's gains, by the method of the scene (``own``) and by fixed steps (``fixed``)."""
     s = scene.simulate
     fixed = dataclasses.replace(s, integrator=FIXED, step=step_of(s, FIXED))
@@ -201,7 +202,7 @@ def gain_planes(scene: Scene, effort: Effort) -> dict[str, GainPlane]:
     return {name: gain_plane(one, effort) for name, one in runs.items()}
 
 
-def gain_plane(scene: Scene, effort: Effort) -> GainPlane:
+def gain_plane(scene: Ready, effort: Effort) -> store.GainPlane:
     """Run one method over the plane of gains; what keeps it from that is in the keys."""
     factors = np.logspace(-3, 1, effort.gains)
     try:
@@ -209,6 +210,6 @@ def gain_plane(scene: Scene, effort: Effort) -> GainPlane:
         chosen = study.choose()
         drift, error, steps, done = study.plane(factors, effort.gain_seconds)
     except RobodynError as failure:
-        return GainPlane(GainKeys(scene.simulate.integrator, message=failure.message))
+        return store.GainPlane(GainKeys(scene.simulate.integrator, message=failure.message))
     keys = GainKeys(study.method, chosen, study.step, study.over, done)
-    return GainPlane(keys, factors / study.step, drift, error, steps)
+    return store.GainPlane(keys, factors / study.step, drift, error, steps)

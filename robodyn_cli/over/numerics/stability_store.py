@@ -7,10 +7,23 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.integrators.methods.stability_region import limits
+from robodyn_cli.over.numerics.energy_growth import EnergyGrowth
 from robodyn_cli.over.numerics.spectrum import Spectrum
-from robodyn_cli.over.numerics.stability_summary import EnergyGrowth, GainPlane
-from robodyn_cli.over.numerics.trial import Trial
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.stability import GainKeys, MethodTrial
+
+
+@record
+class GainPlane:
+    """What a method made of the plane of gains [1/s]: drift, error and steps (n, n), rows by alpha."""
+
+    keys: GainKeys
+    gain: Array | None = None
+    drift: Array | None = None
+    error: Array | None = None
+    steps: Array | None = None
 
 
 def add_spectrum(result: Result, found: Spectrum | None) -> None:
@@ -45,7 +58,7 @@ def add_spectrum(result: Result, found: Spectrum | None) -> None:
     )
 
 
-def add_trials(result: Result, trials: Sequence[Trial]) -> None:
+def add_trials(result: Result, trials: Sequence[MethodTrial]) -> None:
     """Store the figures of the table of methods; their words are in the summary."""
     names = ("error", "relative", "estimate", "steps", "evaluations", "seconds", "until")
     rows = [[np.nan if getattr(t, n) is None else float(getattr(t, n)) for n in names] for t in trials]

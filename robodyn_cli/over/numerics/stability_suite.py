@@ -11,36 +11,19 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.over.numerics.spectrum import Spectrum
 from robodyn_cli.over.numerics.stability import STIFF, along, at_start
 from robodyn_cli.over.numerics.stability_cases import CASES, Case
-from robodyn_cli.over.numerics.stability_summary import ReferenceKeys
-from robodyn_cli.over.numerics.trial import Budget, Reference, Trial, attempts, methods_tried, reference
+from robodyn_cli.over.numerics.trial import Budget, Reference, attempts, methods_tried, reference
 from robodyn_cli.ready.prepare import prepare
-from robodyn_cli.record import mutable_record, record
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.stability import CaseKeys, MethodTrial, SuiteSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 
 FULL = (Budget(2_000_000, 3.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
 QUICK = (Budget(100_000, 0.3), Budget(400_000, 10.0))
-
-
-@record
-class CaseKeys:
-    """Keys of a case in the summary; found : what misses the expectation. Rates of its linearised motion [1/s]."""
-
-    name: str
-    expects: str
-    holds: bool
-    found: str
-    reference: ReferenceKeys | None
-    stiffness_ratio: float | None
-    fastest_decay: float | None
-    fastest_oscillation: float | None
-    methods: dict[str, Trial]
-    seconds: float
-    scene: str
 
 
 @mutable_record
@@ -51,19 +34,19 @@ class Verdict:
     scene: str
     reference: Reference | None
     spectrum: Spectrum | None
-    trials: list[Trial]
+    trials: list[MethodTrial]
     complaints: list[str]
     seconds: float
 
     def report(self) -> CaseKeys:
         """Return what the summary says of the case."""
-        ref, found = ReferenceKeys.of(self.reference), self.spectrum
+        ref, found = self.reference, self.spectrum
         return CaseKeys(
             name=self.case.name,
             expects=self.case.expects,
             holds=not self.complaints,
             found="; ".join(self.complaints) or "as expected",
-            reference=None if ref is None else dataclasses.replace(ref, ends_early=ABSENT),
+            reference=None if ref is None else dataclasses.replace(ref.keys, ends_early=ABSENT),
             stiffness_ratio=None if found is None else found.stiffness_ratio,
             fastest_decay=None if found is None else found.fastest_decay,
             fastest_oscillation=None if found is None else found.fastest_oscillation,
@@ -120,17 +103,6 @@ def suite(
     return result
 
 
-@record
-class SuiteSummary:
-    """Keys of the summary of the suite."""
-
-    termination: dict[str, str]
-    quick: bool
-    missed: int
-    methods: list[str]
-    cases: list[CaseKeys]
-
-
 def add_errors(result: Result, verdicts: Sequence[Verdict], methods: Sequence[str]) -> None:
     """Store the errors of all methods in all cases."""
     table = np.full((len(verdicts), len(methods)), np.nan)
@@ -174,7 +146,7 @@ def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
     return found, found is not None and found.fastest_decay * scene.simulate.duration > STIFF
 
 
-def judge(case: Case, trials: Sequence[Trial], ref: Reference | None) -> list[str]:
+def judge(case: Case, trials: Sequence[MethodTrial], ref: Reference | None) -> list[str]:
     """Return what is not as it should be, in words."""
     complaints = []
     auto = next(t for t in trials if t.method == "auto")
@@ -197,6 +169,11 @@ def judge(case: Case, trials: Sequence[Trial], ref: Reference | None) -> list[st
             complaints.append(
                 f"{t.method} is wrong by {t.relative:.1e} of the range and its estimate hides it"
             )
-        if t.status == "diverged" and not t.named:
+        if t.status == "diverged" and not names_place(t):
             complaints.append(f"{t.method} breaks down without saying where: {t.message}")
     return complaints
+
+
+def names_place(trial: MethodTrial) -> bool:
+    """Tell whether a breakdown is told with its place."""
+    return trial.failure != "NumericalError" or trial.joint is not None or "singular" in trial.message

@@ -16,6 +16,7 @@ from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene, SimulateOptions
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.stability import MethodTrial, ReferenceKeys
 from robodyn_cli.works.simulate import simulate
 
 SAMPLES = 257  # instants at which solutions are compared
@@ -124,6 +125,11 @@ class Reference:
     methods: tuple[str, str]
     ends_early: str = ""
 
+    @property
+    def keys(self) -> ReferenceKeys:
+        """What the summary says of it."""
+        return ReferenceKeys(list(self.methods), round(self.digits, 2), self.until, self.ends_early)
+
 
 def agreed(
     times: Array,
@@ -201,44 +207,10 @@ def ranges(states: Array, positions: int) -> Array:
     return np.maximum(spread, 1e-12)
 
 
-@mutable_record
-class Trial:
-    """What a method did at the settings of the scene.
-
-    status : ``stable``, ``inaccurate`` (error above 1e-3 of the range), ``diverged``, ``too_slow`` or
-    ``unsupported``. error : largest error of any q or qd; relative : over the range of its quantity. estimate : the
-    run's own error estimate; honest : whether that is at least a tenth of the error (None: nothing to compare).
-    energy : drift of the energy balance over the energy exchanged. until : time reached [s]. failure : class of the
-    error that ended the run; joint and quantity : where it broke down.
-    """
-
-    method: str
-    chosen: str = ""
-    status: str = "stable"
-    error: float | None = None
-    relative: float | None = None
-    estimate: float | None = None
-    honest: bool | None = None
-    steps: int = 0
-    evaluations: int = 0
-    seconds: float = 0.0
-    energy: float | None = None
-    until: float = 0.0
-    failure: str | None = None
-    joint: str | None = None
-    quantity: str | None = None
-    message: str = ""
-
-    @property
-    def named(self) -> bool:
-        """Whether a breakdown is told with its place."""
-        return self.failure != "NumericalError" or self.joint is not None or "singular" in self.message
-
-
-def attempt(scene: Scene, method: str, ref: Reference | None, budget: Budget) -> Trial:
+def attempt(scene: Scene, method: str, ref: Reference | None, budget: Budget) -> MethodTrial:
     """Run one method at the settings of the scene and judge it."""
     done = solve(scene, budget, integrator=method)
-    trial = Trial(method, seconds=done.seconds)
+    trial = MethodTrial(method, seconds=done.seconds)
     if done.result is not None:
         summary = done.result.summary
         trial.chosen = summary["integrator"] + "".join(f", {s['to']}" for s in summary.get("switches", ()))
@@ -267,7 +239,7 @@ def _status(error: RobodynError) -> str:
     return "too_slow" if ran_out(error) else "diverged"
 
 
-def judge(trial: Trial, done: Solution, ref: Reference | None) -> Trial:
+def judge(trial: MethodTrial, done: Solution, ref: Reference | None) -> MethodTrial:
     """Fill in error and status of a run that got through, as far as the reference goes."""
     if ref is None:
         trial.message = trial.message or "no reference to compare this result with"
@@ -297,7 +269,7 @@ def methods_tried(quick: bool) -> list[str]:
     return ["auto", *(name for name in registry if not quick or name in REPRESENTATIVES)]
 
 
-def attempts(scene: Scene, ref: Reference | None, budget: Budget, names: Sequence[str]) -> list[Trial]:
+def attempts(scene: Scene, ref: Reference | None, budget: Budget, names: Sequence[str]) -> list[MethodTrial]:
     """Run these methods."""
     # what auto does is judged, so a busy machine must not make it slow
     patient = dataclasses.replace(budget, steps=20 * budget.steps, seconds=max(budget.seconds, 60.0))

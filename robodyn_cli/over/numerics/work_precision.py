@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import itertools
 from collections.abc import Callable, Sequence
-from typing import Any
 
 import numpy as np
 
@@ -16,9 +15,8 @@ from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.motion.baumgarte import GainStudy
 from robodyn_cli.motion.build import build_motion, follow_changes, with_stabilisation
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.motion import Gains, Motion
+from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.numerics.entries import (
-    Entry,
     fields_of,
     in_formulation,
     positions_and_rates,
@@ -30,11 +28,14 @@ from robodyn_cli.over.numerics.entries import (
 from robodyn_cli.over.numerics.lock_precision import judge_lock, lock_reference, locks
 from robodyn_cli.over.numerics.sensitivity import Sensitivity, motion_at, sensitivity
 from robodyn_cli.over.numerics.trial import SAMPLES, Reference, agreed
-from robodyn_cli.record import mutable_record, record
+from robodyn_cli.ready.integrable import integrable
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent
-from robodyn_cli.scene.types import Baumgarte, Scene
+from robodyn_cli.scene.types import Baumgarte, Ready, Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Absent, Termination
+from robodyn_cli.summaries.motion import Gains
+from robodyn_cli.summaries.stability import BestRun, GivenGains, TimedRun, WorkPrecisionSummary
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 
@@ -94,7 +95,7 @@ def reference(motion: Motion, duration: float) -> tuple[Reference, Sensitivity]:
 
 def formulations(
     motion: Motion, asked: str | Baumgarte
-) -> tuple[dict[str, Motion], Gains | Baumgarte | None]:
+) -> tuple[dict[str, Motion], Gains | GivenGains | None]:
     """Return the formulations to compare: the tree itself, or the loops kept closed in different ways.
 
     ``motion`` is projected. Baumgarte's gains are those ``asked`` for, or those that ``stabilisation: baumgarte`` would
@@ -103,7 +104,9 @@ def formulations(
     problem = motion.problem
     if not problem.constraints.rows:
         return {"tree": motion}, None
-    gains: Gains | Baumgarte | None = asked if isinstance(asked, Baumgarte) else None
+    gains: Gains | GivenGains | None = None
+    if isinstance(asked, Baumgarte):
+        gains = GivenGains(asked.alpha, asked.beta)
     if gains is None and not problem.dependent and not problem.contact_joints:
         # a motion that the choice cannot follow (through a singular pose) is compared without that curve
         with contextlib.suppress(NumericalError):
@@ -116,7 +119,7 @@ def formulations(
     return {**found, "none": in_formulation(motion, "none")}, gains
 
 
-def judge_motion(driver: Driver, entry: Entry, motion: Motion, ref: Reference) -> None:
+def judge_motion(driver: Driver, entry: TimedRun, motion: Motion, ref: Reference) -> None:
     """Run over the comparable time; fill in the largest error."""
     grid = Grid.over(ref.until, len(ref.times))
     states = driver.samples(ref.until, grid, watch=bool(motion.watchers))
@@ -126,7 +129,7 @@ def judge_motion(driver: Driver, entry: Entry, motion: Motion, ref: Reference) -
         entry.status = "inaccurate"
 
 
-def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
+def best_at(entries: Sequence[TimedRun], levels: Sequence[float]) -> list[BestRun]:
     """Return, for each error level, the run that reaches it in the least time."""
     table = []
     for level in levels:
@@ -137,7 +140,7 @@ def best_at(entries: Sequence[Entry], levels: Sequence[float]) -> list[Best]:
         ]
         if able:
             best = min(able, key=lambda e: e.run_time_s or np.inf)
-            table.append(Best(**fields_of(best), level=level))
+            table.append(BestRun(**fields_of(best), level=level))
     return table
 
 
@@ -165,14 +168,14 @@ def work_precision(
         if name not in registry:
             raise CapabilityError(f"unknown method {name!r}; allowed: {', '.join(registry)}")
     watch = Stopwatch()
-    motion, measure = prepared(with_stabilisation(scene, "projection"), watch)
+    motion, measure = prepared(with_stabilisation(integrable(scene, watch), "projection"), watch)
     with watch.stage("gains"):
         motions, gains = formulations(motion, scene.simulate.stabilisation)
     runs = [run for name, one in motions.items() for run in planned(name, one, chosen, tolerances, measure)]
     with watch.stage("runs"):
         entries = run_all(runs, measure, repeats, progress)
     summary = WorkPrecisionSummary(
-        termination={"reason": "all runs made", "time": measure.until},
+        termination=Termination("all runs made", measure.until),
         reference_digits=round(measure.digits, 2),
         reference_methods=list(measure.methods),
         compared_until=measure.until,
@@ -202,7 +205,7 @@ class Measure:
     be. end : of the runs [s]. digits, apart, methods : of the reference. growth : of a small change of the start.
     """
 
-    judge: Callable[[Driver, Entry, Motion], None]
+    judge: Callable[[Driver, TimedRun, Motion], None]
     norm: str
     until: float
     whole: bool
@@ -214,7 +217,7 @@ class Measure:
     lock_time: float | Absent = ABSENT
 
 
-def prepared(scene: Scene, watch: Stopwatch) -> tuple[Motion, Measure]:
+def prepared(scene: Ready, watch: Stopwatch) -> tuple[Motion, Measure]:
     """Build the motion and find the reference: for a scene of ``deploy`` the time of its lock, else the motion.
 
     Raises
@@ -271,57 +274,30 @@ def motion_measure(motion: Motion) -> Measure:
 
 
 # -- the runs and the report --------------------------------------------------------------------------------
-@mutable_record
-class Best(Entry):
-    """The run that reaches a ``level`` of error in the least time."""
-
-    level: float = 0.0
-
-
-@record
-class WorkPrecisionSummary:
-    """Keys of the summary of ``work-precision``."""
-
-    termination: dict[str, Any]
-    reference_digits: float
-    reference_methods: list[str]
-    compared_until: float
-    compared_whole_duration: bool
-    perturbation_growth: float
-    perturbation_grows: str
-    e_folding_time: float | Absent
-    repeats: int
-    runs: list[Entry]
-    best: list[Best]
-    baumgarte: Gains | Baumgarte | Absent
-    lock_time: float | Absent
-    error_norm: str
-
-
 def planned(
     formulation: str,
     motion: Motion,
     methods: Sequence[str],
     tolerances: Sequence[float] | None,
     measure: Measure,
-) -> list[tuple[Motion, Entry]]:
+) -> list[tuple[Motion, TimedRun]]:
     """Return the runs of one formulation: each method over the tolerances, or over steps, each half the one before."""
     runs = []
     for method in methods:
         if not supported(method, motion.system):
-            runs.append(Entry(method, formulation, None, None, status="unsupported"))
+            runs.append(TimedRun(method, formulation, None, None, status="unsupported"))
         elif registry[method].adaptive:
-            runs += [Entry(method, formulation, tolerance, None) for tolerance in tolerances or TOLERANCES]
+            runs += [TimedRun(method, formulation, tolerance, None) for tolerance in tolerances or TOLERANCES]
         else:
-            runs += [Entry(method, formulation, None, measure.until / 100.0 / 2**k) for k in range(STEPS)]
+            runs += [TimedRun(method, formulation, None, measure.until / 100.0 / 2**k) for k in range(STEPS)]
     return [(motion, entry) for entry in runs]
 
 
 def run_all(
-    runs: Sequence[tuple[Motion, Entry]], measure: Measure, repeats: int, progress: Progress
-) -> list[Entry]:
+    runs: Sequence[tuple[Motion, TimedRun]], measure: Measure, repeats: int, progress: Progress
+) -> list[TimedRun]:
     """Make the runs; a method that cannot do a formulation is told once."""
-    entries: list[Entry] = []
+    entries: list[TimedRun] = []
     unable: set[tuple[str, str]] = set()
     for k, (motion, entry) in enumerate(runs):
         progress(k + 1, len(runs))
@@ -337,7 +313,7 @@ def run_all(
     return entries
 
 
-def add_runs(result: Result, entries: Sequence[Entry], measure: Measure) -> None:
+def add_runs(result: Result, entries: Sequence[TimedRun], measure: Measure) -> None:
     """Store the figures of the runs."""
     names = ["tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps"]
     lock = measure.lock_time is not ABSENT

@@ -18,9 +18,9 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.kernels.lower import LANES
 from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.observe import observed
 from robodyn_cli.over.plan.programs import at_samples, in_steps
-from robodyn_cli.over.plan.report import Kernel, LoopCosts
 from robodyn_cli.over.plan.terms import Equations, Ledger, Term
 from robodyn_cli.over.plan.variants import (
     general_drives,
@@ -30,9 +30,10 @@ from robodyn_cli.over.plan.variants import (
     without_loops,
 )
 from robodyn_cli.over.plan.words import listed
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene import types as sc
+from robodyn_cli.summaries.checks import Kernel, LoopCosts
 from robodyn_cli.tools.stopwatch import Stopwatch
-from robodyn_cli.works.deploy.deploy import build_deployment
 
 PROJECTION = "projection"
 
@@ -40,13 +41,16 @@ PROJECTION = "projection"
 class Forward:
     """A simulation of one scene as the command builds it."""
 
-    def __init__(self, scene: sc.Scene, command: str) -> None:
-        if command == "deploy":
-            self.motion = build_deployment(scene, Stopwatch(), plan=True)
-        else:
-            self.motion = build_motion(scene, plan=True)
+    inner = "accelerations"
+
+    def __init__(self, scene: sc.Scene) -> None:
+        self.motion = self.built(scene)
         self.problem, self.system = self.motion.problem, self.motion.system
         self.redundant = tuple(self.motion.assembled.redundant)
+
+    def built(self, scene: sc.Scene) -> Motion:
+        """Return what the command integrates."""
+        return build_motion(integrable(scene), plan=True)
 
     def outputs(self, problem: Problem, work: bool = True) -> list[Scalar]:
         """Return the right-hand side that is integrated: accelerations and the work's rate."""
@@ -205,7 +209,7 @@ class Forward:
         s = self.system
         return LoopCosts(
             ledger.total,
-            self.problem.constraints.names,
+            list(self.problem.constraints.names),
             tree,
             None if tree is None else ledger.total - tree,
             chain,
@@ -215,6 +219,15 @@ class Forward:
                 for program in (s.positions, s.velocities, s.switching)
             ),
         )
+
+
+class ForwardUntilLock(Forward):
+    """A deployment of one scene as the command builds it."""
+
+    def built(self, scene: sc.Scene) -> Motion:
+        from robodyn_cli.works.deploy.deploy import build_deployment
+
+        return build_deployment(scene, Stopwatch(), plan=True)
 
 
 def title_of(event: EventFunction) -> str:

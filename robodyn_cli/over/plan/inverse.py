@@ -17,31 +17,28 @@ from robodyn_cli.kernels.crossover import CROSSOVER
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.over.plan.programs import at_samples
-from robodyn_cli.over.plan.report import Kernel, LoopCosts
 from robodyn_cli.over.plan.terms import Equations, Ledger, Term
 from robodyn_cli.over.plan.words import listed, plural
 from robodyn_cli.scene import types as sc
-from robodyn_cli.torques.build import build_inverse
+from robodyn_cli.summaries.checks import Kernel, LoopCosts
 from robodyn_cli.torques.dynamics import InverseDynamics
-from robodyn_cli.trajectories.motion import TaskSpace
+from robodyn_cli.trajectories.base import TaskSpaceTrajectory
+from robodyn_cli.works.inverse import program_of
 
 
 class Inverse:
     """The programs of inverse dynamics of one scene."""
 
+    inner = "torques"
     redundant: tuple[str, ...] = ()
 
     def __init__(self, scene: sc.Scene) -> None:
-        self.fastest = bool(getattr(scene.trajectory, "least_time", False))
-        if getattr(scene.trajectory, "to_be_found", False):
-            from robodyn_cli.ready.in_time import with_motion
-
-            scene = with_motion(scene)
-        self.program = build_inverse(scene)
+        self.fastest = scene.trajectory is not None and scene.trajectory.least_time
+        self.program = program_of(scene)
         scene = self.program.problem.scene
         # equations of their own, for counts that the run does not need
         self.problem = Problem(scene)
-        leads = isinstance(scene.trajectory, TaskSpace) and not self.problem.model.closures
+        leads = isinstance(scene.trajectory, TaskSpaceTrajectory) and not self.problem.model.closures
         self.task = point_task(self.program.problem) if leads else None
 
     @cached_property

@@ -9,33 +9,34 @@ An operation is an addition, a multiplication, a division or a call of a functio
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, Protocol
 
 import numpy as np
 
+from robodyn_cli.commands import places
 from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
+from robodyn_cli.over.commands import command_of
 from robodyn_cli.over.plan.data import idle_constants, unknown_data
-from robodyn_cli.over.plan.forward import Forward
-from robodyn_cli.over.plan.inverse import Inverse
 from robodyn_cli.over.plan.plane import Plane
-from robodyn_cli.over.plan.report import Chosen, Kernel, LoopCosts, Plan
 from robodyn_cli.over.plan.terms import MECHANISM, Equations, Ledger, Term
 from robodyn_cli.over.plan.text import render
 from robodyn_cli.over.plan.variant import Variant
 from robodyn_cli.over.plan.variants import general
 from robodyn_cli.over.plan.words import plural
-from robodyn_cli.results.summary import ABSENT, as_keys
+from robodyn_cli.registry import Registry
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene import types as sc
+from robodyn_cli.summaries.checks import Chosen, Kernel, LoopCosts, PlanReport
+from robodyn_cli.summaries.facts import ABSENT
 
 __all__ = ["plan", "render"]
 
-COMMANDS = ("inverse", "simulate", "deploy")
 # operations of all variants up to which they are built one by one, a second or two of work
 LARGEST = 300_000
 VARIANTS = 25
@@ -44,9 +45,11 @@ VARIANTS = 25
 class Subject(Protocol):
     """A command's equations and programs, as the command builds them.
 
-    problem : the equations. redundant : names of rows that follow from the others in every pose.
+    inner : what the inner loop computes. problem : the equations. redundant : names of rows that follow from the others
+    in every pose.
     """
 
+    inner: str
     problem: Problem
     redundant: tuple[str, ...]
 
@@ -67,11 +70,7 @@ class Subject(Protocol):
         """Return the operations of the loops, None where they are not counted."""
 
 
-def command_of(scene: sc.Scene) -> str:
-    """Return the command that a scene is made for."""
-    if scene.command in COMMANDS:
-        return str(scene.command)
-    return "inverse" if scene.trajectory is not None else "simulate"
+subjects: Registry[Callable[[sc.Scene], Subject]] = Registry("robodyn_cli", places("plan"))
 
 
 @np.errstate(all="ignore")  # what absurd data make of the figures is no news for a terminal
@@ -80,23 +79,24 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
 
     Parameters
     ----------
-    command : ``inverse``, ``simulate`` or ``deploy``; default: the scene's own.
+    command : one that has a plan; default: the scene's own.
 
     Returns
     -------
     ``status`` (``failed`` where data are missing); ``operations``, ``operations_general``; ``kept`` (term, reason,
     operations: what leaving it out would save); ``left_out`` (term, reason, operations_saved); ``kernels``;
     ``choices`` of the engine with their reasons; ``equation_36`` for mechanisms with loops; ``missing`` data,
-    without which the command stops. Counts are None where single terms of a large model are not counted.
+    without which the command stops. Counts are None where single terms of a large model are not counted, and are
+    ``operations_of`` torques or accelerations.
 
     Raises
     ------
-    CapabilityError : the command cannot do this scene. GeometryError : its loops cannot close.
+    CapabilityError : the command has no plan, or cannot do this scene. GeometryError : its loops cannot close.
     """
     command = command or command_of(scene)
-    if command not in COMMANDS:
-        raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(COMMANDS)}")
-    subject: Subject = Inverse(scene) if command == "inverse" else Forward(scene, command)
+    if command not in subjects:
+        raise CapabilityError(f"{command!r} has no plan; allowed: {', '.join(subjects)}", key="command")
+    subject = subjects[command](scene)
     problem = subject.problem
     # before anything else is built in the same graph, so that the programs are those of the run
     kernels, choices, missing = _built(subject)
@@ -108,13 +108,14 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     equations = Equations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
     for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
         ledger.enter(term)
-    found = Plan(
+    found = PlanReport(
         status="failed" if missing else "ok",
         command=command,
         title=problem.scene.title,
         mechanism=describe(problem, subject.redundant),
         operations=ledger.total,
         operations_general=everything,
+        operations_of=subject.inner,
         ratio=round(everything / ledger.total, 3) if ledger.total else None,
         kept=ledger.kept,
         left_out=ledger.left_out,

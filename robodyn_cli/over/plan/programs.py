@@ -12,7 +12,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.lower import is_inlined
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.over.plan.report import Kernel
+from robodyn_cli.summaries.checks import Kernel
 
 
 class Code(Protocol):

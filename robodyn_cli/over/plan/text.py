@@ -62,7 +62,7 @@ class _Page:
             else "Terms are not counted one by one for a model of this size."
         )
         times = f"{plan['ratio']:.1f} times as many" if plan["ratio"] else ""
-        yield from ("", f"Operations of the {'torques' if plan['command'] == 'inverse' else 'accelerations'}")
+        yield from ("", f"Operations of the {plan['operations_of']}")
         yield from self.row("this scene", plan["operations"])
         yield from self.row("code for any scene", plan["operations_general"], times)
         if loops := plan.get("equation_36"):

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
+from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
 from robodyn_cli.over.study.row import Rows, Task
-from robodyn_cli.over.study.study import COMMANDS, run_nominal
-from robodyn_cli.over.study.units import unit_of_output
+from robodyn_cli.over.study.study import run_nominal, units_of_keys
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.nodes import Scalar, located
@@ -88,10 +88,10 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> Asked:
         output is not in the summary, or is no number.
     """
     scene = family.own
-    if scene.command not in COMMANDS:
+    if scene.command not in STUDIED:
         what = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {what}: it says whose summary is meant; allowed: {', '.join(COMMANDS)}",
+            f"{family.path}: key 'command' {what}: it says whose summary is meant; allowed: {', '.join(STUDIED)}",
             file=family.path, key="command",
         )  # fmt: skip
     if not to:
@@ -111,7 +111,7 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> Asked:
     return Asked(
         task, tuple(key for key, _ in found), tuple(value for _, value in found), nominal,
         tuple(_unit(family, key, model) for key, _ in found),
-        tuple(unit_of_output(name, model) for name in task.outputs),
+        tuple(units_of_keys(task, model).values()),
     )  # fmt: skip
 
 

@@ -4,35 +4,32 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
+from robodyn_cli.commands import COMMANDS, places
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.expr.by_keys import ByKeys
-from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.keys import NUMBER, STRUCTURE, Key
 from robodyn_cli.over.sensitivity.asked import Asked
-from robodyn_cli.over.sensitivity.motion.end import Ending, MotionSlopes
-from robodyn_cli.over.sensitivity.motion.variational import programs_of
-from robodyn_cli.over.sensitivity.slope import EXACT, Slope
+from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.registry import Registry
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.scene.types import Scene
 
 Programs = Sequence[Program]
 Found = dict[str, list[Slope]]  # by output, a derivative for each key
 Work = Callable[[Asked, Sequence[int]], Found]  # of keys by their numbers
-# keys of what a motion is asked to be, which are no numbers of the equations
-GIVEN = {"inverse": ("trajectory.",), "kinematics": ("trajectory.", "kinematics.")}
 FOLLOWS = 1e-2  # part of a small change of a number by which its derivatives may miss it
 ROUNDING = 1e-11  # of numbers that are computed, far below NEARBY
 NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equations are compared
+
+works: Registry[Work] = Registry("robodyn_cli", places("slopes"))
 
 
 def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, str]]:
     """Return exact derivatives by output and number of the key, and for keys without any the reason."""
     why = {k: reason for k, key in enumerate(asked.keys) if (reason := _obstacle(asked, key))}
-    work = WORK.get(asked.task.command)
+    work = works.get(asked.task.command)
     found: dict[tuple[str, int], Slope] = {}
     if work is None:
         return found, dict.fromkeys(range(len(asked.keys)), f"{asked.task.command} has no exact derivatives")
@@ -55,7 +52,7 @@ def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, 
 
 def _obstacle(asked: Asked, key: Key) -> str:
     """Return why a key has no exact derivatives; nothing where it may have them."""
-    if key.name.startswith(GIVEN.get(asked.task.command, ())):
+    if key.name.partition(".")[0] in COMMANDS[asked.task.command].given:
         return ""
     if key.sort in (NUMBER, STRUCTURE) and (key.place or key.name) not in asked.placed:
         return "the key is part of the code (structure), not a number that it reads"
@@ -93,92 +90,19 @@ def refuse_structure(asked: Asked, numbers: Sequence[int], own: Programs, other:
             )
 
 
-# -- what motions end with ------------------------------------------------------------------------------------
-def _simulate(asked: Asked, numbers: Sequence[int]) -> Found:
-    from robodyn_cli.motion.build import build_motion
+class Direct(Protocol):
+    """What a command computes without any integration, for some keys: its programs, and their derivatives."""
 
-    outputs, scene = asked.task.outputs, asked.scene
-    if not any(name.startswith("final.") or name == "termination.time" for name in outputs):
-        return {}
-    if scene.initial.source is not None:
-        raise CapabilityError("the run goes on from a stored one")
-    motion = build_motion(scene)
-    other = build_motion(asked.changed(numbers, NEARBY))
-    refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
-    slopes = MotionSlopes(
-        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(scene.simulate.duration)
-    )
-    return _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
+    @property
+    def programs(self) -> Programs: ...
+    def slopes(self) -> Found: ...
 
 
-def _deploy(asked: Asked, numbers: Sequence[int]) -> Found:
-    from robodyn_cli.works.deploy.deploy import build_deployment
-    from robodyn_cli.works.deploy.scan import decide, scan
-
-    outputs, scene = asked.task.outputs, asked.scene
-    if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
-        return {}
-    motion = build_deployment(scene, Stopwatch())
-    other = build_deployment(asked.changed(numbers, NEARBY), Stopwatch())
-    refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
-    criterion = scene.deploy.criterion
-    found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
-    end = decide(motion, found)
-    kinds = {"dead_point": EventKind.DEAD_POINT, "latch": EventKind.LATCH}
-    if found.driven or end.time is None or end.criterion not in kinds:
-        raise CapabilityError("no event of the motion's state gives the time of the lock")
-    function = next(e.value for e in motion.system.events if e.kind is kinds[end.criterion])
-    slopes = MotionSlopes(
-        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(end.time, function)
-    )
-    times = ("lock.time", "termination.time", f"criteria.{end.criterion}")
-    return _of_end(motion, outputs, slopes, times, ("lock.angles.", "lock.angles_deg.", "lock.rates."))
-
-
-def _of_end(
-    motion: Motion,
-    outputs: Sequence[str],
-    slopes: MotionSlopes,
-    times: Sequence[str],
-    prefixes: tuple[str, str, str],
+def compared(
+    kind: Callable[[Asked, Scene, Sequence[int]], Direct], asked: Asked, numbers: Sequence[int]
 ) -> Found:
-    """Return the derivatives of those outputs that the end of a motion gives.
-
-    times : keys of its time. prefixes : of its positions, its positions in degrees, and its rates.
-    """
-    model = motion.problem.model
-    values, errors = slopes.found()
-    rows = dict.fromkeys(times, (values.time, errors.time))
-    for prefix, group, names, factor in (
-        (prefixes[0], "q", model.q_names, 1.0),
-        (prefixes[1], "q", model.q_names, math.degrees(1.0)),
-        (prefixes[2], "v", model.v_names, 1.0),
-    ):
-        for k, name in enumerate(names if prefix else ()):
-            rows[prefix + name] = factor * getattr(values, group)[k], factor * getattr(errors, group)[k]
-    return {
-        name: [Slope(float(y), float(e), EXACT) for y, e in zip(*rows[name])]
-        for name in outputs
-        if name in rows
-    }
-
-
-def _directly(asked: Asked, numbers: Sequence[int]) -> Found:
-    """Return the derivatives of a command without any integration."""
-    kind = DIRECT[asked.task.command]
+    """Return the derivatives of a command without any integration, by keys that are no structure."""
     found = kind(asked, asked.scene, numbers)
     other = kind(asked, asked.changed(numbers, NEARBY), numbers)
     refuse_structure(asked, numbers, found.programs, other.programs)
-    slopes: Found = found.slopes()
-    return slopes
-
-
-DIRECT: Registry[Any] = Registry(
-    "robodyn_cli.over.sensitivity",
-    {
-        "inverse": "inverse:InverseSlopes",
-        "kinematics": "kinematics:KinematicsSlopes",
-        "statics": "statics:StaticsSlopes",
-    },
-)
-WORK: Mapping[str, Work] = {"simulate": _simulate, "deploy": _deploy, **dict.fromkeys(DIRECT, _directly)}
+    return found.slopes()

@@ -13,7 +13,6 @@ from functools import cached_property
 
 import numpy as np
 
-from robodyn_cli.drives.figures import DriveFigures
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
@@ -21,18 +20,20 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.over.sensitivity.gradients import MotionGradients
 from robodyn_cli.over.sensitivity.led import Course, Led
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import share_change
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.drives import DriveFigures
+from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
+from robodyn_cli.summaries.inverse import JointFigures
 from robodyn_cli.torques.checks import joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
-from robodyn_cli.torques.figures import JointFigures
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import at_rest, program_of
 
@@ -43,8 +44,18 @@ class Figures:
 
     termination: Termination
     joints: dict[str, JointFigures]
-    reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
+    reactions: PeakLoads | Absent = ABSENT
     drives: dict[str, DriveFigures] | Absent = ABSENT
+
+
+def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of the figures of ``inverse`` by some keys.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+    return compared(InverseSlopes, asked, numbers)
 
 
 class InverseSlopes:
@@ -56,7 +67,7 @@ class InverseSlopes:
     """
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
-        if getattr(scene.trajectory, "to_be_found", False):
+        if scene.trajectory is not None and not scene.trajectory.in_time:
             raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.program = program_of(scene)
@@ -148,7 +159,9 @@ class InverseSlopes:
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
-            found = dataclasses.replace(found, reactions={"largest": largest_loads(data, self.loads.names)})
+            found = dataclasses.replace(
+                found, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(data, self.loads.names))
+            )
         if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
             found = dataclasses.replace(found, drives=self._drives(sampled, step, k))
         return found

@@ -12,14 +12,25 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.over.sensitivity.gradients import MotionGradients
 from robodyn_cli.over.sensitivity.led import Course, Led
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.mechanism import KinematicsSummary
 from robodyn_cli.works.kinematics import leading, outputs, plan, problem_of, report, summarise
-from robodyn_cli.works.mechanism_summary import KinematicsSummary
+
+
+def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of the figures of ``kinematics`` by some keys.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+    return compared(KinematicsSlopes, asked, numbers)
 
 
 class KinematicsSlopes:
@@ -31,7 +42,7 @@ class KinematicsSlopes:
     """
 
     def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
-        if getattr(scene.trajectory, "to_be_found", False):
+        if scene.trajectory is not None and not scene.trajectory.in_time:
             raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.led = Led(asked, scene, numbers, _course)

@@ -27,7 +27,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import SINGULAR
 from robodyn_cli.spatial.algebra import Array, identity
-from robodyn_cli.trajectories.motion import TaskSpace
+from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 
 WIDEST = 1e-3  # part of a key's value by which it is changed
 LEVELS = 3
@@ -92,7 +92,7 @@ class Course:
     @staticmethod
     def of(problem: Problem, times: Array, lead: Lead | None) -> Course:
         """Return it; without a ``lead`` the trajectory leads an open chain, a point of it or all joints."""
-        point = lead is None and isinstance(problem.scene.trajectory, TaskSpace)
+        point = lead is None and isinstance(problem.scene.trajectory, TaskSpaceTrajectory)
         return Course(problem, times, lead_of(problem) if point else lead)
 
     @property

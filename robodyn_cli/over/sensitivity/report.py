@@ -7,48 +7,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robodyn_cli.observe.units import unit_text
 from robodyn_cli.over.sensitivity.slope import EXACT, Slope, why_not
 from robodyn_cli.over.sensitivity.slopes import Sensitivities
-from robodyn_cli.record import record
-from robodyn_cli.results.columns import UNKNOWN
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent
-
-
-@record
-class Number:
-    """A key or an output as it stands: its value in SI units, its estimated error where it has one, its unit."""
-
-    value: float
-    unit: str
-    error: float | Absent | None = ABSENT
-
-
-@record
-class SlopeKeys:
-    """d output / d key with its estimated error and unit.
-
-    normalised : key / output times it; None where either is zero, and 0 where the derivative is less than its error.
-    method : ``exact`` or ``differences``. reason : why there is none, or none that is exact.
-    """
-
-    derivative: float | None
-    error: float | None
-    unit: str
-    normalised: float | None
-    method: str
-    reason: str | Absent = ABSENT
-
-
-@record
-class SensitivitySummary:
-    """Keys of the summary; the keys of each output are in the order of their normalised derivatives."""
-
-    of: str
-    outputs: dict[str, Number]
-    keys: dict[str, Number]
-    sensitivities: dict[str, dict[str, SlopeKeys]]
-    seconds: float
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.study import OF_KEY, OF_OUTPUT, NominalNumber, SensitivitySummary, SlopeKeys
 
 
 def report(found: Sensitivities, seconds: float) -> Result:
@@ -56,10 +20,11 @@ def report(found: Sensitivities, seconds: float) -> Result:
     asked = found.asked
     task = asked.task
     result = Result("sensitivity", asked.scene.title or task.command, "ok", asked.scene.text)
+    key_units = tuple(unit or "1" for unit in asked.units)
     labelled = {"dims": ("key",), "names": task.keys}
     result.add(
-        "keys/value", asked.values, units="SI", long_name="value of each key",
-        column_units=tuple(unit or "1" for unit in asked.units), **labelled,
+        "keys/value", asked.values, units=unit_text(key_units), long_name="value of each key",
+        column_units=key_units, **labelled,
     )  # fmt: skip
     for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes)):
         units = tuple(quotient(asked.output_units[k], unit) for unit in asked.units)
@@ -72,17 +37,19 @@ def report(found: Sensitivities, seconds: float) -> Result:
         }
         for group, (meaning, own) in MEANINGS.items():
             result.add(
-                f"{group}/{name}", columns[group], units="1" if own else "SI", long_name=meaning.format(name),
-                column_units=() if own else units, **labelled,
+                f"{group}/{name}", columns[group], long_name=meaning.format(name),
+                units="1" if own else unit_text(units), column_units=() if own else units, **labelled,
             )  # fmt: skip
     result.summarise(
         SensitivitySummary(
             of=task.command,
             outputs={
-                name: Number(y, unit, None if math.isnan(error) else error)
+                name: NominalNumber(y, unit, None if math.isnan(error) else error)
                 for name, y, unit, error in zip(task.outputs, asked.outputs, asked.output_units, asked.errors)
             },
-            keys={name: Number(x, unit) for name, x, unit in zip(task.keys, asked.values, asked.units)},
+            keys={
+                name: NominalNumber(x, unit) for name, x, unit in zip(task.keys, asked.values, asked.units)
+            },
             sensitivities={
                 name: _ranked(found, k, slopes)
                 for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes))
@@ -133,9 +100,8 @@ def normalised(slope: Slope, key: float, output: float) -> float | None:
 
 
 def quotient(unit: str, of: str) -> str:
-    """Return the unit of a derivative; ``SI`` where one of both is not known."""
-    if unit in ("", UNKNOWN) or of in ("", UNKNOWN):
-        return "SI"
+    """Return the unit of a derivative; ``N/(unit of the key)`` where one of both is not known, as in a formula."""
+    unit, of = unit or f"({OF_OUTPUT})", of or OF_KEY
     if of == "1":
         return unit
     below = f"({of})" if " " in of or "/" in of else of

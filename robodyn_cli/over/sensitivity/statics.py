@@ -23,16 +23,17 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import slopes_along
 from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients
 from robodyn_cli.over.sensitivity.led import velocity_map
 from robodyn_cli.over.sensitivity.motion.start import Closing, given_slopes
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, share, share_change
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.works.balance import balanced, load_at_rest, staying
 from robodyn_cli.works.holding import holding_joints
 from robodyn_cli.works.statics import closed_configuration, problem_of
@@ -48,7 +49,7 @@ class Figures:
     configuration: dict[str, float]
     torques_of_joints: dict[str, float]
     multipliers: dict[str, float] | Absent = ABSENT
-    reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
+    reactions: PeakLoads | Absent = ABSENT
 
 
 @record
@@ -59,6 +60,16 @@ class Rest:
 
     values: dict[str, Array]
     changes: dict[str, Array]
+
+
+def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+    """Return the derivatives of the figures of ``statics`` by some keys.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+    return compared(StaticsSlopes, asked, numbers)
 
 
 class StaticsSlopes:
@@ -185,10 +196,10 @@ class StaticsSlopes:
         multipliers = dict(
             zip([row.name for row in problem.constraints.loop_rows], there["lam"][loops].tolist())
         )
-        reactions: dict[str, dict[str, dict[str, float]]] | Absent = ABSENT
+        reactions: PeakLoads | Absent = ABSENT
         if self.loads is not None:
             data = {path: there[path][None] for path in self.loads.names}
-            reactions = {"largest": largest_loads(data, self.loads.names)}
+            reactions = PeakLoads(ABSENT, ABSENT, largest_loads(data, self.loads.names))
         return Figures(
             dict(zip(problem.model.q_names, there["q"].tolist())),
             dict(zip(problem.model.v_names, there["tau"].tolist())),

@@ -8,29 +8,28 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.commands import COMMANDS, places
 from robodyn_cli.expr.expectation import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE
 from robodyn_cli.over.many.command import Command
-from robodyn_cli.over.many.deploy import Deploy
-from robodyn_cli.over.many.inverse import Inverse
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.many.record import ManyRuns
-from robodyn_cli.over.many.simulate import Simulate
 from robodyn_cli.over.study.row import Points, Rows, Task
 from robodyn_cli.over.study.rows import Missing
+from robodyn_cli.registry import Registry
 from robodyn_cli.spatial.algebra import Array
 
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
 STATUS = "status"
-COMMANDS: dict[str, Command[Any]] = {"simulate": Simulate(), "deploy": Deploy(), "inverse": Inverse()}
-GOOD = {"simulate": "ok", "deploy": "locked", "inverse": "ok"}  # status of a run that ended as it should
+
+commands: Registry[Command[Any]] = Registry("robodyn_cli", places("batch"), made=True)
 
 
 def suits(task: Task) -> bool:
     """Tell whether compiled code gives all that a study wants of its runs."""
     wanted = [*task.outputs, *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS))]
-    command = COMMANDS.get(task.command)
+    command = commands.get(task.command)
     return command is not None and all(command.is_plain(key) for key in wanted)
 
 
@@ -39,7 +38,7 @@ class Compiled:
 
     def __init__(self, task: Task, threads: int) -> None:
         self.task, self.threads = task, threads
-        self._mechanism, self._command = Mechanism(task.family, task.keys), COMMANDS[task.command]
+        self._mechanism, self._command = Mechanism(task.family, task.keys), commands[task.command]
         expected = (key for key in task.family.own.expect if self._command.is_plain(key))
         self._of = tuple(dict.fromkeys([*task.outputs, *expected]))
 
@@ -51,7 +50,7 @@ class Compiled:
         rows["values"], rows["code"], rows["done"] = points.values, runs.code, True
         for k, key in enumerate(task.outputs):
             rows["outputs"][:, k], rows["errors"][:, k] = runs.outputs[key], runs.errors[key]
-        rows["holds"] = _holds(task.family.own.expect, runs, GOOD[task.command])
+        rows["holds"] = _holds(task.family.own.expect, runs, COMMANDS[task.command].good)
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return Rows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})

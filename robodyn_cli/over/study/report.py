@@ -14,57 +14,18 @@ from robodyn_cli.errors import ResultFileError
 from robodyn_cli.over.batch.stored import read_stored
 from robodyn_cli.over.study.rows import RowFile
 from robodyn_cli.over.study.samples import strata
-from robodyn_cli.over.study.spread import MOST, Blocks, Moments, Spread, quantiles
-from robodyn_cli.over.study.statistics import Index, Influence, Share, influences, share, sobol
+from robodyn_cli.over.study.spread import MOST, Blocks, Moments, quantiles
+from robodyn_cli.over.study.statistics import influences, share, sobol
 from robodyn_cli.over.study.study import Study
-from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, as_keys
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.study import Influence, InputKeys, NamedRun, SobolIndex, Spread, StudySummary
 
 if TYPE_CHECKING:
     from robodyn_cli.results.hdf5.writer import ResultWriter
 
 DIGEST = "study_digest"  # attribute of the file
-
-
-@record
-class Case:
-    """One run: its number, why it is named, its values and the command that repeats it."""
-
-    run: int
-    why: str
-    values: dict[str, float]
-    command: str
-
-
-@record
-class InputKeys:
-    """A key that varies: as it was asked for, and its unit."""
-
-    spec: str
-    unit: str
-
-
-@record
-class StudySummary:
-    """Keys of the summary of a study, in their order; ``yield``, a word of Python, is added where there is one.
-
-    failures : number of runs by exit code. cases : extremes and first failures.
-    """
-
-    runs: int
-    of: str
-    sampler: str | Absent
-    seed: int | Absent
-    inputs: dict[str, InputKeys]
-    results: dict[str, Spread | None]
-    failures: dict[str, int]
-    failed: Share
-    cases: list[Case]
-    influence: dict[str, dict[str, Influence]]
-    sobol_indices: dict[str, dict[str, Index] | None] | Absent
-    seconds: float
 
 
 def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) -> Result:
@@ -88,10 +49,9 @@ def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) ->
         influence=found.influences(),
         sobol_indices=found.sobol_indices() if study.design.indices else ABSENT,
         seconds=seconds,
+        yield_=share(found.held, len(file), sampled) if study.scene.expect else ABSENT,
     )
     result.summarise(summary)
-    if study.scene.expect:
-        result.summary["yield"] = as_keys(share(found.held, len(file), sampled))
     return result
 
 
@@ -158,12 +118,12 @@ class Found:
         keys, values = self.study.design.keys, self.sample["values"]
         return {key: influences(keys, values, sample) for key, sample, _ in self._columns()}
 
-    def sobol_indices(self) -> dict[str, dict[str, Index] | None]:
+    def sobol_indices(self) -> dict[str, dict[str, SobolIndex] | None]:
         """Return Sobol's indices of each output, which takes all of its values at once."""
         keys = self.study.design.keys
         return {key: sobol(keys, np.concatenate([*blocks()])) for key, _, blocks in self._columns()}
 
-    def cases(self) -> list[Case]:
+    def cases(self) -> list[NamedRun]:
         """Return the extremes of each output, and the first run that failed with each exit code."""
         named: dict[int, list[str]] = {}
         for key, moments in zip(self.study.task.outputs, self._moments):
@@ -174,9 +134,9 @@ class Found:
             named.setdefault(run, []).append(f"exit code {code}: {reason}")
         return [self._case(run, "; ".join(why)) for run, why in named.items()]
 
-    def _case(self, run: int, why: str) -> Case:
+    def _case(self, run: int, why: str) -> NamedRun:
         values = self.study.design.rows(run, run + 1)[0].tolist()
-        return Case(run, why, dict(zip(self.study.task.keys, values)), self.study.repeat(values))
+        return NamedRun(run, why, dict(zip(self.study.task.keys, values)), self.study.repeat(values))
 
 
 def earlier_rows(study: Study, directory: Path) -> NDArray[Any] | None:

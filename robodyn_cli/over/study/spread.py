@@ -11,35 +11,13 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.study import LEVELS, QUANTILES, Spread
 
-LEVELS = (0.05, 0.25, 0.5, 0.75, 0.95)  # quantiles
 MOST = 1 << 15  # runs that are held in memory at once
 WIDTH = 6.0  # standard errors on both sides of a sample's quantile, where that of all is looked for
 Blocks = Callable[[], Iterator[Array]]
-
-
-@record
-class Spread:
-    """How an output spreads over the runs that have it.
-
-    runs : their number. nominal : value of the scene as it stands. unit : of all. mean, sd, quantiles, mean_error
-    (standard error of the mean) : for samples alone; of a grid they would tell how its values were chosen.
-    largest_error : of the errors that runs estimate, where they do.
-    """
-
-    runs: int
-    minimum: float
-    maximum: float
-    nominal: float | None
-    unit: str
-    mean: float | Absent = ABSENT
-    sd: float | Absent = ABSENT
-    quantiles: dict[str, float] | Absent = ABSENT
-    mean_error: float | Absent = ABSENT
-    largest_error: float | Absent = ABSENT
 
 
 class Moments:
@@ -91,7 +69,7 @@ class Moments:
             *ends,
             mean=self.mean,
             sd=sd,
-            quantiles={f"{100 * level:g} %": float(q) for level, q in zip(LEVELS, quantiles)},
+            quantiles=dict(zip(QUANTILES, quantiles.tolist())),
             mean_error=sd / math.sqrt(self.runs),
             largest_error=largest_error,
         )

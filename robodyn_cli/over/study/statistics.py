@@ -9,44 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.study import Influence, Share, SobolIndex
 
 CONFIDENCE = 0.95  # of all intervals
-
-
-@record
-class Share:
-    """A share of runs, of samples with its confidence interval (Clopper and Pearson)."""
-
-    share: float
-    low: float | Absent = ABSENT
-    high: float | Absent = ABSENT
-    confidence: float | Absent = ABSENT
-
-
-@record
-class Influence:
-    """What a key does to an output, by a linear fit over all keys.
-
-    swing : change of the output as the key goes from its 5 % to its 95 % quantile. rank_correlation : Spearman's.
-    """
-
-    swing: float
-    rank_correlation: float
-
-
-@record
-class Index:
-    """Shares of an output's variance: by a key alone, and with all its interactions; with confidence intervals."""
-
-    first: float
-    first_low: float
-    first_high: float
-    total: float
-    total_low: float
-    total_high: float
 
 
 def share(count: int, runs: int, sampled: bool = True) -> Share:
@@ -94,7 +60,7 @@ def _correlation(a: Array, b: Array) -> float:
     return float(a @ b) / size if size else 0.0
 
 
-def sobol(keys: Sequence[str], output: Array) -> dict[str, Index] | None:
+def sobol(keys: Sequence[str], output: Array) -> dict[str, SobolIndex] | None:
     """Return Sobol's indices of an output of Saltelli's design; None where it has gaps or does not vary.
 
     Source: Saltelli et al. 2010, as ``scipy.stats.sobol_indices`` has it, with its bootstrap.
@@ -115,7 +81,7 @@ def sobol(keys: Sequence[str], output: Array) -> dict[str, Index] | None:
     orders = ((found.first_order, spreads.first_order), (found.total_order, spreads.total_order))
     columns = [column for value, order in orders for column in (value, *_sides(order))]
     by_key = np.array([column.reshape(2, k)[0] for column in columns]).T
-    return {key: Index(*(float(x) for x in row)) for key, row in zip(keys, by_key)}
+    return {key: SobolIndex(*(float(x) for x in row)) for key, row in zip(keys, by_key)}
 
 
 def _sides(order: Any) -> tuple[Array, Array]:

@@ -9,27 +9,28 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.commands import SCENE_COMMANDS
+from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.variation import Variation
 from robodyn_cli.model.build import build_model
-from robodyn_cli.over.batch.criteria import lookup, lookup_number, refuse_unknown
+from robodyn_cli.model.model import Model
+from robodyn_cli.over.batch.criteria import lookup, refuse_unknown
 from robodyn_cli.over.many.keys import Allowed, setting, understand
 from robodyn_cli.over.many.single import number_of
-from robodyn_cli.over.possible import is_possible
 from robodyn_cli.over.study.design import Design, make_design
 from robodyn_cli.over.study.row import Rows, Task
 from robodyn_cli.over.study.rows import RowFile
 from robodyn_cli.over.study.runs import make_one
-from robodyn_cli.over.study.units import unit_of_output
 from robodyn_cli.record import record
 from robodyn_cli.results.provenance import sha256
+from robodyn_cli.scene.checks.scene import key_names
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles, unit_of
+from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.summaries.refusals import refusal
 from robodyn_cli.version import __version__
 
-COMMANDS = tuple(name for name in SCENE_COMMANDS if name not in ("stability", "assemble"))
 NO_NUMBERS = ("wall_time_s", "counters", "run_id")
 
 
@@ -104,10 +105,10 @@ def prepare(asked: Asked) -> Study:
     """
     family, options = asked.family, asked.options
     scene = family.own
-    if scene.command not in COMMANDS:
+    if scene.command not in STUDIED:
         what = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(COMMANDS)}"
+            f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(STUDIED)}"
         )
     if options.least_yield is not None and not scene.expect:
         raise SceneError(
@@ -124,7 +125,7 @@ def prepare(asked: Asked) -> Study:
     nominal = run_nominal(task, source).rows[0]
     units = {key: unit_of(family.root, key) for key in design.keys}
     model = build_model(scene)
-    output_units = {key: unit_of_output(key, model) for key in wanted}
+    output_units = units_of_keys(task, model)
     return Study(asked, task, design, units, output_units, nominal)
 
 
@@ -144,6 +145,12 @@ def _check_key(family: Family, key: str, variation: Variation) -> None:
         raise SceneError(message, key=key) from error
 
 
+def units_of_keys(task: Task, model: Model) -> dict[str, str]:
+    """Return the units of the outputs of a study."""
+    leaves = ((key, leaf_of(task.command, key)) for key in task.outputs)
+    return {key: leaf.unit(model.coordinate_units) for key, leaf in leaves if leaf is not None}
+
+
 def run_nominal(task: Task, source: str) -> Rows:
     """Return what the run of the scene as it stands gave; source : what named the outputs.
 
@@ -151,6 +158,9 @@ def run_nominal(task: Task, source: str) -> Rows:
     ------
     SceneError : no output is named, or the summary of this run does not have one, or it is no number.
     """
+    for key in task.outputs:
+        if wrong := refusal(task.command, key, key_names(task.family.own), number=True):
+            raise SceneError(f"{source} {key}: {wrong}", key=f"{source} {key}")
     made, summary = make_one(dataclasses.replace(task, keys=()), 0, np.empty(0))
     if not summary:
         raise SceneError(f"the scene as it stands does not run: {made.reasons[0]}")
@@ -163,9 +173,6 @@ def run_nominal(task: Task, source: str) -> Rows:
         asked = f"{source} {key}"
         refuse_unknown(summary, key, asked)
         value = lookup(summary, key)
-        nothing = value is None or (made.reasons and lookup_number(summary, key) is None)
-        if nothing and not is_possible(task.command, key, task.family.own.text):
-            raise SceneError(f"{asked}: no run of {task.command} has a number of this name", key=asked)
         if not made.reasons and value is not None and math.isnan(number_of(summary, key)):
             raise SceneError(f"{asked}: is {value!r}, which is not a number")
     return made

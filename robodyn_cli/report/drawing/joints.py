@@ -73,7 +73,7 @@ class Connections:
             return
         if kind in SLIDING:
             self.parts.append(Part("rail", loop.name, (first, second), GREY))
-        direction = getattr(loop.element, "axis", None) or Z
+        direction = loop.element.axis or Z
         axes = _given([self.expressions.axis(loop.first.body, loop.first.R @ vector(direction))])
         ground = BASE in (loop.first.body, loop.second.body)
         colour = colour_of(max(loop.second.body, 0))

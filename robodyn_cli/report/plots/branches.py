@@ -35,7 +35,7 @@ def draw(result: Result) -> Any:
     height = paper.height_of(view, WIDTHS[across], 1.6)
     sheet = Sheet(
         result,
-        _subtitle(view, result.command, count, shown),
+        _subtitle(view, "frame" in result.summary, count, shown),
         panels=shown,
         across=across,
         height=height,
@@ -53,10 +53,10 @@ def draw(result: Result) -> Any:
     return sheet.figure
 
 
-def _subtitle(view: View, command: str, count: int, shown: int) -> str:
+def _subtitle(view: View, posed: bool, count: int, shown: int) -> str:
     more = f", {shown} of them drawn" if shown < count else ""
     plural = "es" if count != 1 else ""
-    of = "of the closed loops" if command == "assemble" else "that reach the pose"
+    of = "that reach the pose" if posed else "of the closed loops"
     return f"{count} branch{plural} {of} {paper.where(view)}{more}"
 
 

@@ -16,8 +16,8 @@ KINDS = ("kinetic", "potential", "total", "work")
 
 
 def applies(result: Result) -> bool:
-    """Tell whether there are energies to follow; a deployment has its own drawings."""
-    return "energy/total" in result and result.command != "deploy"
+    """Tell whether there are energies to follow."""
+    return "energy/total" in result
 
 
 def draw(result: Result) -> Any:

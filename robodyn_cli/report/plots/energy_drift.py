@@ -15,8 +15,8 @@ from robodyn_cli.results.result import Result
 
 
 def applies(result: Result) -> bool:
-    """Tell whether the energy must follow from the start: actuators of an inverse run change it as they like."""
-    return "energy/total" in result and len(result.time) > 1 and result.command == "simulate"
+    """Tell whether there are energies to follow."""
+    return "energy/total" in result and len(result.time) > 1
 
 
 def draw(result: Result) -> Any:

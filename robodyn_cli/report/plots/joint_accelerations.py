@@ -1,4 +1,4 @@
-"""Joint accelerations over time, of an inverse run: where they are an input."""
+"""Joint accelerations over time."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from robodyn_cli.results.result import Result
 
 
 def applies(result: Result) -> bool:
-    """Tell whether this is an inverse run with accelerations."""
-    return "qdd" in result and result["qdd"].shape[1] > 0 and result.command == "inverse"
+    """Tell whether there are joint accelerations to draw."""
+    return "qdd" in result and result["qdd"].shape[1] > 0
 
 
 def draw(result: Result) -> Any:

@@ -10,7 +10,7 @@ from robodyn_cli.results.result import Result
 
 def applies(result: Result) -> bool:
     """Tell whether there are joint velocities to draw."""
-    return "qd" in result and result["qd"].shape[1] > 0 and result.command != "deploy"
+    return "qd" in result and result["qd"].shape[1] > 0
 
 
 def draw(result: Result) -> Any:

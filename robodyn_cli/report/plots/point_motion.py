@@ -16,11 +16,7 @@ from robodyn_cli.results.result import Result
 
 def applies(result: Result) -> bool:
     """Tell whether velocities and accelerations of points were recorded."""
-    return (
-        result.command == "kinematics"
-        and bool(result.group("point_velocities"))
-        and bool(result.group("point_accelerations"))
-    )
+    return bool(result.group("point_velocities")) and bool(result.group("point_accelerations"))
 
 
 def draw(result: Result) -> Any:

@@ -25,10 +25,10 @@ RATIO = 8.0  # of the peaks of two torques from which on each has a panel of its
 
 
 def applies(result: Result) -> bool:
-    """Tell whether there are torques that someone asked for: given ones that are all zero are not drawn."""
-    if "tau" not in result or not result["tau"].size or result.command == "deploy":
+    """Tell whether there are torques: those that were given, and not computed, are not drawn where all are zero."""
+    if "tau" not in result or not result["tau"].size:
         return False
-    return result.command == "inverse" or bool(np.any(result["tau"] != 0.0))
+    return bool(result.group("torque_terms")) or bool(np.any(result["tau"] != 0.0))
 
 
 def draw(result: Result) -> Any:

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from collections.abc import Sequence as SequenceOf
 from typing import NoReturn
 
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, dotted, find, located, nearest
+from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, dotted, find, located, nearest
 
 
 class Check(Faults):
@@ -51,3 +51,27 @@ class Check(Faults):
                 if name in seen:
                     self.fail(paths[k], f"{what} {name!r} appears twice; names of {what}s must differ")
                 seen.add(name)
+
+
+def key_place(root: Node, section: str, key: str) -> Path:
+    """Return where ``expect`` or ``study.of`` names a key of the summary; in maps dots stand for maps in maps."""
+    if section == "expect":
+        return ("expect", *next(_ways(find(root, ("expect",)), key.split(".")), ()))
+    listed = find(root, ("study", "of"))
+    names = (
+        [item.text for item in listed.items if isinstance(item, Scalar)]
+        if isinstance(listed, Sequence)
+        else []
+    )
+    return ("study", "of", names.index(key))
+
+
+def _ways(node: Node | None, steps: SequenceOf[str]) -> Iterator[Path]:
+    """Yield the paths in maps that are a key with dots."""
+    if not steps:
+        yield ()
+    elif isinstance(node, Mapping):
+        for k in range(len(steps), 0, -1):
+            name = ".".join(steps[:k])
+            if (below := node.get(name)) is not None:
+                yield from ((name, *rest) for rest in _ways(below, steps[k:]))

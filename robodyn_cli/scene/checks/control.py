@@ -53,7 +53,7 @@ def _driven(scene: Scene, names: SceneNames, check: Check) -> tuple[str, ...]:
     single = columns(scene.robot, quasi=False)
     prescribed = velocity_columns(scene.prescribed)
     free = [name for name in single if name not in prescribed and "." not in name]
-    law = tuple(getattr(controller, "law", ()))
+    law = tuple(controller.law)
     given = controller.joints
     path: Path = ("control", "joints") if given is not None else ("control", "law")
     if given is None:
@@ -165,14 +165,12 @@ def _reference(scene: Scene, names: SceneNames, joints: tuple[str, ...], check: 
         with check:
             check.fail(("control", "reference", *path), message)
     _check_led(own, ("control", "reference"), names, joints, check)
-    if hasattr(own, "completed") and not check.found:
-        return own.completed(some)
-    return own
+    return own if check.found else own.completed(some)
 
 
 def _check_led(motion: Any, path: Path, names: SceneNames, joints: tuple[str, ...], check: Check) -> None:
-    led = getattr(motion, "joints", None)
-    missing = [name for name in joints if led is not None and name not in led]
+    known = motion is not None and (motion.joints or not motion.lacks)
+    missing = [name for name in joints if known and name not in motion.joints]
     with check:
         if missing and not names.closed:
             check.fail(path, f"does not lead joint {missing[0]!r}, which the controller drives")
@@ -205,8 +203,8 @@ def _check_signals(scene: Scene, joints: tuple[str, ...], check: Check) -> None:
         (("outputs", "signals", name), signal) for name, signal in scene.outputs.signals.items()
     ]
     if scene.control is not None:
-        given += [(("control", "law", name), x) for name, x in getattr(scene.control, "law", {}).items()]
-        given += [(("control", "state", name), x) for name, x in getattr(scene.control, "state", {}).items()]
+        given += [(("control", "law", name), x) for name, x in scene.control.law.items()]
+        given += [(("control", "state", name), x) for name, x in scene.control.state.items()]
     for path, value in given:
         for formula in formulas_in(value):
             for name in formula.names:

@@ -13,6 +13,7 @@ from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, BUILT_IN, joint_of, spot_problem
 from robodyn_cli.scene.robot_types import DH, Joint, Orientation, Robot
 from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.describe import describe
 
 ROBOT: Path = ("robot",)
@@ -285,3 +286,15 @@ def _check_points(robot: Robot, check: Check) -> None:
                 problem = spot_problem(robot, point.link, point.at) if isinstance(point.at, str) else None
                 if problem is not None:
                     check.fail((*path, "at"), problem)
+
+
+def check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:
+    """Refuse names that are no joints, and joints without a coordinate."""
+    joints = moving(scene.robot)
+    fixed = [joint.name for joint in scene.robot.joints if joint.name not in joints]
+    for name, path in names:
+        with check:
+            if name in fixed:
+                message = f"joint {name!r} is fixed: it has no coordinate; allowed: {', '.join(joints)}"
+                check.fail(path, message, at_key)
+            check.known(name, joints, "joint", path, at_key)

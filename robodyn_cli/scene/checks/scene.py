@@ -6,12 +6,13 @@ import dataclasses
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
-from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.checks.check import Check, key_place
 from robodyn_cli.scene.checks.elements import (
     check_couplers,
     check_forces,
@@ -20,15 +21,13 @@ from robodyn_cli.scene.checks.elements import (
     check_spans,
     couplers_of,
 )
-from robodyn_cli.scene.checks.robot import check_robot, columns, moving
-from robodyn_cli.scene.points import BASE, joints_between, point_problem
+from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
+from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
-from robodyn_cli.scene.types import Robot, Scene, Torque
+from robodyn_cli.scene.types import DeployOptions, KinematicsOptions, Robot, Scene, Torque
 from robodyn_cli.trajectories.led import (
     FOLLOW,
     follow_trajectory,
-    is_to_be_found,
-    led_joints,
     position_columns,
     to_find,
     velocity_columns,
@@ -37,6 +36,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
+    from robodyn_cli.summaries.keys import Names
 
 
 @record
@@ -118,7 +118,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         for path, message in scene.trajectory.problems(names):
             with check:
                 check.fail(("trajectory", *path), message)
-        if hasattr(scene.trajectory, "completed") and not check.found:
+        if not check.found:
             scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
     if scene.control is not None or scene.outputs.signals:
         from robodyn_cli.scene.checks.control import check_control
@@ -127,6 +127,8 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     if follow is not None:
         scene = _following(scene, follow, check)
     _check_runs(scene, check)
+    if scene.expect or scene.study.of:
+        _check_keys(scene, check)
     return scene
 
 
@@ -151,8 +153,8 @@ def _following(scene: Scene, named: tuple[str, ...], check: Check) -> Scene:
                 f"there is no trajectory to follow; give `trajectory`, of type {', '.join(trajectory_types)}"
             )
             check.fail(("prescribed",), message)
-        _check_joints(scene, _keys(named, "prescribed"), check, at_key=True)
-        in_time = not is_to_be_found(trajectory)
+        check_joints(scene, _keys(named, "prescribed"), check, at_key=True)
+        in_time = not trajectory.lacks
         if not in_time and (scene.loops or scene.couplers):
             check.fail(
                 ("prescribed",),
@@ -191,28 +193,18 @@ def _columns_along(robot: Robot, trajectory: Any, given: tuple[str, ...]) -> tup
 
     given : the columns that move by formulas.
     """
+    from robodyn_cli.trajectories.base import Lacks
+
     every = tuple(name for name in columns(robot) if name not in given)
-    if trajectory.type == "sequence":
+    if not trajectory.lacks:
+        return position_columns(trajectory.joints)
+    if trajectory.lacks is Lacks.PARTS:
         led = {name for segment in trajectory.segments for name in _columns_along(robot, segment, given)}
         return tuple(name for name in every if name in led)
-    if not is_to_be_found(trajectory):
-        return position_columns(trajectory.joints)
-    if trajectory.type == "fastest":
+    if trajectory.lacks is Lacks.TIMES:
         return every
     joints = joints_between(robot, trajectory.point, trajectory.relative_to or "base.origin")
     return tuple(name for name in every if name.partition(".")[0] in joints)
-
-
-def _check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:
-    """Refuse names that are no joints, and joints without a coordinate."""
-    joints = moving(scene.robot)
-    fixed = [joint.name for joint in scene.robot.joints if joint.name not in joints]
-    for name, path in names:
-        with check:
-            if name in fixed:
-                message = f"joint {name!r} is fixed: it has no coordinate; allowed: {', '.join(joints)}"
-                check.fail(path, message, at_key)
-            check.known(name, joints, "joint", path, at_key)
 
 
 def _keys(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
@@ -227,10 +219,10 @@ def _items(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
 
 def _check_drives(scene: Scene, check: Check) -> None:
     actuated = scene.actuated
-    _check_joints(scene, _items(actuated or (), "actuated"), check, at_key=False)
+    check_joints(scene, _items(actuated or (), "actuated"), check, at_key=False)
     check.unique(actuated or (), "joint", [path for _, path in _items(actuated or (), "actuated")])
-    _check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
-    _check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
+    check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
+    check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
     for name, torque in scene.torques.items():
         with check:
             _check_torque(scene, name, torque, check)
@@ -254,9 +246,9 @@ def _check_torque(scene: Scene, name: str, torque: object, check: Check) -> None
 
 def _check_initial(scene: Scene, check: Check) -> None:
     initial = scene.initial
-    _check_joints(scene, _keys(initial.q, "initial", "q"), check, at_key=True)
-    _check_joints(scene, _keys(initial.qd, "initial", "qd"), check, at_key=True)
-    _check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
+    check_joints(scene, _keys(initial.q, "initial", "q"), check, at_key=True)
+    check_joints(scene, _keys(initial.qd, "initial", "qd"), check, at_key=True)
+    check_joints(scene, _items(initial.hold, "initial", "hold"), check, at_key=False)
     check.unique(initial.hold, "joint", [path for _, path in _items(initial.hold, "initial", "hold")])
     if initial.at is not None and initial.source is None:
         check.fail(
@@ -302,83 +294,45 @@ def _check_runs(scene: Scene, check: Check) -> None:
             check.fail(
                 ("simulate", "max_step"), f"{message}; allowed: with methods that choose their own steps"
             )
-    _check_kinematics(scene, check)
+    if scene.kinematics != KinematicsOptions():
+        from robodyn_cli.scene.checks.mechanism import check_kinematics
+
+        check_kinematics(scene, check)
+    if scene.deploy != DeployOptions():
+        from robodyn_cli.scene.checks.mechanism import check_deploy
+
+        check_deploy(scene, check)
     if scene.reach is not None:
         from robodyn_cli.scene.checks.reach import check_reach
 
         check_reach(scene.robot, scene.reach, check)
-    _check_deploy(scene, check)
-    if scene.deploy.latch is not None:
-        between = scene.deploy.latch.between
-        links = [link.name for link in scene.robot.links]
-        for name, path in _items(between, "deploy", "latch", "between"):
+
+
+def _check_keys(scene: Scene, check: Check) -> None:
+    """Refuse keys of summaries that no run has; without a command, those that no command has."""
+    from robodyn_cli.summaries.keys import leaf_of
+
+    commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
+    asked = [(key, expected.numeric, "expect") for key, expected in scene.expect.items()]
+    for key, number, section in [*asked, *((key, True, "study") for key in scene.study.of)]:
+        leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
+        if number:
+            leaves = [leaf for leaf in leaves if leaf.is_number]
+        if not leaves or (leaves[0].names and not any(leaf.fits(key_names(scene)) for leaf in leaves)):
+            from robodyn_cli.summaries.refusals import refusal
+
             with check:
-                check.known(name, [*links, BASE], "link", path)
-        with check:
-            if between[0] == between[1]:
-                check.fail(
-                    ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
-                )
+                message = refusal(commands[0], key, key_names(scene), number)
+                check.fail(key_place(check.root, section, key), message, at_key=section == "expect")
 
 
-def _check_deploy(scene: Scene, check: Check) -> None:
-    options = scene.deploy
-    with check:
-        if options.after == "continue" and options.latch is None:
-            check.fail(
-                ("deploy", "after"), "needs a latch that holds the structure together: key 'latch' beside it"
-            )
-    _check_latch(scene, check)
-    known = [*moving(scene.robot), *(loop.name for loop in scene.loops), "latch"]
-    for name in options.loads:
-        with check:
-            check.known(name, known, "joint or closure", ("deploy", "loads", name), at_key=True)
-
-
-def _check_latch(scene: Scene, check: Check) -> None:
-    """A latch at a position names one coordinate, and goes with `criterion: latch`."""
-    latch, chosen = scene.deploy.latch, scene.deploy.criterion == "latch"
-    path: Path = ("deploy", "latch")
-    given = (
-        {}
-        if latch is None
-        else {key: getattr(latch, key) for key in ("at", "at_limit") if getattr(latch, key)}
-    )
-    with check:
-        if chosen and not given:
-            check.fail(("deploy", "criterion"), "'latch' needs a position: key 'at' or 'at_limit' of 'latch'")
-        if given and not chosen:
-            check.fail((*path, next(iter(given))), "goes with 'criterion: latch'")
-        if sum(len(names) for names in given.values()) > 1:
-            check.fail(
-                (*path, list(given)[-1]), "names more than one joint; allowed: one, in 'at' or 'at_limit'"
-            )
-        single = columns(scene.robot, quasi=False)
-        for key, names in given.items():
-            for name in names:
-                place = (*path, key, *name.split(".")) if key == "at" else (*path, key, name)
-                check.known(name, single, "joint with a coordinate", place, at_key=True)
-                if key == "at_limit":
-                    joint = next(joint for joint in scene.robot.joints if joint.name == name)
-                    if getattr(dict(joint.forces).get("limits"), names[name], None) is None:
-                        check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
-
-
-def _check_kinematics(scene: Scene, check: Check) -> None:
-    options = scene.kinematics
-    if options.sweep is not None:
-        joint: Path = ("kinematics", "sweep", "joint")
-        _check_joints(scene, [(options.sweep.joint, joint)], check, at_key=False)
-        with check:
-            if options.sweep.start == options.sweep.stop:
-                check.fail(
-                    ("kinematics", "sweep", "stop"), "is where the sweep begins; allowed: another position"
-                )
-        with check:
-            if options.sweep.joint in led_joints(scene.prescribed):
-                check.fail(joint, f"the motion of {options.sweep.joint!r} is prescribed; sweep another joint")
-    for k, reference in enumerate(options.transmission or ()):
-        with check:
-            problem = point_problem(scene.robot, reference)
-            if problem is not None:
-                check.fail(("kinematics", "transmission", k), problem)
+def key_names(scene: Scene) -> Names:
+    """Return the names that keys of summaries of a scene may have in them, by kind."""
+    rates = columns(scene.robot, velocities=True)
+    joints = (joint.name for joint in scene.robot.joints)
+    return {
+        "JOINT": tuple(dict.fromkeys((*columns(scene.robot), *rates, *joints))),
+        "LOOP": (*(x.name for x in (*scene.loops, *scene.couplers)), "latch"),
+        "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
+        "PAYLOAD": tuple(payload.name for payload in scene.payloads),
+    }

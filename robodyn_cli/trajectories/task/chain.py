@@ -160,7 +160,7 @@ def _check_corner(before: Line, after: Line, where: tuple[str | int, ...]) -> No
 def _turned(curves: Sequence[Curve], segments: Sequence[Any], here: range, R: Array) -> tuple[Stretch, Array]:
     """Return a stretch with the turns of its segments, and the axes at its end."""
     joined, meet = _joined(curves, segments, here)
-    if any(getattr(segments[k], "orientations", ()) for k in here):
+    if any(segments[k].orientations for k in here):
         return _turned_by_points(joined, segments, here, R)
     stretch = Stretch(joined, None)
     places = [0.0, *meet, stretch.size]
@@ -181,7 +181,7 @@ def _turned_by_points(
     """Return a stretch of one spline whose points have orientations, and the axes at its end."""
     k, curve = here[0], joined[0]
     if len(here) > 1:
-        k = next(k for k in here if getattr(segments[k], "orientations", ()))
+        k = next(k for k in here if segments[k].orientations)
         what = "turn the frame at the ends too, so it has to stop there; leave 'blend' out, or give 'orientation'"
         raise PathProblem(("segments", k, "orientations"), what)
     axes = [R, *(np.array(rotation_of(x), dtype=float) for x in segments[k].orientations)]

@@ -62,8 +62,14 @@ class Arrival:
     )
 
 
+class PathSegment:
+    """What every segment answers; ``orientations`` : how the frame is turned at each of its points."""
+
+    orientations: tuple[Orientation, ...] = ()
+
+
 @record
-class LineSegment:
+class LineSegment(PathSegment):
     """A straight line; without a way, a turn in place."""
 
     type: str = key(Choice(("line",)), doc="Kind of segment.")
@@ -79,7 +85,7 @@ class LineSegment:
 
 
 @record
-class ArcSegment:
+class ArcSegment(PathSegment):
     """An arc of a circle through a point."""
 
     type: str = key(Choice(("arc",)), doc="Kind of segment.")
@@ -112,7 +118,7 @@ class ArcSegment:
 
 
 @record
-class CircleSegment:
+class CircleSegment(PathSegment):
     """A circle, or a part of one, about a centre, in any plane."""
 
     type: str = key(Choice(("circle",)), doc="Kind of segment.")
@@ -153,7 +159,7 @@ class CircleSegment:
 
 
 @record
-class SplineSegment:
+class SplineSegment(PathSegment):
     """The cubic spline through points."""
 
     type: str = key(Choice(("spline",)), doc="Kind of segment.")

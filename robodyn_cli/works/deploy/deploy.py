@@ -8,18 +8,21 @@ from typing import Any
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import ErrorEstimate, FirstRun, estimate_error
+from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, motion_warnings, redundant_rows
-from robodyn_cli.motion.summary import motion_summary
+from robodyn_cli.motion.summary import motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import refuse_changes
 from robodyn_cli.ready.singularity import refuse_singular_start
 from robodyn_cli.record import record
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
+from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.motion import MotionErrors
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import led_joints
@@ -38,7 +41,6 @@ from robodyn_cli.works.deploy.lock import (
 from robodyn_cli.works.deploy.locked_motion import Followed, first_overload, follow_locked, join
 from robodyn_cli.works.deploy.recording import record_motion
 from robodyn_cli.works.deploy.scan import End, Scan, decide, follow_deployment, latch_position, scan
-from robodyn_cli.works.deploy.summary import AfterLock, DeploySummary, LockKeys, Overload
 
 
 @record
@@ -51,7 +53,7 @@ class Deployment(Run):
 
     found: Scan
     end: End
-    estimate: ErrorEstimate | None = None
+    estimate: MotionErrors | None = None
     lock: Lock | None = None
     latch: Latch | None = None
     time_error: float | None = None
@@ -79,11 +81,6 @@ def deploy(
     RobodynError : with ``result``; SingularConfigurationError at a bifurcation.
     """
     watch = watch or Stopwatch()
-    if scene.control is not None:
-        raise CapabilityError(
-            f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
-            "'simulate'"
-        )
     motion = build_deployment(scene, watch)
     with watch.stage("scan"):
         found = scan(motion, motion.options, progress=progress)
@@ -107,17 +104,22 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
 
     Raises
     ------
-    CapabilityError : it has no loops. SingularConfigurationError : it starts where it is to end.
+    CapabilityError : it has a controller, or no loops. SingularConfigurationError : it starts where it is to end.
     """
-    refuse_open_chain(scene)
+    if scene.control is not None:
+        raise CapabilityError(
+            f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
+            "'simulate'"
+        )
+    _refuse_open_chain(scene)
     refuse_changes(scene, "deploy")
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
-    motion = build_motion(scene, watch, follow_deployment, reactions=reactions, plan=plan)
+    motion = build_motion(integrable(scene, watch), watch, follow_deployment, reactions=reactions, plan=plan)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
 
 
-def refuse_open_chain(scene: Scene) -> None:
+def _refuse_open_chain(scene: Scene) -> None:
     """Refuse a scene without closed loops, in which nothing locks but a latch at a position.
 
     Raises
@@ -155,8 +157,9 @@ def _estimate(done: Deployment, watch: Stopwatch) -> Deployment:
     """Estimate the error of the recorded run, where that is asked for."""
     if not done.motion.scene.simulate.error_estimate:
         return done
-    reached = float(done.recorder.array("time")[-1])
-    first = FirstRun.of(done.motion, reached, done.driver.counters.steps)
+    first = FirstRun.of(
+        done.driver, done.beginning, grid_of(done.motion.scene, done.beginning), done.recorder
+    )
     with watch.stage("error_estimate"):
         return dataclasses.replace(done, estimate=estimate_error(done.motion, first, done.recorder))
 
@@ -191,7 +194,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     RobodynError : why the deployment failed, with the result.
     """
     failure, limits = judgement.failure, done.motion.scene.deploy.loads
-    summary = motion_summary(done, judgement, done.estimate)
+    summary, *others = motion_records(done, judgement, done.estimate)
     result = Result.of("deploy", done.motion.scene, "failed")
     result.events = [
         *events(done.found),
@@ -215,7 +218,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         after_lock=ABSENT if failure is not None else _after_lock(done),
         overload=overload if limits and failure is None else ABSENT,
     )
-    result.summarise(summary, keys, seconds=watch.report())
+    result.summarise(summary, *others, keys, seconds=watch.report())
     return result.unless(failure)
 
 

@@ -15,7 +15,7 @@ from robodyn_cli.loops.fixed import FixedLoop
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, identity, snap, vector
-from robodyn_cli.works.deploy.summary import LatchKeys
+from robodyn_cli.summaries.deploy import LatchKeys
 
 NEW = 1e-6  # part of a row that must be independent of the others for it to count as a further constraint
 

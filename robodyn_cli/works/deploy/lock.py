@@ -7,26 +7,26 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.motion.error.attempts import Attempt, First, integrate_again
+from robodyn_cli.motion.error.estimate import time_errors
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import other_steps, remainder, tighter
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.record import record
-from robodyn_cli.results.summary import ABSENT, Absent
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.deploy.growth import GRID, multiplier_norm
-from robodyn_cli.works.deploy.latch import LatchImpact, Locked, close_latch, locked
-from robodyn_cli.works.deploy.scan import End, Scan, fired, scan
-from robodyn_cli.works.deploy.summary import (
-    Criteria,
-    Growth,
+from robodyn_cli.summaries.deploy import (
+    CriterionTimes,
     LatchKeys,
     LockKeys,
+    MultiplierGrowth,
     MultiplierKeys,
     SingularValues,
 )  # fmt: skip
+from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.works.deploy.growth import GRID, multiplier_norm
+from robodyn_cli.works.deploy.latch import LatchImpact, Locked, close_latch, locked
+from robodyn_cli.works.deploy.scan import End, Scan, fired, scan
 
-ROUNDING = 1e-14  # part of a time that rounding leaves over the steps of a run
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
 
 
@@ -100,20 +100,22 @@ def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
         return GRID
     if found.driven:  # pure geometry: the root of a smooth function, to rounding
         return 1e-15 * max(1.0, abs(lock.time)) * 10
-    method, mean_step = motion.choice.method, found.end / max(found.steps, 1)
-    second, _ = tighter(motion.options, mean_step, method)
-    twin = motion.with_own_watchers()
-    other = scan(twin, second, multipliers=False)
-    if other.steps <= 1.02 * found.steps and motion.options.step is None:
-        other = scan(twin, other_steps(second, mean_step)[0], multipliers=False)
+    first = First(motion.options, motion.choice.method, np.array([found.steps]), np.array([found.end]))
+    other, steps = found, 0.0
+
+    def once(attempt: Attempt) -> tuple[Any, Any]:
+        nonlocal other, steps
+        other = scan(motion.with_own_watchers(), attempt.alone, multipliers=False)
+        # the scans may end at different times, so it is steps per second that count
+        steps = round(other.steps * found.end / max(other.end, 1e-300))
+        given_up = other.stopped is not None and other.stopped.details.get("status") == "max_steps"
+        return np.array([steps]), np.array([given_up])
+
+    integrate_again(first, once)
     again = other.latched if lock.criterion == "latch" else other.dead_point
     if again is None:
         return None
-    # the scans may end at different times, so it is steps per second that count
-    pace = found.end / max(other.end, 1e-300)
-    apart = abs(again[0] - lock.time) * remainder(method, found.steps, round(other.steps * pace))
-    # an agreement below what rounding leaves over the steps of a run says nothing
-    return max(apart, ROUNDING * lock.time)
+    return float(time_errors(first, abs(again[0] - lock.time), steps, lock.time)[0])
 
 
 def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
@@ -166,9 +168,9 @@ def growth_times(found: Scan) -> dict[str, float | None]:
     return {f"{level:g}": growth.times.get(level) for level in growth.levels} if growth else {}
 
 
-def criteria(motion: Motion, found: Scan) -> Criteria:
+def criteria(motion: Motion, found: Scan) -> CriterionTimes:
     """Say when each criterion fired, whichever was chosen."""
-    return Criteria(
+    return CriterionTimes(
         chosen=motion.scene.deploy.criterion,
         dead_point=found.dead_point[0] if found.dead_point else None,
         multipliers=fired(found.growth, motion.scene.deploy.growth),
@@ -206,7 +208,7 @@ def describe_lock(
         loop=named.loop if named else None,
         criterion=lock.criterion,
         driven=found.driven,
-        multiplier_growth=Growth(found.growth.ratio, times, GRID) if found.growth else None,
+        multiplier_growth=MultiplierGrowth(found.growth.ratio, times, GRID) if found.growth else None,
         growth_times=times,
         multipliers=_multiplier_keys(motion, found, recorder) if found.growth else None,
         singular_values=SingularValues(

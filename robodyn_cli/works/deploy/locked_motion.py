@@ -23,9 +23,9 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.wrenches import magnitude
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.deploy import AfterLock, LatchLoad, Overload
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.deploy.lock import Latch, Lock
-from robodyn_cli.works.deploy.summary import AfterLock, LatchLoad, Overload
 
 # what the locked structure says; all else is that of the mechanism without its latch
 DYNAMIC = ("qdd", "tau", "constraints/", "reactions/", "loop_reactions/", "base_wrench")
@@ -88,8 +88,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
     estimate = None
     if s.error_estimate:
         with watch.stage("error_estimate"):
-            run = FirstRun(locked.choice.method, begun, rest, driver.time, driver.counters.steps)
-            estimate = estimate_error(locked, run, recorder)
+            estimate = estimate_error(locked, FirstRun.of(driver, begun, rest, recorder), recorder)
     keys = dataclasses.replace(
         keys,
         samples=recorder.samples,

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
@@ -12,6 +11,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
 from robodyn_cli.model.model import FixedFrame
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.threads import ThreadSafe, once, one_at_a_time
 from robodyn_cli.torques.function import StateFunction
 
 if TYPE_CHECKING:
@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from robodyn_cli.works.functions.regressor import InertialParameters, Regressor
 
 
-class ModelFunctions:
+class ModelFunctions(ThreadSafe):
     """The functions of a model, each compiled when it is first called.
 
     All take states: q (T, nq) [rad or m, quaternions scalar first], qd, qdd (T, nv) [1/s and 1/s^2 of rad or m],
     tau (T, nv) [N m or N], a row for each of T states, columns as in ``q_names`` and ``qd_names``. One state may be
     given as (nq,) and (nv,); its result has no leading axis T. Where q-dot is not qd (spherical and floating joints)
     qd is that of the joint: body axes, see docs/scene.md. Results are column-ordered, and arguments that are
-    (``order="F"``) are read in place.
+    (``order="F"``) are read in place. Several threads may call them.
 
     M, C, G, regressor and kinematics of a mechanism with loops are those of its tree, the loops opened: its motion also
     obeys Psi(q) qd = 0, with Psi from ``constraint_jacobian``. Its forward dynamics has the forces of the loops in it;
@@ -43,11 +43,12 @@ class ModelFunctions:
     """
 
     def __init__(self, source: Scene | Problem) -> None:
+        super().__init__()
         self._source = source
         self._functions: dict[str, StateFunction] = {}
         self._places: dict[str, tuple[Problem, FixedFrame]] = {}
 
-    @cached_property
+    @once
     def _problem(self) -> Problem:
         return self._source if isinstance(self._source, Problem) else Problem(self._source)
 
@@ -68,12 +69,20 @@ class ModelFunctions:
 
         entries : arrays of expressions by name, or one array that goes by the name of the function.
         """
+        function = self._functions.get(name)
+        return self._built(name, takes, entries, problem) if function is None else function
+
+    @one_at_a_time
+    def _built(
+        self, name: str, takes: Sequence[str], entries: Callable[[], Any], problem: Problem | None
+    ) -> StateFunction:
         if name not in self._functions:
             outputs = entries()
             named = outputs if isinstance(outputs, dict) else {name: outputs}
             self._functions[name] = StateFunction(problem or self._problem, takes, named)
         return self._functions[name]
 
+    @one_at_a_time
     def _place(self, frame: str) -> tuple[Problem, FixedFrame]:
         """Return a frame, and the equations that know it."""
         from robodyn_cli.given.poses.targets import find_frame, with_frame
@@ -116,14 +125,14 @@ class ModelFunctions:
 
         return self._function("G", ("q",), entries)(q)["G"]
 
-    @cached_property
+    @once
     def inverse_dynamics(self) -> InverseDynamics:
         """Torques tau (T, nv) of samples (q, qd, qdd): M qdd + C qd + G less springs, friction and forces."""
         from robodyn_cli.torques.dynamics import InverseDynamics
 
         return InverseDynamics(self._problem)
 
-    @cached_property
+    @once
     def forward_dynamics(self) -> ForwardDynamics | ConstrainedDynamics:
         """Accelerations qdd (T, nv) of samples (q, qd, tau), the inverse of ``inverse_dynamics``.
 
@@ -156,14 +165,15 @@ class ModelFunctions:
         what the loops leave of M^-1.
         """
         if self._problem.model.closures:
-            return cast("ConstrainedDynamics", self.forward_dynamics).derivatives(q, qd, tau)
+            with self.lock:
+                return cast("ConstrainedDynamics", self.forward_dynamics).derivatives(q, qd, tau)
         from robodyn_cli.works.functions.derivatives import AccelerationDerivatives, acceleration_derivatives
 
         function = self._function("dFD", ("q", "qd", "tau"), lambda: acceleration_derivatives(self._problem))
         return AccelerationDerivatives(**function(q, qd, tau))
 
     # -- parameters -------------------------------------------------------------------------------------
-    @cached_property
+    @once
     def _regressor(self) -> Regressor:
         from robodyn_cli.works.functions.regressor import Regressor
 
@@ -176,7 +186,7 @@ class ModelFunctions:
         """
         return self._function("Y", ("q", "qd", "qdd"), lambda: self._regressor.Y)(q, qd, qdd)["Y"]
 
-    @cached_property
+    @once
     def inertial_parameters(self) -> InertialParameters:
         """The parameters (P,) of ``regressor`` by name, with the scene's values."""
         return self._regressor.parameters()
@@ -226,10 +236,9 @@ class ModelFunctions:
 
     def constraint_jacobian(self, q: Any) -> Array:
         """Return Psi (T, m, nv) of the loops and couplers: Psi qd = 0; (T, 0, nv) of an open chain."""
-        rows = self._problem.constraints.loop_rows
-        nv = self._problem.model.nv
 
         def entries() -> Any:
+            rows, nv = self._problem.constraints.loop_rows, self._problem.model.nv
             return np.array([row.psi for row in rows], dtype=object).reshape(len(rows), nv)
 
         return self._function("Psi", ("q",), entries)(q)["Psi"]

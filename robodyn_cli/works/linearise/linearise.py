@@ -10,60 +10,21 @@ from robodyn_cli.equations.linear.reduce import Linear, linearise_states
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.observe.finite import refuse_result
 from robodyn_cli.observe.units import add_motion
-from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import ABSENT, Absent, Termination
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Termination
+from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSummary, Mode
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.motion import JointMotion
-from robodyn_cli.works.linearise.modes import Mode, modes_of, stability_of
+from robodyn_cli.works.linearise.modes import modes_of, stability_of
 from robodyn_cli.works.linearise.nominal import Nominal, Question, nominal
-from robodyn_cli.works.linearise.signals import Outputs, Signal, input_signals, state_signals
+from robodyn_cli.works.linearise.signals import Outputs, input_signals, state_signals
 from robodyn_cli.works.linearise.stored import Systems, add_matrices, add_poses, add_responses
 
 REST = 1e-8  # an acceleration this small beside that of the freed weights counts as none
 NEAR = 1e-9  # s beyond the ends of a motion that still count as the ends
-
-
-@record
-class Instant:
-    """The system at a sample of a motion [s], as if it stayed so: its stability and modes."""
-
-    time: float
-    stability: str
-    modes: list[Mode]
-
-
-@record
-class Growth:
-    """The pole farthest to the right along a motion [1/s], and when [s]."""
-
-    largest: float
-    time: float
-
-
-@record
-class LinearSummary:
-    """The summary of ``linearise`` (see docs/cli.md)."""
-
-    termination: Termination
-    samples: int
-    about: str
-    freedoms: int
-    configuration: dict[str, float] | Absent
-    rates: dict[str, float] | Absent
-    holding_torques: dict[str, float] | Absent
-    largest_acceleration: float | Absent
-    states: list[Signal]
-    inputs: list[Signal]
-    outputs: list[Signal]
-    stability: str | Absent
-    modes: list[Mode] | Absent
-    growth: Growth | Absent
-    instants: list[Instant] | Absent
-    warnings: list[str] | Absent
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -100,12 +61,7 @@ def linearise(
     if kind not in ("state", "balance", "hold", "motion"):
         raise SceneError(f"about {about!r}; allowed: state, balance, hold, motion, times of the motion [s]")
     watch = watch or Stopwatch()
-    given = nominal(scene, Question(kind, tuple(inputs), tuple(outputs)), watch)
-    if not given.places:
-        raise CapabilityError(
-            "nothing can move: the loops and prescribed joints leave no freedom to linearise"
-        )
-    measured = Outputs(given.problem, given.torques, outputs)
+    given, measured = prepared(scene, Question(kind, tuple(inputs), tuple(outputs)), watch)
     samples = _samples_at(given.states.times, instants) if kind == "motion" else [0]
     with watch.stage("linearise"):
         linear = linearise_states(given.equations, given.states, given.inputs, given.places)
@@ -123,6 +79,21 @@ def linearise(
     result.summarise(_summary(result, systems, samples, modes), seconds=watch.report())
     refuse_result(result)
     return result
+
+
+def prepared(scene: Scene, question: Question, watch: Stopwatch) -> tuple[Nominal, Outputs]:
+    """Return the states about which a scene is linearised, and what is measured there.
+
+    Raises
+    ------
+    RobodynError : see ``linearise``.
+    """
+    given = nominal(scene, question, watch)
+    if not given.places:
+        raise CapabilityError(
+            "nothing can move: the loops and prescribed joints leave no freedom to linearise"
+        )
+    return given, Outputs(given.problem, given.torques, question.outputs)
 
 
 def _samples_at(times: Array, instants: Sequence[float]) -> list[int]:
@@ -152,7 +123,7 @@ def _summary(
     acceleration = float(np.abs(linear.a[0][list(linear.places)]).max(initial=0.0))
     held = {model.v_names[i]: float(states.tau[0, i]) for i in given.inputs}
     chosen = [
-        Instant(float(states.times[k]), stability_of(each), each)
+        LinearInstant(float(states.times[k]), stability_of(each), each)
         for k, each in zip(samples, modes)
         if systems.along
     ]
@@ -170,7 +141,7 @@ def _summary(
         outputs=outputs,
         stability=stability_of(modes[0]) if one else ABSENT,
         modes=modes[0] if one else ABSENT,
-        growth=ABSENT if one else Growth(float(growth[k]), float(states.times[k])),
+        growth=ABSENT if one else LargestGrowth(float(growth[k]), float(states.times[k])),
         instants=chosen or ABSENT,
         warnings=(_warnings(given, linear, modes[0], acceleration) if one else []) or ABSENT,
     )

@@ -9,8 +9,8 @@ import numpy as np
 
 from robodyn_cli.control.reachable import reached
 from robodyn_cli.equations.linear.reduce import Linear
-from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.linear import Mode
 
 TRIALS = 8  # disturbed systems that tell how far rounding moves the poles
 SAFETY = 4.0
@@ -18,29 +18,6 @@ PARALLEL = 1e-6  # so little may the motions of a mode at 0 differ: its position
 BLIND = 1e-8  # a mode this weakly reached or shown, relative, is not reached or shown at all
 POINTS = 400  # of a frequency response
 BEYOND = 10.0  # how far it goes beyond the slowest and the fastest pole
-
-
-@record
-class Mode:
-    """A pole s of x-dot = A x, with its mode; a pair of complex poles is one mode, with the one above the real axis.
-
-    real, imaginary : of s [1/s], 0 where they are no larger than the error. error : how far rounding may move s [1/s],
-    far where poles meet: a double one is known to the root of the rounding only. frequency : |s| / 2 pi [Hz], of an
-    undamped oscillation. damping : -Re s / |s|, 1 of a decay without oscillation; None at 0. time : 1 / |Re s|, in
-    which it decays or grows e times [s]; None without.
-    shape : by coordinate of the mechanism, amplitude and phase [rad], the largest amplitude 1. reached, shown : whether
-    the inputs reach it, and the outputs show it.
-    """
-
-    real: float
-    imaginary: float
-    error: float
-    frequency: float
-    damping: float | None
-    time: float | None
-    shape: dict[str, list[float]]
-    reached: bool
-    shown: bool
 
 
 def pole_errors(A: Array, rounding: Array, poles: Array) -> Array:

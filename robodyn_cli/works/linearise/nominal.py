@@ -12,13 +12,17 @@ from robodyn_cli.equations.linear.reduce import held_by, independent
 from robodyn_cli.equations.linear.residuals import Residuals, States
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.ready.prepare import plant_of, prepare, refuse_changes
+from robodyn_cli.ready.doors import along, at_rest
+from robodyn_cli.ready.prepare import prepare, refuse_changes
 from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Vector, zeros
+from robodyn_cli.spatial.algebra import Array, Vector, zeros
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.linearise.signals import inputs_of
 
+# equations, states, and the forces that belong to the model
+Along = tuple[Problem, States, Callable[[Problem], Vector]]
 HELD = 1e-9  # part of the loads that may be left where inputs hold a pose
 
 
@@ -62,7 +66,7 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
     if asked.about == "motion":
         problem, states, force = _along(scene, watch)
     else:
-        setup = prepare(plant_of(scene), watch, neutral=True)
+        setup = prepare(at_rest(scene), watch, neutral=True)
         problem, states, force = setup.problem, States.one(setup.assembled.q, setup.assembled.v), _applied
     if geared(problem.model):
         raise CapabilityError(
@@ -142,7 +146,7 @@ def _held(equations: Residuals, states: States, inputs: Sequence[int], places: t
     return found
 
 
-def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[Problem], Vector]]:
+def _along(scene: Scene, watch: Stopwatch) -> Along:
     """Return states along the motion of the scene's command: ``inverse``, or ``simulate``.
 
     Torques of ``inverse`` and of a controller are constants there, other torques belong to the model.
@@ -151,27 +155,38 @@ def _along(scene: Scene, watch: Stopwatch) -> tuple[Problem, States, Callable[[P
     ------
     CapabilityError : another command's.
     """
-    if scene.command not in (None, "simulate", "inverse"):
-        raise SceneError(
-            f"--along: the scene's command is {scene.command!r}; allowed: simulate, inverse, or none"
-        )
+    command = scene.command or "simulate"
+    if command not in ALONG:
+        raise SceneError(f"--along: the scene's command is {command!r}; allowed: {', '.join(ALONG)}, or none")
+    return ALONG[command](scene, watch)
+
+
+def _along_inverse(scene: Scene, watch: Stopwatch) -> Along:
+    from robodyn_cli.works.inverse import inverse
+
     with watch.stage("motion"):
-        if scene.command == "inverse":
-            from robodyn_cli.works.inverse import inverse
+        scene = along(scene)
+        result = inverse(scene)
+    return Problem(scene), _states(result, result["tau"]), _passive
 
-            result, force = inverse(scene), _passive
-            tau = result["tau"]
-        else:
-            from robodyn_cli.works.simulate import simulate
 
-            result = simulate(scene)
-            force, tau = _applied, np.zeros_like(result["qd"])
-            if scene.control is not None:
-                force, tau = _passive, result["tau"]
-    if scene.command == "inverse":
-        from robodyn_cli.given.motion import with_led_point
+def _along_simulation(scene: Scene, watch: Stopwatch) -> Along:
+    from robodyn_cli.works.simulate import simulate
 
-        problem = Problem(with_led_point(scene))
-    else:
-        problem = prepare(plant_of(scene), watch).problem
-    return problem, States(result.time, result["q"], result["qd"], result["qdd"], tau), force
+    with watch.stage("motion"):
+        result = simulate(scene)
+    problem = prepare(at_rest(scene), watch).problem
+    if scene.control is not None:
+        return problem, _states(result, result["tau"]), _passive
+    return problem, _states(result, np.zeros_like(result["qd"])), _applied
+
+
+def _states(result: Result, tau: Array) -> States:
+    return States(result.time, result["q"], result["qd"], result["qdd"], tau)
+
+
+# commands along whose motion a scene is linearised
+ALONG: dict[str, Callable[[Scene, Stopwatch], Along]] = {
+    "simulate": _along_simulation,
+    "inverse": _along_inverse,
+}

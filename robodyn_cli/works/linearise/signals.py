@@ -14,19 +14,11 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.ready.prepare import passive_coordinates
-from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, Vector
+from robodyn_cli.summaries.linear import LinearSignal
 from robodyn_cli.works.functions.places import frame_jacobian
 
 TORQUES = "tau"  # symbol group of the torques beside those of the equations
-
-
-@record
-class Signal:
-    """A state, an input or an output: its name, its unit."""
-
-    name: str
-    unit: str
 
 
 def inputs_of(problem: Problem, asked: Sequence[str]) -> tuple[int, ...]:
@@ -61,14 +53,14 @@ def _unactuated(problem: Problem) -> tuple[int, ...]:
     return tuple(k for k, name in enumerate(model.v_names) if name not in driven)
 
 
-def input_signals(model: Model, places: Sequence[int]) -> list[Signal]:
-    return [Signal(model.v_names[k], TORQUE[model.v_units[k]]) for k in places]
+def input_signals(model: Model, places: Sequence[int]) -> list[LinearSignal]:
+    return [LinearSignal(model.v_names[k], TORQUE[model.v_units[k]]) for k in places]
 
 
-def state_signals(model: Model, places: Sequence[int]) -> list[Signal]:
+def state_signals(model: Model, places: Sequence[int]) -> list[LinearSignal]:
     """Return the states: changes of the independent coordinates, then of their rates."""
-    steps = [Signal(model.v_names[k], model.v_units[k]) for k in places]
-    return [*steps, *(Signal(f"qd.{x.name}", f"{x.unit}/s") for x in steps)]
+    steps = [LinearSignal(model.v_names[k], model.v_units[k]) for k in places]
+    return [*steps, *(LinearSignal(f"qd.{x.name}", f"{x.unit}/s") for x in steps)]
 
 
 class Outputs:
@@ -101,18 +93,20 @@ class Outputs:
         }
 
     @property
-    def signals(self) -> list[Signal]:
+    def signals(self) -> list[LinearSignal]:
         """The outputs in their order."""
         model, found = self.problem.model, []
         for name in self.asked:
             if name in self._formulas:
-                found.append(Signal(name, getattr(self.problem.scene.outputs.signals[name], "unit", "1")))
+                found.append(
+                    LinearSignal(name, getattr(self.problem.scene.outputs.signals[name], "unit", "1"))
+                )
             elif name in model.v_names:
-                found.append(Signal(name, model.v_units[model.v_names.index(name)]))
+                found.append(LinearSignal(name, model.v_units[model.v_names.index(name)]))
             elif name in model.points:
-                found += [Signal(f"{name}.{axis}", "m") for axis in "xyz"]
+                found += [LinearSignal(f"{name}.{axis}", "m") for axis in "xyz"]
             else:
-                found.append(Signal(name, f"{model.v_units[model.v_names.index(name[3:])]}/s"))
+                found.append(LinearSignal(name, f"{model.v_units[model.v_names.index(name[3:])]}/s"))
         return found
 
     def matrices(self, states: States, linear: Linear, inputs: Sequence[int]) -> tuple[Array, Array]:

@@ -13,12 +13,15 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.linearise.modes import Mode, frequencies_for, poles_along, response
+from robodyn_cli.summaries.linear import LinearSignal, Mode
+from robodyn_cli.works.linearise.modes import frequencies_for, poles_along, response
 from robodyn_cli.works.linearise.nominal import Nominal
-from robodyn_cli.works.linearise.signals import Signal, input_signals, state_signals
+from robodyn_cli.works.linearise.signals import input_signals, state_signals
 
 SWING = 0.25  # rad, or a part of the size of the mechanism: how far a drawn mode goes
 CLOSING = 12  # steps that close the loops of a drawn mode
+
+OF_ROW = "of the row"  # unit of an entry of a matrix, before that of its column
 
 
 @record
@@ -29,7 +32,7 @@ class Systems:
     linear: Linear
     C: Array
     D: Array
-    outputs: list[Signal]
+    outputs: list[LinearSignal]
 
     @property
     def along(self) -> bool:
@@ -41,18 +44,19 @@ def add_matrices(result: Result, systems: Systems) -> None:
     """Store A to D and the poles, of one state or along a motion."""
     given, linear, along = systems.given, systems.linear, systems.along
     model = given.problem.model
-    states = [s.name for s in state_signals(model, given.places)]
-    inputs = [s.name for s in input_signals(model, given.inputs)]
-    for name, matrix, rows, columns, names in (
+    states, inputs = state_signals(model, given.places), input_signals(model, given.inputs)
+    for name, matrix, rows, columns, signals in (
         ("A", linear.A, "state", "state", states), ("B", linear.B, "state", "input", inputs),
         ("C", systems.C, "output", "state", states), ("D", systems.D, "output", "input", inputs),
     ):  # fmt: skip
-        if not names:
+        if not signals:
             continue
         # two axes of a file may not have one name
+        row = "of the row per s" if rows == "state" else OF_ROW
         across = f"{columns}_column" if rows == columns else columns
         result.add(
-            f"linear/{name}", matrix if along else matrix[0], units="SI", names=tuple(names),
+            f"linear/{name}", matrix if along else matrix[0], names=tuple(s.name for s in signals),
+            units=f"{row}, over that of the column", column_units=tuple(f"{row}, per {s.unit}" for s in signals),
             dims=(*(("time",) if along else ()), rows, across), long_name=f"{name} of the linear system",
         )  # fmt: skip
     poles, errors = poles_along(linear)
@@ -79,10 +83,11 @@ def add_responses(result: Result, systems: Systems, samples: Sequence[int], mode
             "linear/instant", given.states.times[list(samples)], units="s", dims=("instant",),
             long_name="instants of the frequency responses",
         )  # fmt: skip
-    inputs = tuple(given.problem.model.v_names[k] for k in given.inputs)
+    inputs = input_signals(given.problem.model, given.inputs)
     for name, part in (("real", found.real), ("imaginary", found.imag)):
         result.add(
-            f"linear/response_{name}", part if along else part[0], units="SI", names=inputs,
+            f"linear/response_{name}", part if along else part[0], names=tuple(s.name for s in inputs),
+            units=f"{OF_ROW}, over that of the column", column_units=tuple(f"{OF_ROW}, per {s.unit}" for s in inputs),
             dims=(*(("instant",) if along else ()), "frequency", "output", "input"),
             long_name=f"{name} part of outputs over inputs",
         )  # fmt: skip

@@ -91,12 +91,7 @@ class Responses:
         ------
         RobodynError : see ``inverse``. CapabilityError : the motion depends on the drives.
         """
-        if getattr(scene.trajectory, "least_time", False):
-            raise CapabilityError(
-                "the times of a path of type fastest follow from the torques, and these from the drives; give its "
-                "result as a trajectory of type table, and size that"
-            )
-        unit = _with_unit_drives(scene, drives)
+        unit = with_unit_drives(scene, drives)
         program = program_of(unit)
         samples = scene.inverse.samples
         planned = at_rest(program.problem, program.plan(samples))
@@ -118,8 +113,18 @@ class Responses:
         )  # fmt: skip
 
 
-def _with_unit_drives(scene: Scene, drives: dict[str, Drive]) -> Scene:
-    """Return the scene whose drives have a mass of 1 kg and reflect an inertia of one unit each."""
+def with_unit_drives(scene: Scene, drives: dict[str, Drive]) -> Scene:
+    """Return the scene whose drives have a mass of 1 kg and reflect an inertia of one unit each.
+
+    Raises
+    ------
+    CapabilityError : the motion depends on the drives.
+    """
+    if scene.trajectory is not None and scene.trajectory.least_time:
+        raise CapabilityError(
+            "the times of a path of type fastest follow from the torques, and these from the drives; give its "
+            "result as a trajectory of type table, and size that"
+        )
     units = {
         joint.name: joint_types[joint.type].v_units[0] for joint in scene.robot.joints if joint.name in drives
     }

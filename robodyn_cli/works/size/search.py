@@ -13,7 +13,9 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.motors.drive import Catalogue, Drive, Train
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.size import MotorAndGear
 from robodyn_cli.works.size.candidates import Candidates, stacked
 from robodyn_cli.works.size.responses import Responses
 
@@ -22,16 +24,25 @@ ALIKE = 1e-9  # relative change of a load that is rounding
 CALM = 8  # sweeps after which a mass that was chosen once is never taken as less
 
 
-@record
-class Front:
-    """A combination that no other beats in both: cost or mass of all equal drives, and margin of what decides."""
+def candidates_of(scene: Scene, drives: Mapping[str, Drive], catalogue: Catalogue) -> dict[str, Candidates]:
+    """Return what there is to choose from, by joint.
 
-    motor: str
-    gear: str | None
-    cost: float
-    mass: float
-    margin: float
-    decides: str
+    Raises
+    ------
+    SceneError : the catalogue has nothing that moves a joint.
+    """
+    types = {joint.name: joint_types[joint.type] for joint in scene.robot.joints}
+    alike: dict[Any, Candidates] = {}  # most joints have the same to choose from
+    found = {}
+    for name, drive in drives.items():
+        key = dataclasses.replace(drive, motor="", gear=None), types[name].v_units[0]
+        if key not in alike:
+            alike[key] = Candidates.of(drive, catalogue, key[1])
+        one = found[name] = alike[key]
+        if not one.usable.any():
+            what = f"{scene.path}: catalogue: no motor and gear for joint {name!r}"
+            raise SceneError(f"{what}; allowed: a catalogue with some that run and move it", key="catalogue")
+    return found
 
 
 @record
@@ -54,20 +65,7 @@ class Search:
         ------
         SceneError : the catalogue has nothing that moves a joint.
         """
-        types = {joint.name: joint_types[joint.type] for joint in responses.scene.robot.joints}
-        alike: dict[Any, Candidates] = {}  # most joints have the same to choose from
-        found = {}
-        for name, drive in drives.items():
-            key = dataclasses.replace(drive, motor="", gear=None), types[name].v_units[0]
-            if key not in alike:
-                alike[key] = Candidates.of(drive, catalogue, key[1])
-            one = found[name] = alike[key]
-            if not one.usable.any():
-                what = f"{responses.scene.path}: catalogue: no motor and gear for joint {name!r}"
-                raise SceneError(
-                    f"{what}; allowed: a catalogue with some that run and move it", key="catalogue"
-                )
-        return Search(responses, found, by, {}, {}, {})
+        return Search(responses, candidates_of(responses.scene, drives, catalogue), by, {}, {}, {})
 
     def run(self) -> int:
         """Choose for all joints, and return in how many sweeps.
@@ -155,19 +153,19 @@ class Search:
         """Return what is chosen for a joint."""
         return self.candidates[name].train(self.chosen[name])
 
-    def _figures(self, name: str, k: int) -> Front:
+    def _figures(self, name: str, k: int) -> MotorAndGear:
         """Return the figures of the k-th combination of a joint."""
         one, use = self.candidates[name], stacked(self.uses[name])
         drive = one.train(k).drive
         decides = list(self.uses[name])[int(use.reshape(len(use), -1)[:, k].argmax())]
         cost, mass, margin = (float(x.flat[k]) for x in (one.costs, one.masses, self.margins(name)))
-        return Front(drive.motor, drive.gear, cost, mass, margin, decides)
+        return MotorAndGear(drive.motor, drive.gear, cost, mass, margin, decides)
 
-    def best(self, name: str) -> Front:
+    def best(self, name: str) -> MotorAndGear:
         """Return the combination of a joint with the largest margin."""
         return self._figures(name, int(np.argmax(self.margins(name))))
 
-    def front(self, name: str) -> list[Front]:
+    def front(self, name: str) -> list[MotorAndGear]:
         """Return the combinations of a joint that none beats in both cost (or mass) and margin, the cheapest first."""
         one, margins = self.candidates[name], self.margins(name)
         price = one.costs if self.by == "cost" else one.masses

@@ -18,45 +18,17 @@ from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.catalogue import EXAMPLE
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.size import Sized, SizeSummary, Sizing
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.size.responses import Responses
-from robodyn_cli.works.size.search import Front, Search
+from robodyn_cli.works.size.search import Search
 from robodyn_cli.works.size.together import Together, order_of
 
 # combinations times samples that are evaluated for combinations of all joints together: a blink, some minutes
 FEW, MANY = 2e6, 4e9
 _DEFAULTS = {"gear_ratio": 1.0, "rotor_inertia": 0.0}
-
-
-@record
-class Sized:
-    """What was found for a joint: how many of how many combinations bear its motion, the one with the largest margin
-    (also where none bears it), and the front of cost or mass over margin, the cheapest first. motors, gears : that the
-    columns of `/candidates` count from 0 on."""
-
-    combinations: int
-    passing: int
-    best: Front
-    front: list[Front]
-    motors: list[str]
-    gears: list[str | None]
-
-
-@record
-class Sizing:
-    """What was sought and found. proven : whether no other combination that bears all motions is cheaper (lighter).
-    sweeps : over all joints until the choice stayed as it was. margin_difference : the largest between margins of the
-    search and those of the run with the chosen drives."""
-
-    by: str
-    proven: bool
-    cost: float
-    mass: float
-    sweeps: int
-    margin_difference: float
-    joints: dict[str, Sized]
 
 
 @record
@@ -98,11 +70,8 @@ def size(
     RobodynError : see ``inverse``. SceneError : a joint says itself what drives it.
     """
     watch, asked = watch or Stopwatch(), Wanted(**wanted)
-    family, settings = Family.of(scene), []
-    if scene.catalogue is None:
-        settings = [f"catalogue={json.dumps(str(EXAMPLE))}"]
-        scene = family.scene(settings)
-    drives = _asked(scene, asked.margin)
+    family, settings = Family.of(scene), _settings(scene)
+    scene, drives = to_size(scene, asked.margin)
     with watch.stage("responses"):
         responses = Responses.of(scene, drives)
     with watch.stage("size"):
@@ -113,8 +82,30 @@ def size(
     result.command = "size"
     _add_tables(result, search)
     sizing = _sizing(search, sweeps, proven, result.summary["drives"])
-    result.summary = {**result.summary, **result.head, "size": as_keys(sizing), "wall_time_s": watch.report()}
+    result.summary = {
+        **result.summary,
+        **result.head,
+        **as_keys(SizeSummary(sizing)),
+        "wall_time_s": watch.report(),
+    }
     return result
+
+
+def _settings(scene: Scene) -> list[str]:
+    """Return what is set in a scene before its drives are sought."""
+    return [f"catalogue={json.dumps(str(EXAMPLE))}"] if scene.catalogue is None else []
+
+
+def to_size(scene: Scene, margin: float | None = None) -> tuple[Scene, dict[str, Drive]]:
+    """Return the scene with a catalogue, and the drives that are sought.
+
+    Raises
+    ------
+    SceneError : there are none, or a joint says itself what drives it.
+    """
+    if settings := _settings(scene):
+        scene = Family.of(scene).scene(settings)
+    return scene, _asked(scene, margin)
 
 
 def _search(

@@ -10,6 +10,7 @@ systems", Appl. Numer. Math. 31). At an end that an event gives, dx_end/dk = S +
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -18,8 +19,8 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.motion.error.attempts import First, first_attempt
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import tighter
 from robodyn_cli.over.many.keys import OPTION, Key
 from robodyn_cli.over.sensitivity.motion.blocks import nodes_of, transfers
 from robodyn_cli.over.sensitivity.motion.course import (
@@ -105,7 +106,9 @@ class MotionSlopes:
         motion, end = self.motion, self.ending.time
         self.switches = switches_of(motion, end)
         steps = step_times(motion, end)
-        self.mean_step = end / (len(steps) + 1)
+        first = First(motion.options, motion.choice.method, np.array([len(steps) + 1]), np.array([end]))
+        tighter = first_attempt(first).alone
+        self.tighter = dataclasses.replace(tighter, max_steps=motion.options.max_steps)
         # a sample at the end of a sampled motion would show what an update at the end has set
         last = end if motion.system.updates is None else end * (1.0 - BESIDE)
         self.parts = parts_of(last, self.switches, steps)
@@ -116,12 +119,11 @@ class MotionSlopes:
         The error is the difference from a solution on half as many blocks along a motion with a looser tolerance.
         """
         motion = self.motion
-        tight, _ = tighter(motion.options, self.mean_step, motion.choice.method)
         blocks, last = BLOCKS, math.inf
         before = self.once(motion.options, blocks)
         while True:
             blocks *= 2
-            finer = self.once(tight, blocks)
+            finer = self.once(self.tighter, blocks)
             apart = np.abs(finer.values - before.values)
             worst = float(np.max(apart / self._scales(finer.sizes)))
             if worst <= AGREES or worst > last / GAINS or 2 * blocks > MOST:

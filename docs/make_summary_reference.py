@@ -1,0 +1,87 @@
+"""Write the tables of summary keys in docs/cli.md from the records that declare them.
+
+    python docs/make_summary_reference.py            rewrite the tables
+    python docs/make_summary_reference.py --check    exit 1 if a table is out of date
+
+A table stands between ``<!-- summary: MODULE:RECORD -->`` and ``<!-- end -->``; the text around it is written by hand.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, get_args, get_origin
+
+from robodyn_cli.summaries.facts import Fact
+from robodyn_cli.summaries.keys import fields_at
+
+PAGE = Path(__file__).parent / "cli.md"
+TABLE = re.compile(r"(<!-- summary: (\w+:\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+
+
+def table(place: str) -> str:
+    """Return the table of the keys of a record, those of the records in it behind each."""
+    rows = ["| key | unit | meaning | error |", "|---|---|---|---|"]
+    rows += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in _rows(place, "")]
+    return "\n".join(rows) + "\n"
+
+
+def _rows(place: str | type, path: str) -> Iterator[tuple[str, str, str, str]]:
+    for name, (kind, fact) in fields_at(place).items():
+        yield from _of_field(f"{path}{name}", kind, fact)
+
+
+def _of_field(key: str, kind: Any, fact: Fact) -> Iterator[tuple[str, str, str, str]]:
+    """Yield the row of a field, and those of the records that it holds."""
+    unit = str(fact.unit) if _inner(kind) & {float, int} else ""
+    errors = ", ".join(f"`{error}`" for error in fact.errors)
+    yield f"`{_with_names(key, kind, fact)}`", unit, fact.doc, errors
+    for below, record in _records(key, kind, fact):
+        yield from _rows(record, f"{below}.")
+
+
+def _inner(kind: Any) -> set[Any]:
+    """Return the types that a value may have, in lists and maps too."""
+    return {kind, *(x for inner in get_args(kind) for x in _inner(inner))}
+
+
+def _with_names(key: str, kind: Any, fact: Fact) -> str:
+    """Return a key as it is written where it stands for a value in a map."""
+    plain = any(get_origin(one) is dict and one in (dict[str, float], dict[str, int]) for one in _inner(kind))
+    return f"{key}.{fact.names[0]}" if plain and len(fact.names) == 1 else key
+
+
+def _records(key: str, kind: Any, fact: Fact) -> Iterator[tuple[str, type]]:
+    """Yield the records that a value holds, each with the key that leads to it."""
+    if dataclasses.is_dataclass(kind):
+        yield key, kind  # type: ignore[misc]
+    elif get_origin(kind) is dict:
+        name = fact.names[0] if fact.names[0].isupper() else "NAME"
+        yield from _records(f"{key}.{name}", get_args(kind)[1], fact)
+    elif get_origin(kind) is list:
+        yield from _records(f"{key}.N", get_args(kind)[0], fact)
+    else:
+        for inner in get_args(kind):
+            yield from _records(key, inner, fact)
+
+
+def rewritten(text: str) -> str:
+    """Return the page with its tables made anew."""
+    return TABLE.sub(lambda m: m.group(1) + table(m.group(2)) + m.group(3), text)
+
+
+def main(arguments: list[str]) -> int:
+    """Rewrite the page, or check it."""
+    old = PAGE.read_text(encoding="utf-8")
+    new = rewritten(old)
+    if arguments == ["--check"]:
+        return int(old != new)
+    PAGE.write_text(new, encoding="utf-8")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

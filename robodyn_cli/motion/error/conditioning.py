@@ -1,0 +1,88 @@
+"""What rounding of the equations does to a motion, beside that of its states."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.model.model import PARAMETER_GROUP
+from robodyn_cli.observe.rounding import ENLARGED, Rounded, largest_difference
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+LARGE = 50_000  # operations
+VANISHED = 1e-12  # of the largest singular value: smaller ones are those of rows that depend on others
+
+
+@record
+class Conditioning:
+    """How far rounding of the equations puts off any acceleration, and coordinates that the loops close [rad, m].
+
+    acceleration : 0 where that is not to be told at little cost: parameters that change on the way, very large
+    equations. changes : time in which rates change [s].
+    """
+
+    acceleration: float
+    closing: float
+    changes: float
+
+    @staticmethod
+    def of(
+        problem: Problem, held: Sequence[int], times: Array, states: tuple[Array, Array, Array]
+    ) -> Conditioning:
+        """Return the conditioning along a motion.
+
+        Parameters
+        ----------
+        held : columns of rates that are held at the start. states : q (T, nq), v (T, nv) and z (T, nz) at the times.
+        """
+        inputs = dict(zip(("t", "q", "v", "z"), (times[:, None], *states)))
+        closing = _closing(problem, held, inputs)
+        accelerations = list(problem.forward.qdd)
+        if any(symbol.value[1] == PARAMETER_GROUP for symbol in free_symbols(accelerations)):
+            return Conditioning(0.0, closing, 0.0)
+        program = Rounded(accelerations)
+        if len(program.nodes) > LARGE:
+            return Conditioning(0.0, closing, 0.0)
+        found = program(inputs)
+        off = largest_difference(found)
+        if off is None:
+            return Conditioning(0.0, closing, 0.0)
+        fastest, largest = (float(np.abs(x).max(initial=0.0)) for x in (states[1], found[0]))
+        return Conditioning(off, closing, fastest / max(largest, 1e-300))
+
+    def leaves(self, lasted: Any) -> tuple[Any, Any]:
+        """Return what it leaves of positions and rates of runs that lasted so long [s], numbers or arrays.
+
+        Of rates delta(v-dot) over the run; of positions that over the time in which rates change, or what closing the
+        loops leaves.
+        """
+        off = self.acceleration * lasted
+        return np.maximum(self.closing, off * np.minimum(lasted, self.changes)), off
+
+
+def _closing(problem: Problem, held: Sequence[int], inputs: dict[str, Array]) -> float:
+    """Return how far rounding of the constraints may have put any coordinate off [rad, m].
+
+    delta(eta) over the smallest singular value of Psi, of the columns that are not ``held`` at the start: rows that
+    nearly depend on each other hardly determine the joints that they close. 0 where there are no constraints or their
+    number makes it dear.
+    """
+    rows = problem.constraints.rows
+    program = Rounded([*(row.eta for row in rows), *problem.psi.ravel()])
+    if not rows or len(program.nodes) > LARGE:
+        return 0.0
+    found = program(inputs)
+    eta = found[:, :, : len(rows)]
+    off = np.sqrt((np.abs(eta[1:] - eta[0]).max(axis=0) ** 2).sum(axis=1)) / ENLARGED
+    psi = found[0, :, len(rows) :].reshape(found.shape[1], len(rows), -1)
+    psi = np.delete(psi, list(held), axis=2)
+    if not psi.size or not (np.all(np.isfinite(psi)) and np.all(np.isfinite(off))):
+        return 0.0
+    sigma = np.linalg.svd(psi, compute_uv=False)
+    least = np.where(sigma > VANISHED * sigma[:, :1], sigma, np.inf).min(axis=1)
+    return float((off / least).max())

@@ -1,0 +1,86 @@
+"""Checks of the options of ``deploy`` and ``kinematics``."""
+
+from __future__ import annotations
+
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.checks.robot import check_joints, columns, moving
+from robodyn_cli.scene.points import BASE, point_problem
+from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.trajectories.led import led_joints
+
+
+def check_deploy(scene: Scene, check: Check) -> None:
+    """Check the options of ``deploy``."""
+    options = scene.deploy
+    with check:
+        if options.after == "continue" and options.latch is None:
+            check.fail(
+                ("deploy", "after"), "needs a latch that holds the structure together: key 'latch' beside it"
+            )
+    _check_latch(scene, check)
+    known = [*moving(scene.robot), *(loop.name for loop in scene.loops), "latch"]
+    for name in options.loads:
+        with check:
+            check.known(name, known, "joint or closure", ("deploy", "loads", name), at_key=True)
+    if scene.deploy.latch is not None:
+        between = scene.deploy.latch.between
+        links = [link.name for link in scene.robot.links]
+        for k, name in enumerate(between):
+            with check:
+                check.known(name, [*links, BASE], "link", ("deploy", "latch", "between", k))
+        with check:
+            if between[0] == between[1]:
+                check.fail(
+                    ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
+                )
+
+
+def _check_latch(scene: Scene, check: Check) -> None:
+    """A latch at a position names one coordinate, and goes with `criterion: latch`."""
+    latch, chosen = scene.deploy.latch, scene.deploy.criterion == "latch"
+    path: Path = ("deploy", "latch")
+    given = (
+        {}
+        if latch is None
+        else {key: getattr(latch, key) for key in ("at", "at_limit") if getattr(latch, key)}
+    )
+    with check:
+        if chosen and not given:
+            check.fail(("deploy", "criterion"), "'latch' needs a position: key 'at' or 'at_limit' of 'latch'")
+        if given and not chosen:
+            check.fail((*path, next(iter(given))), "goes with 'criterion: latch'")
+        if sum(len(names) for names in given.values()) > 1:
+            check.fail(
+                (*path, list(given)[-1]), "names more than one joint; allowed: one, in 'at' or 'at_limit'"
+            )
+        single = columns(scene.robot, quasi=False)
+        for key, names in given.items():
+            for name in names:
+                place = (*path, key, *name.split(".")) if key == "at" else (*path, key, name)
+                check.known(name, single, "joint with a coordinate", place, at_key=True)
+                if key == "at_limit":
+                    joint = next(joint for joint in scene.robot.joints if joint.name == name)
+                    if getattr(dict(joint.forces).get("limits"), names[name], None) is None:
+                        check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
+
+
+def check_kinematics(scene: Scene, check: Check) -> None:
+    """Check the options of ``kinematics``."""
+    options = scene.kinematics
+    if options.sweep is not None:
+        joint: Path = ("kinematics", "sweep", "joint")
+        check_joints(scene, [(options.sweep.joint, joint)], check, at_key=False)
+        with check:
+            if options.sweep.start == options.sweep.stop:
+                check.fail(
+                    ("kinematics", "sweep", "stop"), "is where the sweep begins; allowed: another position"
+                )
+        with check:
+            if options.sweep.joint in led_joints(scene.prescribed):
+                check.fail(joint, f"the motion of {options.sweep.joint!r} is prescribed; sweep another joint")
+    for k, reference in enumerate(options.transmission or ()):
+        with check:
+            problem = point_problem(scene.robot, reference)
+            if problem is not None:
+                check.fail(("kinematics", "transmission", k), problem)

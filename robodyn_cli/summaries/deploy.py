@@ -1,0 +1,161 @@
+"""The summary of ``deploy``, beside the keys of every integrated motion."""
+
+from __future__ import annotations
+
+from robodyn_cli.record import record
+from robodyn_cli.summaries.facts import (
+    ABSENT,
+    JOINT,
+    LOOP,
+    OWN,
+    RATE,
+    ROW,
+    Absent,
+    LoopResidual,
+    PeakLoad,
+    fact,
+)
+from robodyn_cli.summaries.motion import Counters, MotionErrors
+
+FACTOR = "FACTOR"  # keys of a map: factors of growth, as text
+NORM = "N and N m"  # of multipliers of rows of both kinds
+
+
+@record
+class CriterionTimes:
+    """When each criterion fired, whichever was chosen."""
+
+    chosen: str = fact("the criterion that stops the run")
+    dead_point: float | None = fact("when a dead point was met", "s")
+    multipliers: float | None = fact("when the multipliers had grown", "s")
+    growth_times: dict[str, float | None] = fact(
+        "when the multipliers had grown by each factor", "s", names=FACTOR
+    )
+    limit_time: float | None = fact("when the multipliers exceeded the limit", "s")
+    grid: float = fact("interval at which the multipliers are judged", "s")
+    latch: float | Absent | None = fact(
+        "when the latch came to its position, for that criterion", "s", default=ABSENT
+    )
+
+
+@record
+class MultiplierGrowth:
+    """Growth of the multipliers over their running median."""
+
+    largest_ratio: float = fact("largest ratio to the running median over the whole scan")
+    times: dict[str, float | None] = fact("when each factor was passed", "s", names=FACTOR)
+    median_grid: float = fact("interval of the samples of the median", "s")
+
+
+@record
+class MultiplierKeys:
+    """Norm of the loops' multipliers along the run."""
+
+    start: float = fact("norm at the start", NORM)
+    at_lock: float = fact("norm at the lock", NORM)
+    largest_until_lock: float = fact("largest norm until the lock", NORM)
+    rows: list[str] = fact("the rows")
+    diverge: bool = fact("whether they diverge: a motion is driven into a dead point")
+
+
+@record
+class SingularValues:
+    """Singular values at the lock, largest first."""
+
+    psi: list[float] = fact("of the constraint Jacobian Psi; its entries are in SI units")
+    passive: list[float] = fact("of its block of passive coordinates; entries in SI units")
+
+
+@record
+class LatchKeys:
+    """What the latch does at the instant it closes."""
+
+    rates_before: dict[str, float] = fact("rates before it has closed", RATE)
+    rates_after: dict[str, float] = fact("rates after it has closed", RATE)
+    impulse: dict[str, float] = fact("of each constraint row", "N s or N m s", names=ROW)
+    angular_impulse: float = fact("of the latch on the second link", "N m s")
+    angular_impulse_vector: list[float] = fact("of the latch on the second link, base axes", "N m s")
+    linear_impulse: float = fact("of the latch on the second link", "N s")
+    energy_lost: float = fact("that the impact cost", "J")
+
+
+@record
+class LockKeys:
+    """The lock; what is said of multipliers is null in an open chain."""
+
+    time: float = fact("time of the lock", "s", errors=("lock.time_error",))
+    time_error: float | None = fact("estimated error of the time", "s")
+    time_error_method: str = fact("how the error was estimated, in words")
+    angles: dict[str, float] = fact("positions at the lock", OWN)
+    angles_deg: dict[str, float] = fact("angles at the lock", "deg")
+    rates: dict[str, float] | None = fact("rates at the lock; `null` where a motion is driven into it", RATE)
+    kind: str = fact(
+        "`dead_point`; `approaching_dead_point` if the multipliers fired on the way to one; `latched`; `overload`"
+    )
+    joint: str | None = fact("the joint that moves without the input at the lock")
+    loop: str | None = fact("the loop that lets it")
+    criterion: str = fact("which criterion stopped the run")
+    driven: bool = fact("whether a prescribed motion ran into the dead point")
+    multiplier_growth: MultiplierGrowth | None = fact("growth of the multipliers")
+    growth_times: dict[str, float | None] = fact("when each factor of growth was passed", "s", names=FACTOR)
+    multipliers: MultiplierKeys | None = fact("norm of the loops' multipliers")
+    singular_values: SingularValues | None = fact("at the lock")
+    latch: LatchKeys | Absent | None = fact("what the latch does when it closes", default=ABSENT)
+    latch_note: str | Absent = fact("why no latch can close", default=ABSENT)
+
+
+@record
+class LatchLoad:
+    """Load of the latch after the lock."""
+
+    peak_force: float = fact("largest force", "N")
+    peak_force_time: float = fact("when the force is largest", "s")
+    force_at_end: float = fact("force at the end", "N")
+    peak_moment: float = fact("largest moment", "N m")
+    peak_moment_time: float = fact("when the moment is largest", "s")
+    moment_at_end: float = fact("moment at the end", "N m")
+
+
+@record
+class AfterLock:
+    """The motion of the locked structure."""
+
+    degrees_of_freedom: int = fact("of the locked structure")
+    rows: list[str] = fact("of the latch")
+    closure: str = fact("name of the latch as a closure")
+    samples: int = fact("number of samples after the lock")
+    until: float = fact("end of this motion", "s")
+    error_estimate: MotionErrors | Absent | None = fact("errors of this motion", default=ABSENT)
+    energy_drift: float | Absent = fact("largest error of the energy balance", "J", default=ABSENT)
+    constraint_residual: LoopResidual | Absent = fact("of the loops and the latch", default=ABSENT)
+    latch: LatchLoad | Absent = fact("load of the latch", default=ABSENT)
+    largest: dict[str, PeakLoad] | Absent = fact(
+        "load of each joint, closure and the base", names=(JOINT, LOOP, "base_wrench"), default=ABSENT
+    )
+    counters: Counters | Absent = fact("what this run did", default=ABSENT)
+
+
+@record
+class Overload:
+    """The first sample at which a joint or closure bore more than it may."""
+
+    name: str = fact("the joint or closure")
+    quantity: str = fact("`force` or `moment`")
+    limit: float = fact("what it may bear", "N or N m")
+    time: float = fact("when it first bore more", "s")
+    value: float = fact("what it bore then", "N or N m")
+    largest: float = fact("the largest that it bore", "N or N m")
+
+
+@record
+class DeploySummary:
+    """Keys of the summary of ``deploy``, beside those of every integrated motion."""
+
+    criteria: CriterionTimes = fact("when each criterion fired")
+    lock: LockKeys | None = fact("the lock; `null` without one")
+    after_lock: AfterLock | Absent | None = fact(
+        "with `deploy.after: continue`: the motion of the locked structure; `null` where no latch could close"
+    )
+    overload: Overload | Absent | None = fact(
+        "with `deploy.loads`: the first load beyond its limit; `null` if there is none"
+    )

@@ -1,0 +1,165 @@
+"""What motors and gears bear in a motion, and what a controller did: keys of motions that have these."""
+
+from __future__ import annotations
+
+from robodyn_cli.record import record
+from robodyn_cli.summaries.facts import LOAD, OWN, RATE, TURNS, Absent, fact
+
+LIMITS = ("peak", "continuous", "winding", "gear_peak", "gear_rated", "gear_speed", "brake")
+
+
+def _error(name: str) -> tuple[str, ...]:
+    return (f"drives.JOINT.errors.{name}",)
+
+
+@record
+class Side:
+    """Torque, speed, power and energy a cycle at the joint, behind the gears."""
+
+    peak_torque: float = fact("largest magnitude of the torque", LOAD)
+    peak_torque_time: float = fact("when the torque is largest", "s")
+    rms_torque: float = fact("root of the mean squared torque", LOAD)
+    mean_torque: float = fact("mean magnitude of the torque", LOAD)
+    peak_speed: float = fact("largest magnitude of the speed", RATE)
+    driving_power: float = fact("largest power to the mechanism", "W")
+    braking_power: float = fact("largest power back from the mechanism", "W")
+    driving_energy: float = fact("energy to the mechanism, a cycle", "J", errors=_error("energy"))
+    braking_energy: float = fact("energy back from the mechanism, a cycle", "J", errors=_error("energy"))
+
+
+@record
+class Shaft(Side):
+    """The same at the shaft of each motor, the acceleration of its rotor included."""
+
+    peak_torque: float = fact("largest magnitude of the torque", "N m", errors=_error("peak_torque"))
+    rms_torque: float = fact("root of the mean squared torque", "N m", errors=_error("rms_torque"))
+    mean_torque: float = fact("mean magnitude of the torque", "N m", errors=_error("mean_torque"))
+    peak_speed: float = fact("largest magnitude of the speed", "rad/s")
+
+
+@record
+class Electrical:
+    """Of each motor whose current is known: currents, energy a cycle from the supply and back, and where it goes."""
+
+    peak_current: float = fact("largest magnitude of the current", "A")
+    rms_current: float = fact("root of the mean squared current", "A", errors=_error("rms_current"))
+    energy: float = fact("from the supply, a cycle", "J", errors=_error("energy"))
+    regenerated: float = fact("back to the supply, a cycle", "J", errors=_error("energy"))
+    copper_loss: float = fact("that warms the winding, a cycle", "J")
+    friction_loss: float = fact("of the motor, a cycle", "J")
+
+
+@record
+class WindingTemperatures:
+    """Temperatures of the winding of motors with thermal data."""
+
+    peak: float = fact("largest in the steady periodic state", "degC", errors=_error("winding"))
+    mean: float = fact("mean in the steady periodic state", "degC")
+    after_one_cycle: float = fact("after a first cycle that begins at the surroundings' temperature", "degC")
+
+
+@record
+class UsedLimit:
+    """How much of a limit is used."""
+
+    use: float = fact("part of the limit that is used; 1: all of it")
+    time: float | Absent = fact("when most of it is used, where that is an instant", "s")
+
+
+@record
+class DriveErrors:
+    """What changes when every second sample is left out; of peaks at least by how much they may be larger between
+    samples. For odd numbers of samples."""
+
+    margin: float = fact("of the margin")
+    peak_torque: float = fact("of the largest torque of the motor", "N m")
+    rms_torque: float = fact("of the RMS torque of the motor", "N m")
+    mean_torque: float = fact("of the mean torque of the motor", "N m")
+    rms_current: float | Absent = fact("of the RMS current", "A")
+    energy: float = fact("the largest of any energy", "J")
+    winding: float | Absent = fact("of the winding's temperature", "K")
+
+
+@record
+class DriveFigures:
+    """The figures of one joint's drive."""
+
+    passes: bool = fact("whether `margin` is at least `least_margin`")
+    margin: float = fact("part of the limit that is left which decides", errors=_error("margin"))
+    least_margin: float = fact("margin that is asked for")
+    decides: str = fact("the limit that decides")
+    time: float | Absent = fact("when it decides, where that is an instant", "s")
+    motor: str = fact("the motor")
+    gear: str | None = fact("the gear")
+    brake: str | None = fact("the brake")
+    count: int = fact("number of motors at this joint")
+    ratio: float = fact("the motor's turn over the joint's coordinate", TURNS)
+    mass: float = fact("of all motors, gears and brakes of the joint", "kg")
+    cost: float = fact("of all motors, gears and brakes of the joint, in the currency of the catalogue")
+    limits: dict[str, UsedLimit] = fact(
+        "`peak`: the motor's envelope, speed and torque scaled together; `continuous`: RMS over rated current, or the "
+        "continuous envelope at RMS speed and torque; `winding`: warming over the warming allowed; `gear_peak`, "
+        "`gear_rated` (root mean cube, weighted by the speed), `gear_speed`; `brake`: torque that holds "
+        "the poses at rest",
+        names=LIMITS,
+    )
+    joint: Side = fact("at the joint, behind the gears")
+    shaft: Shaft = fact("at the shaft of each motor, the acceleration of its rotor included")
+    electrical: Electrical | Absent = fact("of each motor whose current is known")
+    winding: WindingTemperatures | Absent = fact("of motors with thermal data")
+    gear_loss: float = fact("energy that the gears lose a cycle", "J")
+    inertia_ratio: list[float] | Absent = fact(
+        "smallest and largest inertia of the mechanism at the joint over that of the drive; left out where data are "
+        "unknown, or loops leave the motion of a joint alone open"
+    )
+    wind_up: float | Absent = fact("largest load over the stiffness of the gears", OWN)
+    errors: DriveErrors | Absent = fact("errors of the figures")
+    units: dict[str, str] = fact("units at the joint", names=("torque", "speed", "wind_up", "ratio"))
+
+
+@record
+class DriveKeys:
+    """Keys of a motion with drives."""
+
+    drives: dict[str, DriveFigures] = fact("what the motors bear, of scenes with `drives`")
+    catalogue: str | Absent = fact("title of the catalogue that the drives come from")
+
+
+@record
+class Tracking:
+    """Error of one coordinate over the samples."""
+
+    peak: float = fact("largest magnitude of reference less motion", OWN)
+    at: float = fact("when it is largest", "s")
+    rms: float = fact("root of the mean squared error", OWN)
+    unit: str = fact("of the coordinate")
+
+
+@record
+class DrivenWork:
+    """Work of the driven joints over the samples; its difference is what they give."""
+
+    driving: float = fact("work while they drive", "J")
+    braking: float = fact("work while they brake", "J")
+
+
+@record
+class ControlSummary:
+    """What a controller did."""
+
+    type: str = fact("of the controller")
+    joints: list[str] = fact("that it drives")
+    period: float | Absent = fact("between its samples, where it is sampled", "s")
+    delay: float | Absent = fact("from a sample to its torque, where it is sampled", "s")
+    updates: int | Absent = fact("how many samples it took")
+    tracking: dict[str, Tracking] | Absent = fact("error of each coordinate that it leads", names="TRACKED")
+    limits: dict[str, float] | Absent = fact("largest torque or force of joints that have one", LOAD)
+    saturated: dict[str, float] | Absent = fact("time at the limit, of joints that have one", "s")
+    energy: DrivenWork = fact("work of the driven joints")
+
+
+@record
+class ControlKeys:
+    """Keys of a motion with a controller."""
+
+    control: ControlSummary = fact("what the controller did")

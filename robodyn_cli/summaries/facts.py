@@ -1,0 +1,149 @@
+"""How a number of a summary is declared, once: its unit, its meaning and where its error stands; what many have."""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+from typing import Any, Final
+
+from robodyn_cli.record import record
+
+REQUIRED: Any = dataclasses.MISSING
+
+
+class Absent(enum.Enum):
+    """The value of a field whose key a run does not have; ``None`` is a value, written as null."""
+
+    ABSENT = "absent"
+
+
+ABSENT: Final = Absent.ABSENT
+
+
+@record
+class UnitOf:
+    """A unit that follows that of a coordinate, which the map around a field names: of one in rad, in m, and in 1."""
+
+    turning: str
+    sliding: str
+    plain: str = ""
+
+    def __call__(self, coordinate: str = "") -> str:
+        """Return the unit for a coordinate in ``rad``, ``m`` or ``1``; that of either where it is not known."""
+        known = {"rad": self.turning, "m": self.sliding, "1": self.plain}.get(coordinate)
+        return known or str(self)
+
+    def __str__(self) -> str:
+        return f"{self.turning} or {self.sliding}"
+
+
+OWN = UnitOf("rad", "m", "1")
+RATE = UnitOf("rad/s", "m/s", "1/s")
+ACCELERATION = UnitOf("rad/s^2", "m/s^2", "1/s^2")
+LOAD = UnitOf("N m", "N")
+TURNS = UnitOf("1", "rad/m")
+
+# what the keys of a map may be, beside words of our own: names in the scene, by what they name
+JOINT, LINK, POINT, LOOP, ROW, LIMIT, PAYLOAD = "JOINT", "LINK", "POINT", "LOOP", "ROW", "LIMIT", "PAYLOAD"
+OUTPUT = "OUTPUT"  # a key of the summary of each run of a study
+ANY = "KEY"  # any key at all
+
+
+@record
+class Fact:
+    """What the field of a record in a summary says; see ``fact``."""
+
+    doc: str
+    unit: str | UnitOf
+    names: tuple[str, ...]
+    errors: tuple[str, ...]
+    column: str
+
+
+def fact(
+    doc: str,
+    unit: str | UnitOf = "1",
+    *,
+    names: str | tuple[str, ...] = JOINT,
+    errors: tuple[str, ...] = (),
+    column: str = "",
+    default: Any = REQUIRED,
+) -> Any:
+    """Declare one key of a summary as a field of a record.
+
+    Parameters
+    ----------
+    doc : what it is, for readers of the docs and of pages, without its unit.
+    unit : of its numbers; ``OWN``, ``RATE``, ``ACCELERATION``, ``LOAD`` or ``TURNS``: what follows the coordinate that
+        the map around it names.
+    names : of a map, what its keys are: kinds of names in capitals (``JOINT``), and words as they are.
+    errors : keys of the same summary that state its error, of which the largest counts; a word in capitals stands for a
+        name that was passed on the way (``drives.JOINT.errors.margin``), a dot in front: a key beside it (``.error``).
+    column : heading in the table of main figures; without one it is not in it.
+    default : value where the maker of the record gives none.
+    """
+    kinds = (names,) if isinstance(names, str) else names
+    return dataclasses.field(default=default, metadata={"fact": Fact(doc, unit, kinds, errors, column)})
+
+
+def key_of(field: str) -> str:
+    """Return the key of a field: its name, without the last ``_`` of one that Python has a word for (``yield_``)."""
+    return field.removesuffix("_")
+
+
+def definitions(*places: tuple[type, tuple[str, ...]]) -> dict[str, str]:
+    """Return the meanings of some fields of records by their names, each with its unit where it has one."""
+    found = {}
+    for kind, names in places:
+        facts = {f.name: f.metadata["fact"] for f in dataclasses.fields(kind)}
+        for name in names:
+            unit = facts[name].unit
+            found[name] = facts[name].doc + ("" if unit == "1" else f" [{unit}]")
+    return found
+
+
+@record
+class Termination:
+    """Why a run ended, and when."""
+
+    reason: str = fact("why the run ended, in words")
+    time: float = fact("when it ended", "s")
+
+
+@record
+class LoopResidual:
+    """Largest residuals of the loops by level, where they are known."""
+
+    position: float = fact("largest residual of the loops", "m or rad")
+    velocity: float | Absent = fact("largest residual of their velocities", "m/s or rad/s", default=ABSENT)
+    acceleration: float | Absent = fact(
+        "largest residual of their accelerations", "m/s^2 or rad/s^2", default=ABSENT
+    )
+    redundant: float | Absent = fact(
+        "largest residual of rows that were left out since others imply them", "m or rad", default=ABSENT
+    )
+
+
+@record
+class PeakLoad:
+    """The largest load of a joint or a closure."""
+
+    peak_force: float = fact("largest magnitude of the force", "N")
+    peak_moment: float = fact("largest magnitude of the moment", "N m")
+
+    def or_larger(self, other: PeakLoad) -> PeakLoad:
+        """Return the larger force and the larger moment of two."""
+        return PeakLoad(max(self.peak_force, other.peak_force), max(self.peak_moment, other.peak_moment))
+
+
+@record
+class PeakLoads:
+    """The largest loads of joints and closures, where the scene asks for reactions."""
+
+    axes: str | Absent = fact("axes in which the loads are given: `joint` or `world`")
+    not_determined: dict[str, list[str]] | Absent = fact(
+        "components that the scene's data do not determine", names=(JOINT, LOOP, "base_wrench")
+    )
+    largest: dict[str, PeakLoad] = fact(
+        "of joints, closures and the base", names=(JOINT, LOOP, "base_wrench")
+    )

@@ -1,0 +1,139 @@
+"""The summary of ``inverse``."""
+
+from __future__ import annotations
+
+from robodyn_cli.record import record
+from robodyn_cli.summaries.facts import (
+    ABSENT,
+    ANY,
+    LIMIT,
+    LOAD,
+    RATE,
+    Absent,
+    LoopResidual,
+    PeakLoads,
+    Termination,
+    definitions,
+    fact,
+)
+
+ROUNDING, RMS, ENERGY = (
+    f"error_estimate.{name}" for name in ("torque_rounding", "rms_quadrature", "energy_quadrature")
+)
+
+
+@record
+class JointFigures:
+    """Figures that size the actuator of a joint; integrals are of polynomials of degree 5 through the samples."""
+
+    peak_torque: float = fact(
+        "largest magnitude among the samples", LOAD, errors=(ROUNDING,), column="peak torque"
+    )
+    peak_torque_time: float = fact("when the torque is largest", "s")
+    rms_torque: float = fact(
+        "root of the time average of the squared torque", LOAD, errors=(ROUNDING, RMS), column="RMS torque"
+    )
+    torque_range: list[float] = fact("smallest and largest torque", LOAD, errors=(ROUNDING,))
+    peak_speed: float = fact("largest magnitude of the rate", RATE, column="peak speed")
+    peak_power: float = fact("largest magnitude of the mechanical power", "W", column="peak power")
+    energy: float = fact(
+        "integral of the positive mechanical power: what the actuator delivers if it takes none back",
+        "J", errors=(ENERGY,), column="energy",
+    )  # fmt: skip
+    energy_net: float = fact("integral of the mechanical power", "J", errors=(ENERGY,))
+    units: dict[str, str] = fact("units of this joint", names=("torque", "speed", "power", "energy"))
+
+
+@record
+class InverseErrors:
+    """Errors of the figures of ``inverse``."""
+
+    ik_residual: float | Absent = fact("largest distance of the led point from its target", "m")
+    attitude_residual: float | Absent = fact(
+        "largest angle by which the led frame is turned against its target", "rad"
+    )
+    round_trip: float | None = fact(
+        "accelerations of forward after inverse dynamics, difference over the largest; with loops, of forward dynamics "
+        "with them"
+    )
+    energy_balance: float = fact(
+        "work of actuators and losses less the change of kinetic and potential energy", "J"
+    )
+    energy_balance_relative: float = fact("the energy balance over the largest energy turned over")
+    torque_rounding: float | None = fact(
+        "how far rounding may have put any torque off, cancellation and conditioning included", LOAD
+    )
+    energy_quadrature: float | Absent = fact(
+        "largest change of an energy when every second sample is left out", "J", default=ABSENT
+    )
+    rms_quadrature: float | Absent = fact(
+        "largest change of an RMS torque when every second sample is left out", LOAD, default=ABSENT
+    )
+    closure: LoopResidual | Absent = fact("largest residuals of the loops by level", default=ABSENT)
+    virtual_work_residual: float | Absent = fact(
+        "what of the generalised force neither actuators nor loops hold", LOAD, default=ABSENT
+    )
+
+
+@record
+class LoadedMechanism:
+    """The joints that bear the load of a mechanism with loops."""
+
+    degrees_of_freedom: int = fact("of the mechanism")
+    actuated: list[str] = fact("joints that bear the load")
+    torques: str = fact("`unique`, or of least norm and why")
+    multipliers: str = fact("`unique`, or of least norm and why")
+
+
+@record
+class FastestFigures:
+    """Figures of a motion in the least time."""
+
+    duration: float = fact("the least time", "s", errors=("fastest.duration_error",))
+    duration_error: float = fact("change of the duration between the last two grids, continued", "s")
+    largest_use: float = fact("of a limit at the samples; 1 on it")
+    binding: dict[str, float] = fact(
+        "part of the time during which each limit binds, by joint and kind of limit", names=LIMIT
+    )
+    intervals: int = fact("of the path")
+
+
+@record
+class InverseSummary:
+    """The summary of an inverse run."""
+
+    termination: Termination = fact("how the run ended")
+    samples: int = fact("number of samples")
+    warnings: list[str] | Absent = fact(
+        "doubts about the run, printed too: joints beyond their limits, with the time, for example"
+    )
+    mechanism: LoadedMechanism | Absent = fact("with loops")
+    fastest: FastestFigures | Absent = fact("of a path in the least time")
+    inverse_kinematics: str | Absent = fact("`analytic` or `newton`, where a point is led")
+    ik_residual: float | Absent = fact("largest distance of the led point from its target", "m")
+    attitude_residual: float | Absent = fact(
+        "of a path with attitudes: largest angle by which the led frame is turned against its target", "rad"
+    )
+    error_estimate: InverseErrors = fact("errors of the figures")
+    round_trip: float | None = fact(
+        "forward dynamics under the computed torques less the accelerations asked for, relative"
+    )
+    constraint_residual: LoopResidual | Absent = fact("with loops")
+    joints: dict[str, JointFigures] = fact("of each joint with an actuator")
+    definitions: dict[str, str] = fact("what the figures and their errors are, in words", names=ANY)
+    counters: dict[str, int] = fact(
+        "`operations` a sample, `compiled` or interpreted; `ik_iterations` and `ik_steps` of Newton's method for the "
+        "led point; with loops `iterations` and `steps` along the motion",
+        names=("operations", "compiled", "ik_iterations", "ik_steps", "iterations", "steps"),
+    )
+    reactions: PeakLoads | Absent = fact("loads of joints and closures, where asked for")
+
+
+def definitions_of(closed: bool) -> dict[str, str]:
+    """Return what the figures are, for readers of ``summary.json``; ``closed`` : of a mechanism with loops."""
+    errors = ["round_trip", "torque_rounding", "energy_balance", "energy_quadrature", "rms_quadrature"]
+    if closed:
+        errors.append("virtual_work_residual")
+    return definitions(
+        (JointFigures, ("peak_torque", "rms_torque", "energy", "energy_net")), (InverseErrors, tuple(errors))
+    )

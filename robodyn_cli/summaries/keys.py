@@ -1,0 +1,152 @@
+"""The keys of summaries: whether a run may have one, and what its field says of it. One walk answers all of it."""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import importlib
+import types
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import Any, Union, get_args, get_origin, get_type_hints
+
+from robodyn_cli.commands import COMMANDS
+from robodyn_cli.record import record
+from robodyn_cli.summaries.facts import Fact, UnitOf, key_of
+
+NUMBERS = (float, int, bool)
+VALUES = (*NUMBERS, str, types.NoneType)
+SHORT = "joints"  # keys below ``joints.NAME`` may be written ``KEY.NAME``
+EVERY_RUN = "every_run:EveryRun"
+Names = Mapping[
+    str, Collection[str]
+]  # of a scene by kind (``JOINT``); of a kind that is not given there may be any
+
+
+@record
+class Leaf:
+    """What stands under a key: its type, what its field says, the names that were passed, with their kinds, the key."""
+
+    kind: Any
+    fact: Fact
+    names: tuple[str, ...] = ()
+    kinds: tuple[tuple[str, ...], ...] = ()
+    key: str = ""
+
+    def fits(self, names: Names) -> bool:
+        """Tell whether a scene has the names that were passed."""
+        passed = zip(self.names, self.kinds)
+        return all(
+            any(name in (names.get(x, (name,)) if x.isupper() else (x,)) for x in kinds)
+            for name, kinds in passed
+        )
+
+    @property
+    def is_number(self) -> bool:
+        """Whether it is a number, or true or false; of what is known of a failure it may be one."""
+        return self.kind in NUMBERS or self.kind is Any
+
+    def unit(self, coordinates: Mapping[str, str]) -> str:
+        """Return the unit, from those of coordinates (``rad`` or ``m``) by name."""
+        unit = self.fact.unit
+        if not isinstance(unit, UnitOf):
+            return unit
+        return unit(next((coordinates[name] for name in reversed(self.names) if name in coordinates), ""))
+
+    @property
+    def errors(self) -> tuple[str, ...]:
+        """Keys of the summary that state its error."""
+        beside = self.key.rpartition(".")[0]
+        return tuple(
+            beside + key if key.startswith(".") else self._with_names(key) for key in self.fact.errors
+        )
+
+    def _with_names(self, key: str) -> str:
+        names = iter(self.names)
+        return ".".join(next(names) if step.isupper() else step for step in key.split("."))
+
+
+@functools.cache
+def fields_at(place: str | type) -> Mapping[str, tuple[Any, Fact]]:
+    """Return the type and the declaration of each field of a record, itself or its place below ``summaries/``."""
+    if isinstance(place, str):
+        module, _, member = place.partition(":")
+        place = getattr(importlib.import_module(f"robodyn_cli.summaries.{module}"), member)
+    hints = get_type_hints(place)
+    return {key_of(f.name): (hints[f.name], f.metadata["fact"]) for f in dataclasses.fields(place)}  # type: ignore[arg-type]
+
+
+@functools.lru_cache(maxsize=4096)
+def leaf_of(command: str, key: str) -> Leaf | None:
+    """Return what some run of a command has under a key of its summary; None where none has such a key.
+
+    Any name will do (see ``Leaf.fits``). ``peak_torque.theta1`` is ``joints.theta1.peak_torque``.
+    """
+    steps = key.split(".")
+    for head, *rest in (steps, [SHORT, *steps[1:], steps[0]]):
+        fields = [fields_at(place) for place in (*COMMANDS[command].summary, EVERY_RUN)]
+        leaf = _number_first([_leaf(*some[head], rest) for some in fields if head in some])
+        if leaf is not None:
+            return dataclasses.replace(leaf, key=".".join((head, *rest)))
+    return None
+
+
+def _leaf(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:
+    """Return what steps lead to from a value of a type; of several that are possible a number."""
+    inner = get_args(kind)
+    if get_origin(kind) in (Union, types.UnionType):
+        return _number_first([_leaf(x, fact, steps) for x in inner])
+    if kind is Any or not steps:
+        return Leaf(kind, fact) if kind is Any or kind in VALUES else None
+    if get_origin(kind) is list:
+        return _leaf(inner[0], fact, steps[1:]) if steps[0].isdecimal() else None
+    if get_origin(kind) is dict:
+        return _in_map(inner[1], fact, steps)
+    fields = fields_at(kind) if dataclasses.is_dataclass(kind) else {}  # type: ignore[arg-type]
+    return _leaf(*fields[steps[0]], steps[1:]) if steps[0] in fields else None
+
+
+def _in_map(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:
+    """Return what steps lead to from a map, whose keys may have dots in them: the longest that fits is taken."""
+    leaves = []
+    for k in range(len(steps), 0, -1):
+        name = ".".join(steps[:k])
+        if any(kind_of.isupper() or name == kind_of for kind_of in fact.names):
+            leaf = _leaf(kind, fact, steps[k:])
+            leaves.append(
+                leaf and dataclasses.replace(leaf, names=(name, *leaf.names), kinds=(fact.names, *leaf.kinds))
+            )
+    return _number_first(leaves)
+
+
+def _number_first(leaves: Sequence[Leaf | None]) -> Leaf | None:
+    """Return the first leaf that is a number, else the first one."""
+    known = [leaf for leaf in leaves if leaf is not None]
+    return next((leaf for leaf in known if leaf.is_number), known[0] if known else None)
+
+
+def leaves_of(command: str) -> Iterator[tuple[tuple[str, ...], Leaf]]:
+    """Yield every key of the summaries of a command as steps, with what stands there.
+
+    A kind of names (``JOINT``) stands for each of these, 0 for each place in a list.
+    """
+    for place in (*COMMANDS[command].summary, EVERY_RUN):
+        for name, (kind, fact) in fields_at(place).items():
+            for steps, leaf in _below(kind, fact):
+                yield (name, *steps), leaf
+
+
+def _below(kind: Any, fact: Fact) -> Iterator[tuple[tuple[str, ...], Leaf]]:
+    inner = get_args(kind)
+    if kind in VALUES or kind is Any:
+        yield (), Leaf(kind, fact)
+    elif dataclasses.is_dataclass(kind):
+        for name, (one, declared) in fields_at(kind).items():  # type: ignore[arg-type]
+            yield from (((name, *steps), leaf) for steps, leaf in _below(one, declared))
+    elif get_origin(kind) is dict:
+        below = list(_below(inner[1], fact))
+        yield from (((name, *steps), leaf) for name in fact.names for steps, leaf in below)
+    elif get_origin(kind) is list:
+        yield from ((("0", *steps), leaf) for steps, leaf in _below(inner[0], fact))
+    else:
+        for one in inner:
+            yield from _below(one, fact)

@@ -1,0 +1,86 @@
+"""The summary of ``linearise``."""
+
+from __future__ import annotations
+
+from robodyn_cli.record import record
+from robodyn_cli.summaries.facts import ACCELERATION, LOAD, OWN, RATE, Absent, Termination, fact
+
+POLE = (".error",)
+
+
+@record
+class LinearSignal:
+    """A state, an input or an output of a linear system."""
+
+    name: str = fact("of the state, the input or the output")
+    unit: str = fact("its unit")
+
+
+@record
+class Mode:
+    """A pole s of x-dot = A x, with its mode; a pair of complex poles is one mode, with the one above the real axis."""
+
+    real: float = fact("real part of the pole; 0 where no larger than the error", "1/s", errors=POLE)
+    imaginary: float = fact(
+        "imaginary part of the pole; 0 where no larger than the error", "1/s", errors=POLE
+    )
+    error: float = fact(
+        "how far rounding may move the pole: far where poles meet, since a double one is known to the root of the "
+        "rounding only",
+        "1/s",
+    )
+    frequency: float = fact("|s| / 2 pi, of the undamped oscillation", "Hz")
+    damping: float | None = fact(
+        "-Re s / |s|, the damping ratio: 1 of a decay without oscillation; `null` at 0"
+    )
+    time: float | None = fact(
+        "1 / |Re s|, in which it decays or grows e times; `null` where it does neither", "s"
+    )
+    shape: dict[str, list[float]] = fact(
+        "amplitude of each coordinate, the largest 1, in its own unit, and its phase", "1 and rad"
+    )
+    reached: bool = fact("whether the inputs reach it (controllable)")
+    shown: bool = fact("whether the outputs show it (observable)")
+
+
+@record
+class LinearInstant:
+    """The system at a sample of a motion, as if it stayed so."""
+
+    time: float = fact("of the sample", "s")
+    stability: str = fact("`stable`, `unstable`, or `marginal`: a mode neither decays nor grows")
+    modes: list[Mode] = fact("of the system there, slowest first")
+
+
+@record
+class LargestGrowth:
+    """The pole farthest to the right along a motion."""
+
+    largest: float = fact("its real part", "1/s")
+    time: float = fact("when it is there", "s")
+
+
+@record
+class LinearSummary:
+    """The summary of ``linearise``."""
+
+    termination: Termination = fact("how the run ended")
+    samples: int = fact("number of samples: 1 but along a motion")
+    about: str = fact("`state`, `balance`, `hold` or `motion`")
+    freedoms: int = fact("number of independent coordinates")
+    configuration: dict[str, float] | Absent = fact("joint positions of the state; not along a motion", OWN)
+    rates: dict[str, float] | Absent = fact("their rates; not along a motion", RATE)
+    holding_torques: dict[str, float] | Absent = fact(
+        "with `--hold`: the constant torques of the inputs", LOAD
+    )
+    largest_acceleration: float | Absent = fact(
+        "of an independent coordinate at the state; 0, but for rounding, at an equilibrium", ACCELERATION
+    )
+    states: list[LinearSignal] = fact("of the columns and rows of A, in their order")
+    inputs: list[LinearSignal] = fact("of the columns of B and D, in their order")
+    outputs: list[LinearSignal] = fact("of the rows of C and D, in their order")
+    stability: str | Absent = fact("`stable`, `unstable`, or `marginal`: a mode neither decays nor grows")
+    modes: list[Mode] | Absent = fact("of the system, slowest first; not along a motion")
+    growth: LargestGrowth | Absent = fact("along a motion: the pole farthest to the right")
+    instants: list[LinearInstant] | Absent = fact("with `--instants`: samples along the motion")
+    warnings: list[str] | Absent = fact("what a reader of the linear system should know; printed too")

@@ -1,0 +1,197 @@
+"""The summary of a motion that was integrated: the keys that ``simulate`` and ``deploy`` share."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from robodyn_cli.record import mutable_record, record
+from robodyn_cli.summaries.facts import (
+    ABSENT,
+    ANY,
+    OWN,
+    PAYLOAD,
+    RATE,
+    Absent,
+    LoopResidual,
+    PeakLoads,
+    Termination,
+    fact,
+)
+
+STATE = "rad or m, rad/s or m/s"
+
+
+@mutable_record
+class Counters:
+    """Counts of what a run did."""
+
+    steps: int = fact("steps of the integration", default=0)
+    rejected: int = fact("steps that were rejected", default=0)
+    evaluations: int = fact("of the right-hand side; eight lanes at once count as one", default=0)
+    projections: int = fact("of states onto the constraints", default=0)
+    events: int = fact("that were located", default=0)
+
+    def __add__(self, other: Counters) -> Counters:
+        return Counters(**{k: v + vars(other)[k] for k, v in vars(self).items()})
+
+    @property
+    def attempts(self) -> int:
+        """Steps, rejected ones too."""
+        return self.steps + self.rejected
+
+
+@record
+class Accuracy:
+    """What the accuracy was asked by: tolerances, or a fixed step."""
+
+    rtol: float | Absent = fact("relative tolerance of a step", default=ABSENT)
+    atol: float | Absent = fact("absolute tolerance of a step", STATE, default=ABSENT)
+    step: float | Absent = fact("fixed step", "s", default=ABSENT)
+
+
+@record
+class MotionErrors:
+    """Estimated errors of the motion over its samples, and how they were found."""
+
+    method: str = fact("how the error was estimated, in words")
+    q_max: float | Absent = fact("largest error of any position over all samples", OWN, default=ABSENT)
+    qd_max: float | Absent = fact("largest error of any rate over all samples", RATE, default=ABSENT)
+    state_max: float | None = fact(
+        "the larger of `q_max` and `qd_max`; `null` where the second integration failed", STATE, default=None
+    )
+    q_end: float | Absent = fact("largest error of any position at the last sample", OWN, default=ABSENT)
+    qd_end: float | Absent = fact("largest error of any rate at the last sample", RATE, default=ABSENT)
+    rounding_floor: float | Absent = fact(
+        "the error that rounding alone is expected to leave, that of constants and ill-conditioned equations included "
+        "where the estimate comes near it; no estimate is below it",
+        STATE, default=ABSENT,
+    )  # fmt: skip
+    steps: int | Absent = fact("of the second integration", default=ABSENT)
+    at_rounding: bool | Absent = fact(
+        "whether the estimate is within 100 times of `rounding_floor`", default=ABSENT
+    )
+    meaningful_until: float | Absent = fact(
+        "time from which on the estimate exceeds 1 % of the motion", "s", default=ABSENT
+    )
+    reason: str | Absent = fact("why there is no estimate", default=ABSENT)
+
+
+@record
+class Gains:
+    """Baumgarte's gains as a study of them has chosen: alpha = beta = c / h."""
+
+    alpha: float = fact("gain of the velocities", "1/s")
+    beta: float = fact("gain of the positions", "1/s")
+    factor: float = fact("c: the gains times the step")
+    step: float = fact("h, the mean step of the projected run", "s")
+    drift: float = fact("of the positions from the constraints, in the trial run", "m or rad")
+    error: float = fact("largest of any position, in the trial run", OWN)
+    integration_error: float = fact(
+        "of the projected run, or what rounding leaves: the bar for the drift", OWN
+    )
+    over: float = fact("length of the trial runs", "s")
+    met: bool = fact("whether the drift stays below the bar")
+
+
+@record
+class Assembly:
+    """Closing the loops at t = 0."""
+
+    position_residual: float = fact("largest residual of the loops", "m or rad")
+    velocity_residual: float = fact("largest residual of their velocities", "m/s or rad/s")
+    redundant_rows: list[str] = fact("rows that follow from others")
+    vanishing_rows: list[str] = fact("rows that vanish identically, and were left out")
+
+
+@record
+class DependentRows:
+    """Rows that depend on each other."""
+
+    loops: list[str] = fact("the loops that they belong to")
+    rows: list[str] = fact("the rows")
+    rank: int = fact("how many of them are independent")
+
+
+@record
+class MultiplierChoice:
+    """Whether the multipliers are unique, else which were chosen and why."""
+
+    unique: bool = fact("whether the rows decide them")
+    choice: str | Absent = fact("`least norm`, where they do not", default=ABSENT)
+    dependent: list[DependentRows] | Absent = fact(
+        "each group of rows that depend on each other", default=ABSENT
+    )
+    renewals: int | Absent = fact(
+        "how often the combinations that are solved with were chosen anew", default=ABSENT
+    )
+
+
+@record
+class MethodKeys:
+    """A change of method on the way."""
+
+    time: float = fact("when it changed", "s")
+    to: str = fact("the new method")
+    fastest_decay: float | None = fact(
+        "time constant of the fastest decay there; `null`: nothing decays", "s"
+    )
+
+
+@record
+class PayloadFacts:
+    """What happened to a payload; nothing of one that was neither gripped nor released."""
+
+    gripped: float | Absent = fact("when it was gripped", "s", default=ABSENT)
+    energy_lost: float | Absent = fact("in the impact of gripping it", "J", default=ABSENT)
+    released: float | Absent = fact("when it was released", "s", default=ABSENT)
+
+
+@record
+class FinalState:
+    """The last state of a run."""
+
+    time: float = fact("of the last state", "s")
+    q: dict[str, float] = fact("position at the end", OWN, errors=("error_estimate.q_end",), column="q")
+    qd: dict[str, float] = fact("rate at the end", RATE, errors=("error_estimate.qd_end",), column="qd")
+
+
+@record
+class MotionSummary:
+    """Keys of the summary of every integrated motion, in their order."""
+
+    termination: Termination | dict[str, Any] = fact(
+        "how the run ended; of one that stopped, what is known of the cause", names=ANY
+    )
+    integrator: str = fact("the method")
+    integrator_reason: str = fact("why it was chosen")
+    tolerances: Accuracy = fact("what the accuracy was asked by")
+    samples: int = fact("number of samples")
+    error_estimate: MotionErrors | None = fact("errors of the motion; `null` where it was not asked for")
+    energy_drift: float = fact("largest error of the energy balance", "J")
+    energy_drift_relative: float = fact("the energy drift over the energy exchanged")
+    energy_balance: str = fact("what the energy balance is of")
+    constraint_residual: LoopResidual | Absent = fact("with loops")
+    assembly: Assembly | Absent = fact("closing the loops at t = 0")
+    repartitions: int | Absent = fact(
+        "with `stabilisation: independent`: how often other coordinates were chosen"
+    )
+    multipliers: MultiplierChoice | Absent = fact("whether the loops' rows decide their multipliers")
+    reactions: PeakLoads | Absent = fact("loads of joints and closures, where asked for")
+    counters: Counters = fact("what the run did")
+    warnings: list[str] | Absent = fact(
+        "doubts about the run, printed too: loops that have closed in a dead point of the input; a second integration "
+        "that failed, so that the error is not known; absent without any"
+    )
+    baumgarte: Gains | Absent = fact("where `stabilisation: baumgarte` left the gains to the run")
+    switches: list[MethodKeys] | Absent = fact("changes of the method on the way, if any")
+    transitions: dict[str, int] | Absent = fact(
+        "of joints with set-valued friction or rigid stops, counted",
+        names=("stick", "slip", "impact", "contact", "release"), default=ABSENT,
+    )  # fmt: skip
+    payloads: dict[str, PayloadFacts] | Absent = fact("that come or go", names=PAYLOAD, default=ABSENT)
+    passed: list[float] | Absent = fact(
+        "with `singular: pass`: times of the singular configurations that were stepped over",
+        "s",
+        default=ABSENT,
+    )
+    final: FinalState | Absent = fact("last state of a simulated motion", default=ABSENT)

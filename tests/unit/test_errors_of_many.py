@@ -1,0 +1,132 @@
+"""One run and many: the same figures and the same stated errors, which hold against references."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
+from tests.proof.families import make
+from tests.proof.judge import truth
+from tests.unit.test_mechanism import PENDULUM, SCENES, around, own_scene, varied
+
+CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+OF = ["error_estimate.steps", "error_estimate.q_end", "error_estimate.qd_end"]
+COMPARED: dict[str, bool] = {}
+LOCATED = 1e-15  # part of a time within which both find an event
+VECTORS = 1e-5  # relative: runs in the lanes of vectors are rounded otherwise
+SETTINGS = [
+    ([], 1e-12),
+    (["simulate.integrator=dopri5", "simulate.rtol=1e-6"], VECTORS),
+    (["simulate.integrator=rodas5p", "simulate.rtol=1e-5"], VECTORS),
+    (["simulate.integrator=gauss4", "simulate.parts=300"], 1e-12),
+]
+
+
+def compare(
+    scene: Scene, values: dict[str, np.ndarray] | None = None, within: float = 1e-12, **options: Any
+) -> bool | None:
+    """Compare the first row of many runs with a run alone; tell whether their steps are equal, None if not compiled."""
+    found = Mechanism(scene, list(values or ())).simulate_many(values, of=OF, **options)
+    if found.one_by_one[0] or not found.ok[0]:
+        return None
+    alone = simulate(own_scene(scene, values, 0) if values else scene)
+    own = alone.summary["error_estimate"]
+    bound = 10.0 * max(own["q_end"], own["qd_end"])  # the last sample is dense output, rounded once more
+    np.testing.assert_allclose(found.q[0], alone["q"][-1], rtol=1e-12, atol=bound)
+    np.testing.assert_allclose(found.qd[0], alone["qd"][-1], rtol=1e-12, atol=bound)
+    steps = alone.summary["counters"]["steps"], own["steps"]
+    if (found.steps[0], found.outputs[OF[0]][0]) != steps:
+        return False
+    for key in OF[1:]:
+        assert found.outputs[key][0] == pytest.approx(own[key.partition(".")[2]], rel=within, abs=0.0), key
+    assert found.q_error[0].max() == found.outputs[OF[1]][0]
+    return True
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
+def test_example_scenes_state_the_same_errors(path: Path) -> None:
+    found = compare(load_scene(path))
+    if found is not None:
+        COMPARED[path.stem] = found
+
+
+def test_enough_scenes_could_be_compared() -> None:
+    equal = sum(COMPARED.values())
+    assert equal >= 18 or len(COMPARED) < 20, COMPARED
+    assert len(COMPARED) - equal <= 2, COMPARED
+
+
+@pytest.mark.parametrize("name", ["double_pendulum", "slider_crank", "adams_universal"])
+@pytest.mark.parametrize("samples", [2, 9, 40, 200])
+def test_samples_that_are_asked_for_leave_the_errors(name: str, samples: int) -> None:
+    (path,) = [p for p in SCENES if p.stem == name]
+    scene = load_scene(path, [f"simulate.samples={max(samples, 17)}"])
+    values = around(scene, varied(scene, 2, seed=1), 3, seed=2)
+    assert compare(scene, values)
+    if samples > 16:
+        assert compare(scene, values, samples=samples)
+
+
+@pytest.mark.parametrize(("setting", "within"), SETTINGS)
+@pytest.mark.parametrize("seed", [0, 2, 7, 9, 15, 19, 26])
+def test_random_mechanisms_state_the_same_errors_which_are_true(
+    seed: int, setting: list[str], within: float
+) -> None:
+    _, m, _ = make(seed)
+    own = [f"simulate.step={m.duration / 300:.4g}" if "parts" in s else s for s in setting]
+    # with fewer samples than 17 many runs are judged by more than a run alone
+    scene = load_scene_text(m.scene(), overrides=["simulate.samples=41", *own])
+    try:
+        equal = compare(scene, within=within)
+    except RobodynError:
+        return
+    if not equal:
+        return
+    found = Mechanism(scene).simulate_many()
+    alone = simulate(scene)
+    ref = truth(m, alone["q"][0], alone["qd"][0], np.array([0.0, m.duration]))
+    least = max(10.0 * float(ref.doubt.max()), 100.0 * alone.summary["error_estimate"]["rounding_floor"])
+    for value, true, stated in ((found.q, ref.q, found.q_error), (found.qd, ref.v, found.qd_error)):
+        off = float(np.abs(value[0] - true[-1]).max())
+        assert off <= least or stated.max() >= 0.1 * off, (off, stated)
+
+
+def test_locks_state_the_same_errors() -> None:
+    for setting in ([], ["simulate.integrator=dopri5", "simulate.rtol=1e-7"], ["simulate.rtol=1e-5"]):
+        scene = load_scene(CONFIGS / "four_bar_deploy.yaml", setting)
+        found = Mechanism(scene).deploy_many(of=["lock.time", "lock.time_error"])
+        assert not found.one_by_one[0]
+        lock = deploy(scene).summary["lock"]
+        within = LOCATED * lock["time"]
+        assert found.time[0] == pytest.approx(lock["time"], rel=0.0, abs=within)
+        # one of them counts the step in which it locks
+        assert found.time_error[0] == pytest.approx(lock["time_error"], rel=0.05)
+
+
+def test_the_conditioning_is_found_once_and_counts_for_runs_near_rounding() -> None:
+    """A pendulum on four rods: of its accelerations rounding leaves a thousand times what it leaves of its state."""
+    scene = load_scene(CONFIGS / "benchmarks" / "double_pendulum_rods.yaml")
+    key = "simulate.duration"
+    values = scene.simulate.duration * np.array([1.0, 0.5, 1.0])
+    mechanism = Mechanism(scene, [key])
+    found = mechanism.simulate_many({key: values})
+    floor = simulate(scene).summary["error_estimate"]["rounding_floor"]
+    assert found.qd_error[0].max() == found.qd_error[2].max() >= floor
+    assert 0.4 * floor <= found.qd_error[1].max() <= floor
+    again = mechanism.simulate_many({key: values[1:]})
+    np.testing.assert_array_equal(again.qd_error, found.qd_error[1:])
+
+
+def test_a_far_error_is_not_lifted_to_the_conditioning() -> None:
+    scene = load_scene(PENDULUM, ["simulate.integrator=dopri5", "simulate.rtol=1e-6"])
+    found, loose = (
+        Mechanism(Family.of(scene).scene(own)).simulate_many() for own in ([], ["simulate.rtol=1e-4"])
+    )
+    assert 1e-9 < found.q_error.max() < loose.q_error.max()
