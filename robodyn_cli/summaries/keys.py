@@ -6,7 +6,7 @@ import dataclasses
 import functools
 import importlib
 import types
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from robodyn_cli.commands import COMMANDS
@@ -83,8 +83,9 @@ def leaf_of(command: str, key: str) -> Leaf | None:
     """
     steps = key.split(".")
     for head, *rest in (steps, [SHORT, *steps[1:], steps[0]]):
-        fields = [fields_at(place) for place in (*COMMANDS[command].summary, EVERY_RUN)]
-        leaf = _number_first([_leaf(*some[head], rest) for some in fields if head in some])
+        # lazily, so that records of what few runs have are loaded where they are asked for
+        fields = (fields_at(place) for place in (*COMMANDS[command].summary, EVERY_RUN))
+        leaf = _number_first(_leaf(*some[head], rest) for some in fields if head in some)
         if leaf is not None:
             return dataclasses.replace(leaf, key=".".join((head, *rest)))
     return None
@@ -118,10 +119,14 @@ def _in_map(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:
     return _number_first(leaves)
 
 
-def _number_first(leaves: Sequence[Leaf | None]) -> Leaf | None:
+def _number_first(leaves: Iterable[Leaf | None]) -> Leaf | None:
     """Return the first leaf that is a number, else the first one."""
-    known = [leaf for leaf in leaves if leaf is not None]
-    return next((leaf for leaf in known if leaf.is_number), known[0] if known else None)
+    first = None
+    for leaf in leaves:
+        if leaf is not None and leaf.is_number:
+            return leaf
+        first = first or leaf
+    return first
 
 
 def leaves_of(command: str) -> Iterator[tuple[tuple[str, ...], Leaf]]:
