@@ -25,9 +25,8 @@ from peers.exudyn_loops import Mechanism, Unsupported, solve  # noqa: E402
 
 from robodyn_cli import load_scene  # noqa: E402
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError  # noqa: E402
-from robodyn_cli.integrators.runtime.grid import Grid  # noqa: E402
 from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
-from robodyn_cli.integrators.runtime.options import Options  # noqa: E402
+from robodyn_cli.integrators.runtime.options import Grid, Options  # noqa: E402
 from robodyn_cli.motion.build import projected_motion  # noqa: E402
 from robodyn_cli.over.numerics.entries import LONGEST  # noqa: E402
 from robodyn_cli.over.numerics.trial import Reference, agreed  # noqa: E402

@@ -17,9 +17,8 @@ from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventFunction, Outcome
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.summaries.motion import Counters
 
 Array = np.ndarray

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli import InverseDynamics, inverse, load_scene_text
 from robodyn_cli.algorithms.aba import aba
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.model.build import build_model
@@ -24,8 +24,8 @@ from robodyn_cli.ready.mass_matrix import SINGULAR, lightest_joint
 from robodyn_cli.scene.load import load_urdf
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.urdf.elements import UrdfRobot
-from robodyn_cli.scene.urdf.mimic import Relation, relations
-from robodyn_cli.scene.urdf.names import joint_names, link_names
+from robodyn_cli.scene.urdf.structure import Relation, relations
+from robodyn_cli.scene.urdf.xml import joint_names, link_names
 
 Array = NDArray[np.float64]
 GRAVITY = (0.3, -1.2, -9.81)

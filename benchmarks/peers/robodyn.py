@@ -63,7 +63,7 @@ def entries(case: Any, methods: Any = ()) -> Iterator[Entry]:
 
 
 def to_lock(integrator: Any, start: np.ndarray, options: Any) -> Any:
-    from robodyn_cli.integrators.runtime.grid import Grid
+    from robodyn_cli.integrators.runtime.options import Grid
 
     grid = Grid(0.0, 20.0, 2)
 
@@ -76,7 +76,7 @@ def to_lock(integrator: Any, start: np.ndarray, options: Any) -> Any:
 
 
 def swing(integrator: Any, start: np.ndarray, options: Any, case: Chain) -> tuple[Any, Any]:
-    from robodyn_cli.integrators.runtime.grid import Grid
+    from robodyn_cli.integrators.runtime.options import Grid
 
     def run() -> tuple[np.ndarray, int]:
         integrator.reset(0.0, start, options)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from suite_peers import exudyn_plane
 from suite_peers.case import Clock, Mechanism, Run, TooSlow
 from suite_peers.mujoco import damping_ratio

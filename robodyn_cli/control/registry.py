@@ -7,14 +7,14 @@ from robodyn_cli.registry import Registry
 control_types: Registry[type] = Registry(
     "robodyn_cli.control",
     {
-        "pd": "pd:Pd",
-        "pid": "pid:Pid",
-        "gravity": "gravity:Gravity",
-        "computed_torque": "computed_torque:ComputedTorque",
-        "feed_forward": "feed_forward:FeedForward",
-        "task_pd": "task_pd:TaskPd",
+        "pd": "feedback:Pd",
+        "pid": "feedback:Pid",
+        "gravity": "feedback:Gravity",
+        "computed_torque": "feedback:ComputedTorque",
+        "feed_forward": "feedback:FeedForward",
+        "task_pd": "feedback:TaskPd",
         "lqr": "lqr:Lqr",
-        "formulas": "by_formulas:ByFormulas",
-        "python": "in_python:InPython",
+        "formulas": "own:ByFormulas",
+        "python": "own:InPython",
     },
 )

@@ -10,7 +10,7 @@ import numpy as np
 from robodyn_cli.motors.drive import Train
 from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
 from robodyn_cli.motors.gear import Transmission
-from robodyn_cli.motors.stepper import Stepper
+from robodyn_cli.motors.kinds import Stepper
 from robodyn_cli.record import record
 from robodyn_cli.solve.quadrature import integrate, integrate_positive
 from robodyn_cli.spatial.algebra import Array

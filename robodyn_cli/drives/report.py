@@ -13,8 +13,8 @@ from robodyn_cli.drives.figures import Evaluated
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import torque_terms
 from robodyn_cli.expr.graph import Scalar, free_symbols
-from robodyn_cli.model.drives import trains
 from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
+from robodyn_cli.model.parts import trains
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result

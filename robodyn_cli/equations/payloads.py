@@ -8,7 +8,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, FixedFrame, RigidPart
-from robodyn_cli.model.payloads import Payload
+from robodyn_cli.model.parts import Payload
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Twist, Vector, cross, vector, zeros
 

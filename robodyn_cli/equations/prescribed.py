@@ -12,7 +12,7 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Body, Model
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import cross, dot, vector, zeros
-from robodyn_cli.trajectories.attitudes import evaluated, joint_expressions
+from robodyn_cli.trajectories.formulas import evaluated, joint_expressions
 from robodyn_cli.trajectories.led import POSITION, led_joints, position_columns
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
@@ -33,9 +33,8 @@ from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector
 
 if TYPE_CHECKING:
     from robodyn_cli.algorithms.constraints import Multipliers
-    from robodyn_cli.equations.constraints import Constraints
+    from robodyn_cli.equations.constraints import Combination, Constraints, Dependence
     from robodyn_cli.equations.control.control import Control
-    from robodyn_cli.equations.dependence import Combination, Dependence
     from robodyn_cli.equations.switching import Switching
     from robodyn_cli.loops.base import Row
 
@@ -286,7 +285,7 @@ class Problem:
         """Combinations of the rows that depend on each other; their numbers are parameters p."""
         if not self.dependent:
             return []
-        from robodyn_cli.equations.dependence import combinations
+        from robodyn_cli.equations.constraints import combinations
 
         return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
 
@@ -295,7 +294,7 @@ class Problem:
         """The rows that the equations are solved with: combinations of dependent rows, then the other rows."""
         if not self.combinations:
             return self.constraints
-        from robodyn_cli.equations.dependence import independent_rows
+        from robodyn_cli.equations.constraints import independent_rows
 
         return independent_rows(self.constraints, self.combinations)
 
@@ -363,7 +362,7 @@ class Problem:
             found.qdd[joint.v] = found.qdd[joint.v] * (1.0 - joint.hold)
         lam, holding = found.lam[: len(gamma)], list(found.lam[len(gamma) :])
         if self.combinations:
-            from robodyn_cli.equations.dependence import multipliers_of_rows
+            from robodyn_cli.equations.constraints import multipliers_of_rows
 
             lam = multipliers_of_rows(self.constraints, self.combinations, lam)
         return Multipliers(found.qdd, lam), holding

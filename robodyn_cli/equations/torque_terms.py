@@ -1,6 +1,11 @@
-"""The parts of the torques that a motion needs, as expressions."""
+"""The parts of the torques that a motion needs, as expressions.
+
+Power of the forces that have no potential, by what exerts them.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, is_nonzero
@@ -20,3 +25,26 @@ def torque_terms(problem: Problem) -> Outputs:
     return {
         name: term for name, term in terms.items() if name == "inertia" or any(is_nonzero(x) for x in term)
     }
+
+
+def powers(problem: Problem) -> dict[str, Scalar]:
+    """Return the power of all forces without a potential [W]."""
+    rows = problem.constraints
+    # Psi^T lambda does work at the rate -lambda eta_t on a row that depends on time
+    driven = total(problem.forward.lam[i] * rows.rows[i].eta_t for i in rows.rheonomic)
+    return {**applied_powers(problem), "prescribed motion": -driven}
+
+
+def applied_powers(problem: Problem) -> dict[str, Scalar]:
+    """Return the power of actuators, of losses, and of forces between bodies that have no potential [W]."""
+    v = problem.v
+    return {
+        "actuators": total(tau * rate for tau, rate in zip(problem.actuator_torques, v)),
+        "friction, dampers or stops": total(torque * v[place] for place, torque in problem.dissipated),
+        "forces on points and between bodies": problem.elements.power,
+    }
+
+
+def total(terms: Iterable[Scalar]) -> Scalar:
+    """Return the sum."""
+    return sum(terms, 0.0)

@@ -10,7 +10,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import FastestFigures
 from robodyn_cli.torques.program import Sampled
 from robodyn_cli.trajectories.fastest import names_of
-from robodyn_cli.trajectories.laws import Scaling
+from robodyn_cli.trajectories.legs import Scaling
 
 BINDS = 1e-3  # of a limit: as near to it the motion is on it
 

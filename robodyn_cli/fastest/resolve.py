@@ -9,10 +9,9 @@ import numpy as np
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError, GeometryError
-from robodyn_cli.fastest.grid import merged
 from robodyn_cli.fastest.limits import LimitedPath, PathLimits, Torques
 from robodyn_cli.fastest.profile import NoProfile
-from robodyn_cli.fastest.search import Fastest, fastest
+from robodyn_cli.fastest.search import Fastest, fastest, merged
 from robodyn_cli.given.along_path import motion_along, motion_at
 from robodyn_cli.given.motion import Planned, led_by
 from robodyn_cli.model.model import Model
@@ -22,7 +21,7 @@ from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.program import InverseProgram
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, TimedJoints, TimedPath, timed
-from robodyn_cli.trajectories.laws import Scaling
+from robodyn_cli.trajectories.legs import Scaling
 from robodyn_cli.trajectories.motion import JointMotion
 
 STILL = 1e-6  # of the largest |dq/ds|: the path stands still

@@ -12,8 +12,8 @@ joint_forces: Registry[type] = Registry(
     "robodyn_cli.forces",
     {
         "friction": "friction:Friction",
-        "spring": "spring:Spring",
-        "damper": "damper:Damper",
+        "spring": "springs:Spring",
+        "damper": "springs:Damper",
         "limits": "limits:Limits",
         "gear": "gear:Gear",
     },
@@ -22,10 +22,10 @@ joint_forces: Registry[type] = Registry(
 force_types: Registry[type] = Registry(
     "robodyn_cli.forces",
     {
-        "spring": "linear_spring:LinearSpring",
-        "nonlinear_spring": "nonlinear_spring:NonlinearSpring",
+        "spring": "springs:LinearSpring",
+        "nonlinear_spring": "springs:NonlinearSpring",
         "torsional_spring": "torsional_spring:TorsionalSpring",
-        "constant_force": "constant_force:ConstantForce",
+        "constant_force": "springs:ConstantForce",
         "bushing": "bushing:Bushing",
         "force": "wrench:PointForce",
         "wrench": "wrench:PointWrench",

@@ -6,11 +6,11 @@ import dataclasses
 from collections.abc import Sequence
 
 from robodyn_cli.equations.contact_joints import moving_freely
-from robodyn_cli.equations.power import powers, total
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.torque_terms import powers, total
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.formulations.events import EventFunction, EventKind, Passing
-from robodyn_cli.formulations.formulated import Formulation
+from robodyn_cli.formulations.index1 import Formulation
 from robodyn_cli.formulations.layout import Layout
 from robodyn_cli.formulations.system import Partition, System
 from robodyn_cli.kernels.crossover import prefer_rolled
@@ -20,9 +20,9 @@ from robodyn_cli.scene.types import Baumgarte
 FORMULATIONS: Registry[Formulation] = Registry(
     "robodyn_cli.formulations",
     {
-        "none": "plain:plain",
-        "projection": "projection:projected",
-        "baumgarte": "baumgarte:baumgarte",
+        "none": "index1:plain",
+        "projection": "index1:projected",
+        "baumgarte": "index1:baumgarte",
         "independent": "independent:independent",
         "rolled": "rolled:rolled",
     },
@@ -119,6 +119,6 @@ def _row_combinations(problem: Problem) -> Partition | None:
     """Return the choice of independent combinations of dependent rows, where there are such rows."""
     if not problem.dependent:
         return None
-    from robodyn_cli.formulations.row_combinations import RowCombinations
+    from robodyn_cli.formulations.independent import RowCombinations
 
     return RowCombinations(problem)

@@ -8,6 +8,13 @@ stages of a step too.
 Which coordinates depend is in parameters w (nv,), 1 for a dependent one and 0 for an independent one: with Psi_w =
 Psi diag(w), the step dq = -Psi_w^T (Psi_w Psi_w^T)^-1 eta moves dependent ones only. They are chosen by pivoting on the
 columns of Psi, and chosen anew (an event) where the closeness of Psi_w to losing rank has fallen by a factor.
+
+The choice of combinations of dependent constraint rows, at a pose, by singular value decomposition.
+
+    Psi = U S V^T,   W = U_r^T
+
+W spans the row space of Psi at the pose, so W Psi keeps rank r until the motion has turned that space by a right
+angle. Long before, the smallest singular value of W Psi becomes small: at an event W is chosen anew.
 """
 
 from __future__ import annotations
@@ -18,15 +25,14 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.constraints import correction
-from robodyn_cli.equations.dependence import closeness, threshold
+from robodyn_cli.equations.constraints import closeness, threshold
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Evaluator, renamed
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.events import EventFunction, EventKind
-from robodyn_cli.formulations.formulated import Formulated
-from robodyn_cli.formulations.projection import projection
+from robodyn_cli.formulations.index1 import Formulated, projection
 from robodyn_cli.formulations.system import Corrections, Partition
 from robodyn_cli.model.model import PARAMETER_GROUP
 from robodyn_cli.spatial.algebra import Array, Matrix, vector, zeros
@@ -122,3 +128,58 @@ def _masked(psi: Matrix, w: Sequence[Expr]) -> Matrix:
 def _at(problem: Problem, entries: Sequence[Scalar], q: Sequence[Scalar], v: Sequence[Scalar]) -> list[Any]:
     """Return expressions of (t, q, v, p) with other expressions in the place of q and v."""
     return renamed(entries, {"q": dict(enumerate(q)), "v": dict(enumerate(v))})
+
+
+WORN_ROWS = 0.2  # of the closeness at the pose where W was chosen, at which it is chosen anew
+
+
+class RowCombinations(Partition):
+    """Parameters that make dependent rows independent around a pose (see ``formulations.system.Partition``)."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self.groups = [(c, c.W.shape[0]) for c in problem.combinations]
+        self.first = len(problem.model.parameters)
+        self.count = sum(group.numbers for group in problem.dependent)
+        self.shape = problem.psi.shape
+        self.psi = Evaluator(list(problem.psi.ravel()))
+
+    def choose(self, t: float, q: Array, before: Array | None) -> Array:
+        """Return the parameters (count,) at a pose.
+
+        before : those in use so far. W keeps their orientation, so that determinants keep their sign.
+        """
+        values = {"q": q.tolist(), "t": [t], "p": [0.0] * self.first}
+        psi = np.array(self.psi(values), dtype=float).reshape(self.shape)
+        found = []
+        for combination, rank in self.groups:
+            rows = psi[list(combination.rows)]
+            if not np.all(np.isfinite(rows)):
+                return np.zeros(self.count) if before is None else before
+            U, s, _ = np.linalg.svd(rows)
+            W = U[:, :rank].T
+            if before is not None:
+                place = combination.place - self.first
+                old = before[place : place + W.size].reshape(W.shape)
+                if np.linalg.det(old @ W.T) < 0.0:
+                    W = W * np.append(-1.0, np.ones(rank - 1))[:, None]
+            s = s[:rank]
+            # rows that vanish but for rounding (rank 0) have no rank to lose
+            found += [W.ravel(), [threshold(float((s**2).sum()), s, WORN_ROWS) if rank else WORN_ROWS]]
+        return np.concatenate(found)
+
+    @property
+    def functions(self) -> tuple[EventFunction, ...]:
+        """The events at which W is chosen anew: closeness of its rows to losing rank, at its threshold."""
+        problem = self.problem
+        found = []
+        for k, (combination, group) in enumerate(zip(problem.combinations, problem.dependent), start=1):
+            if group.rank == 0:
+                continue
+            psi: Any = zeros(group.rank, problem.model.nv)
+            for i in range(group.rank):
+                for w, row in zip(combination.W[i], combination.rows):
+                    psi[i] = psi[i] + w * problem.psi[row]
+            value = closeness(psi, problem.psi[list(combination.rows)]) - combination.threshold
+            found.append(EventFunction(f"rows {k}", value, kind=EventKind.REPARTITION, owner=self))
+        return tuple(found)

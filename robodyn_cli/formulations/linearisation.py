@@ -6,7 +6,7 @@ before those of the rates: where q-dot = v this is the usual elimination B = g E
 For a small system, entries and elimination are expressions, in which nothing is left that is zero. For a large one
 they would be a hundred thousand operations. There the rates are differentiated along a direction, ``tangents``; the
 compiled code takes one column of J after another from it, several at once, and eliminates in loops
-(``integrators/stepping/columns.py``).
+(``integrators/stepping/factors.py``).
 """
 
 from __future__ import annotations
@@ -16,8 +16,7 @@ from typing import Any
 
 from numpy.typing import NDArray
 
-from robodyn_cli.algorithms.complex import Complex
-from robodyn_cli.algorithms.linear import LuFactor
+from robodyn_cli.algorithms.linear import Complex, LuFactor
 from robodyn_cli.expr.calculus import directional, jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
 from robodyn_cli.kernels.program import Program, make_program

@@ -14,13 +14,13 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar, is_nonzero
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.dynamics import Emission, Groups, Numbers
-from robodyn_cli.formulations.formulated import Formulated
+from robodyn_cli.formulations.index1 import Formulated
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import RELAXED, Function, Value
 from robodyn_cli.kernels.lower import LANES, lower
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
+from robodyn_cli.kernels.rolled.kernels import RolledPlan
 from robodyn_cli.kernels.rolled.loops import rolled_function, tree_function
-from robodyn_cli.kernels.rolled.tables import RolledPlan
 from robodyn_cli.model.model import STATE_GROUPS, Model
 
 

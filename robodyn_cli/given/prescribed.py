@@ -15,8 +15,7 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, zeros
-from robodyn_cli.trajectories.attitudes import FORMS, evaluated, joint_expressions
-from robodyn_cli.trajectories.formulas import time_symbol
+from robodyn_cli.trajectories.formulas import FORMS, evaluated, joint_expressions, time_symbol
 from robodyn_cli.trajectories.joint_space import attitude_places
 from robodyn_cli.trajectories.led import Follows, position_columns
 

@@ -17,7 +17,7 @@ def prefer_rolled(model: Model) -> bool:
     """Tell whether rolled kernels suit a model better than unrolled ones."""
     if model.nv < CROSSOVER or model.closures:
         return False
-    from robodyn_cli.kernels.rolled.tables import RolledPlan
+    from robodyn_cli.kernels.rolled.kernels import RolledPlan
 
     try:
         RolledPlan(model, "forward")

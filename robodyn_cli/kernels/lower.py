@@ -247,8 +247,7 @@ class Programs:
 
     def _interpret(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
         """Emit the evaluation of a program that is data."""
-        from robodyn_cli.kernels.bytecode.code import encode, kinds_of
-        from robodyn_cli.kernels.bytecode.interpreter import interpreter, set_constants
+        from robodyn_cli.kernels.bytecode.code import encode, interpreter, kinds_of, set_constants
 
         if program.digest not in self._encoded:
             code = encode(program, kinds_of(program))

@@ -211,7 +211,7 @@ def _place_links(scene: sc.Scene, values: _Values, merge: bool) -> tuple[dict[st
         if here.body != BASE and part is not None:  # what is fixed to the ground has no effect
             moving[here.body].parts += (part,)
     if scene.drives:
-        from robodyn_cli.model.drives import add_drives
+        from robodyn_cli.model.parts import add_drives
 
         add_drives(scene, placed, moving)
     return placed, moving
@@ -342,7 +342,7 @@ class _Places:
 
 def _take_up(places: _Places, moving: Sequence[_Moving], values: _Values, switched: bool) -> tuple[Any, ...]:
     """Return the scene's payloads, which become parts of the bodies that carry them."""
-    from robodyn_cli.model.payloads import as_link, carried_part, placed
+    from robodyn_cli.model.parts import as_link, carried_part, placed
 
     found = []
     count = itertools.count(len(values.symbolic))

@@ -23,7 +23,7 @@ def doubtful_bodies(scene: Scene) -> list[tuple[Path, str, str]]:
         (("robot", "links", k), link) for k, link in enumerate(scene.robot.links)
     ]
     if scene.payloads:
-        from robodyn_cli.model.payloads import as_link
+        from robodyn_cli.model.parts import as_link
 
         bodies += [(("payloads", k), as_link(payload)) for k, payload in enumerate(scene.payloads)]
     return [

@@ -13,10 +13,9 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.formulations.build import build_system
-from robodyn_cli.formulations.projection import projection
+from robodyn_cli.formulations.index1 import projection
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.driver import Driver

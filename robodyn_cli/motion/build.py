@@ -134,7 +134,7 @@ def half_turns(problem: Problem) -> list[Watcher]:
     """Return the watcher of forces between bodies whose angle jumps at half a turn, where there are such forces."""
     if not problem.model.forces or not problem.elements.half_turns:
         return []
-    from robodyn_cli.motion.half_turns import HalfTurns
+    from robodyn_cli.motion.joint_limits import HalfTurns
 
     return [HalfTurns(problem)]
 

@@ -18,11 +18,10 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.crowd import CROWDED
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.layout import IntegerSlot
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.memory import IntegerSlot
+from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.integrators.runtime.stopped import CROWDED
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array

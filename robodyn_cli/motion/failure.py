@@ -1,7 +1,11 @@
-"""Why a run could not go on: which joint broke down, and what made it."""
+"""Why a run could not go on: which joint broke down, and what made it.
+
+What is doubtful about the configuration in which a simulation starts.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -12,7 +16,8 @@ from robodyn_cli.integrators.runtime.stopped import rates_at
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.mass_matrix import nearly_singular
-from robodyn_cli.ready.singularity import driven_dead_point
+from robodyn_cli.ready.singularity import driven_dead_point, is_dead_point
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.led import led_joints
 
 # kinds of failure that lie in the motion rather than in what the run may take
@@ -68,3 +73,27 @@ def breakdown(problem: Problem, driver: Driver, status: str) -> tuple[str, dict[
     units = f"{model.v_units[worst]}/s^2"
     words = f"; the largest acceleration there, {abs(a[worst]):.3g} {units}, is that of joint {joint!r}"
     return words, {"joint": joint, "quantity": "acceleration"}
+
+
+NEAR = 1e-6  # distance from a dead point that counts as none (see ``is_dead_point``)
+
+
+def start_warnings(problem: Problem, q: Array, passive: Sequence[int]) -> list[str]:
+    """Return warnings about the closed configuration ``q`` (nq,) at t = 0.
+
+    A dead point of the input, where the block of Psi of the ``passive`` coordinates is singular, is no obstacle to a
+    simulation. But the loops may have closed there because ``initial.q`` left them the choice, and then the input moves
+    nothing: the passive joints alone can move, the driven ones at rest.
+    """
+    if len(passive) == problem.model.nv or not is_dead_point(problem, q, passive, NEAR):
+        return []
+    pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(problem.model.q_names, q))
+    remedy = (
+        ""
+        if problem.scene.initial.hold
+        else "; if it is not meant, keep joints at their value with initial.hold"
+    )
+    return [
+        f"the loops have closed in a dead point of the input ({pose}): there the driven joints cannot "
+        f"move the mechanism, and small errors decide where it goes{remedy}"
+    ]

@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.error.attempts import Attempt, First, integrate_again
 from robodyn_cli.motion.error.estimate import Courses, remainder

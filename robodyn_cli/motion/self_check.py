@@ -79,7 +79,7 @@ def motion_warnings(run: Run) -> list[str]:
         if not found.resolved
     ]
     if motion.passive:
-        from robodyn_cli.motion.start import start_warnings
+        from robodyn_cli.motion.failure import start_warnings
 
         warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
     return [*warnings, *beyond_limits(run), *shortened_steps(run)]

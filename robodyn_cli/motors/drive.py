@@ -8,8 +8,8 @@ from typing import Any
 from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.motors.electric import Curves, Motor, Part, Supply
 from robodyn_cli.motors.gear import Transmission
+from robodyn_cli.motors.heat import REFERENCE
 from robodyn_cli.motors.registry import gear_types, motor_types
-from robodyn_cli.motors.thermal import REFERENCE
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Integer, MapOf, Name, Number, Section, Tagged, Text, Vector, key
 

@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.motors.envelope import Envelope
-from robodyn_cli.motors.thermal import REFERENCE, Thermal
+from robodyn_cli.motors.heat import REFERENCE, Envelope, Thermal
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Number, Section, key
 from robodyn_cli.spatial.algebra import Array

@@ -1,7 +1,13 @@
-"""Gears: what stands between a motor and its joint."""
+"""Gears: what stands between a motor and its joint.
+
+A belt between a motor and a turning joint, or one that pulls a slide.
+
+A screw that moves a slide.
+"""
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from robodyn_cli.forces.gear import Gear
@@ -85,3 +91,46 @@ class RotaryGear(Transmission):
     @property
     def turns(self) -> Any:
         return self.ratio
+
+
+@record
+class Belt(Transmission):
+    """A belt: of a turning joint by the radii of its pulleys, of a slide by that of the motor's pulley alone.
+
+    Its own ``inertia`` is that of pulleys and belt, seen from the motor.
+    """
+
+    type: str = key(Choice(("belt",)), doc="Kind of gear.")
+    motor_radius: float = key(
+        Number(minimum=0.0, exclusive=True), unit="m", doc="Radius of the pulley on the motor."
+    )
+    joint_radius: float | None = key(
+        Number(minimum=0.0, exclusive=True),
+        default=None,
+        unit="m",
+        doc="Radius of the pulley on a turning joint; left out where the belt pulls a slide.",
+    )
+
+    @property
+    def drives(self) -> str:
+        return "m" if self.joint_radius is None else "rad"
+
+    @property
+    def turns(self) -> Any:
+        return (1.0 if self.joint_radius is None else self.joint_radius) / self.motor_radius
+
+
+@record
+class BallScrew(Transmission):
+    """A ball screw, roller screw or trapezoidal screw, which turns a motor's turns into a slide's way."""
+
+    type: str = key(Choice(("ball_screw",)), doc="Kind of gear.")
+    lead: float = key(Number(minimum=0.0, exclusive=True), unit="m", doc="Way of the slide a turn.")
+
+    @property
+    def drives(self) -> str:
+        return "m"
+
+    @property
+    def turns(self) -> Any:
+        return 2.0 * math.pi / self.lead

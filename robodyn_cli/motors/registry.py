@@ -7,10 +7,10 @@ from robodyn_cli.registry import Registry
 motor_types: Registry[type] = Registry(
     "robodyn_cli.motors",
     {
-        "dc": "dc:DcMotor",
-        "brushless": "brushless:BrushlessMotor",
-        "stepper": "stepper:Stepper",
-        "envelope": "torque_table:TorqueTable",
+        "dc": "kinds:DcMotor",
+        "brushless": "kinds:BrushlessMotor",
+        "stepper": "kinds:Stepper",
+        "envelope": "kinds:TorqueTable",
     },
 )
 
@@ -18,7 +18,7 @@ gear_types: Registry[type] = Registry(
     "robodyn_cli.motors",
     {
         "gear": "gear:RotaryGear",
-        "belt": "belt:Belt",
-        "ball_screw": "ball_screw:BallScrew",
+        "belt": "gear:Belt",
+        "ball_screw": "gear:BallScrew",
     },
 )

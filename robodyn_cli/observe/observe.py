@@ -20,9 +20,9 @@ from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.observe.evaluation import SampleFunction
-    from robodyn_cli.observe.least_norm import LeastNorm
     from robodyn_cli.observe.observe_rolled import RolledKernel
     from robodyn_cli.observe.reactions import ReactionSamples
+    from robodyn_cli.observe.singular_values import LeastNorm
 
 MEANINGS = {
     "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
@@ -57,7 +57,7 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
     if accelerations and not problem.dependent:
         outputs["qdd"] = list(problem.forward.qdd)
     if problem.dependent:
-        from robodyn_cli.observe.least_norm import equations_of
+        from robodyn_cli.observe.singular_values import equations_of
 
         return {**outputs, **equations_of(problem), **place_outputs(problem)}
     if problem.constraints.rows:
@@ -121,7 +121,7 @@ def _kernel(
 
 
 def _least_norm(problem: Problem, outputs: Mapping[str, Sequence[Scalar]]) -> LeastNorm:
-    from robodyn_cli.observe.least_norm import LeastNorm
+    from robodyn_cli.observe.singular_values import LeastNorm
 
     return LeastNorm(problem, {name: list(entries) for name, entries in outputs.items()})
 

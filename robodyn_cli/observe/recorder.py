@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.integrators.runtime.grid import stride_of
+from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
@@ -102,7 +102,7 @@ class Recorder:
         """Return the error of the first number of a block that is not finite, with its formula where there is one."""
         if np.isfinite(sum(float(block.sum()) for block in data.values())):
             return None
-        from robodyn_cli.observe.finite import TOO_LARGE, first_fault, not_finite
+        from robodyn_cli.observe.evaluation import TOO_LARGE, first_fault, not_finite
         from robodyn_cli.observe.formulas import formula_without_value
 
         found = first_fault(data)

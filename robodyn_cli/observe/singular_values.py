@@ -1,12 +1,110 @@
-"""Singular values of the loops' Psi and of its passive block along samples, as datasets."""
+"""Samples of a mechanism whose constraint rows depend on each other: all rows at once, by singular values.
+
+The motion is unique, the multipliers are not: they are those of least norm. With M = L L^T and Y = L^-1 Psi^T =
+P S Q^T, of which the first r singular values count:
+
+    lambda = -Q_r S_r^-2 Q_r^T (gamma + Psi M^-1 f),   v-dot = M^-1 (f + Psi^T lambda)
+
+Nothing here depends on the combinations of rows that the integration uses.
+
+Singular values of the loops' Psi and of its passive block along samples, as datasets.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
+from robodyn_cli.algorithms.kinematics import moved
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.spatial.algebra import Array
+
+# part of the largest singular value below which one counts as zero: the rank also falls at a singular pose on the way
+VANISHED = 1e-9
+
+
+def equations_of(problem: Problem) -> dict[str, Sequence[Scalar]]:
+    """Return the parts of the equations of motion, by output."""
+    return {
+        "M": list(problem.mass_matrix.ravel()),
+        "f": list(problem.applied - problem.bias),
+        "gamma": problem.constraints.gamma,
+        "eta": problem.constraints.eta,
+        "eta_rate": problem.constraints.velocity_residual(problem.v),
+        "psi": list(problem.psi.ravel()),
+    }
+
+
+class LeastNorm:
+    """Accelerations, multipliers and corrections at samples.
+
+    Parameters
+    ----------
+    more : further outputs to evaluate at the samples.
+    """
+
+    def __init__(self, problem: Problem, more: Mapping[str, Sequence[Scalar]] | None = None) -> None:
+        self.problem = problem
+        self.rank = len(problem.independent_rows.rows)
+        self.function = SampleKernel({**equations_of(problem), **(more or {})}, STATE_GROUPS)
+
+    def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the outputs with ``qdd`` (T, nv), ``lam`` (T, m); prescribed joints' multipliers enter ``tau``."""
+        found = self.function.evaluate(samples, groups)
+        nv = self.problem.model.nv
+        psi = self._psi(found)
+        M = found.pop("M").reshape(samples, nv, nv)
+        f, gamma = found.pop("f"), found.pop("gamma")
+        L = np.linalg.cholesky(M)
+        Y = np.linalg.solve(L, np.swapaxes(psi, 1, 2))
+        b = np.linalg.solve(L, f[..., None])
+        rhs = -(gamma[..., None] + np.swapaxes(Y, 1, 2) @ b)
+        _, S, Qt = self._leading(Y)
+        Q = np.swapaxes(Qt, 1, 2)
+        lam = Q @ (S[..., None] ** 2 * (Qt @ rhs))
+        found["lam"] = lam[..., 0]
+        found["qdd"] = np.linalg.solve(np.swapaxes(L, 1, 2), b + Y @ lam)[..., 0]
+        for i in self.problem.constraints.prescribed if "tau" in found else ():
+            found["tau"] = found["tau"] + psi[:, i] * found["lam"][:, i, None]
+        return found
+
+    def _psi(self, found: Mapping[str, Array]) -> Array:
+        return found["psi"].reshape(len(found["psi"]), -1, self.problem.model.nv)
+
+    def _leading(self, A: Array) -> tuple[Array, Array, Array]:
+        """Return U_r, the inverses of the r singular values that count, and V_r^T."""
+        U, S, Vt = np.linalg.svd(A, full_matrices=False)
+        U, S, Vt = U[..., : self.rank], S[..., : self.rank], Vt[..., : self.rank, :]
+        kept = VANISHED * S[..., :1] < S
+        return U, np.where(kept, 1.0 / np.where(kept, S, 1.0), 0.0), Vt
+
+    def _solve(self, psi: Array, residual: Array) -> Array:
+        """Return the smallest x with Psi x = residual."""
+        U, S, Vt = self._leading(psi)
+        inner = S[..., None] * (np.swapaxes(U, 1, 2) @ residual[..., None])
+        return np.asarray((np.swapaxes(Vt, 1, 2) @ inner)[..., 0])
+
+    def correct(self, samples: int, groups: Mapping[str, Array]) -> tuple[Array, Array]:
+        """Return one Newton step onto eta = 0 and the step onto Psi v + eta_t = 0, both (T, nv)."""
+        found = self.function.evaluate(samples, groups)
+        psi = self._psi(found)
+        return -self._solve(psi, found["eta"]), -self._solve(psi, found["eta_rate"])
+
+    def moved(self, q: Array, dq: Array) -> Array:
+        """Return q (T, nq) after steps dq (T, nv) along the joints' manifolds."""
+        if not any(body.joint.quasi for body in self.problem.model.bodies):
+            return q + dq
+        return self._step.evaluate(len(q), {"q": q, "a": dq})["q"]
+
+    @cached_property
+    def _step(self) -> SampleKernel:
+        problem = self.problem
+        return SampleKernel({"q": moved(problem.model, problem.q, problem.a)}, ("q", "a"))
 
 
 def singular_values(psi: Array, passive: Sequence[int] = (), rank: int | None = None) -> dict[str, Array]:

@@ -8,7 +8,7 @@ from collections.abc import Collection, Iterable
 import numpy as np
 
 from robodyn_cli.algorithms.aba import factor_joint
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.kinematics import slice_q, transforms
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError

@@ -18,7 +18,7 @@ from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import position_columns, velocity_columns
 
 if TYPE_CHECKING:
-    from robodyn_cli.equations.dependence import Dependence
+    from robodyn_cli.equations.constraints import Dependence
 
 
 @record
@@ -158,7 +158,7 @@ def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, 
 
     Empty where rows of loops depend on prescribed motions too: those cannot be combined.
     """
-    from robodyn_cli.equations.dependence import Dependence
+    from robodyn_cli.equations.constraints import Dependence
 
     constraints = problem.constraints
     loops = constraints.of_loops

@@ -15,7 +15,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SingularConfigurationError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.formulations.row_combinations import RowCombinations
+from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array

@@ -1,16 +1,85 @@
-"""What the drawings of ``stability`` share: figures with a title, legends below the axes, looks of the verdicts."""
+"""What the drawings of a study share: its inputs and outputs, and their panels.
+
+What the drawings of ``stability`` share: figures with a title, legends below the axes, looks of the verdicts.
+"""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.report.canvas import legend_shape
+import numpy as np
+
+from robodyn_cli.report import style
+from robodyn_cli.report.canvas import Sheet, legend_shape
 from robodyn_cli.report.style import GREY, HANDLE_LENGTH
+from robodyn_cli.report.ticks import labelled
 from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+MOST_PANELS = 8  # outputs beyond these are in the file alone
+
+
+def inputs(result: Result) -> dict[str, Array]:
+    """Return the values of the keys that vary, by key, one a run."""
+    return {name: v.data for name, v in result.group("inputs").items() if np.ptp(v.data) > 0.0}
+
+
+def outputs(result: Result) -> dict[str, Array]:
+    """Return the outputs that runs have, by key, one a run; nan where a run has none."""
+    found = {name: v.data for name, v in result.group("outputs").items()}
+    return {name: data for name, data in list(found.items())[:MOST_PANELS] if np.any(np.isfinite(data))}
+
+
+def axis_label(result: Result, key: str, group: str = "inputs") -> str:
+    """Return the name of a key that varies, or of an output (``group`` outputs), with its unit where it has one."""
+    units = result.variables[f"{group}/{key}"].units
+    return labelled(key, units) if units not in ("", "1") else key
+
+
+def panels(result: Result, subtitle: str, names: list[str], height: float = 2.2, **layout: Any) -> Sheet:
+    """Return a sheet with a panel for each output, two side by side unless ``layout`` says otherwise."""
+    layout = {"across": 1 if len(names) == 1 else 2, "height": height, "gap": 0.62, **layout}
+    return Sheet(result, subtitle, panels=len(names), **layout)
+
+
+def runs_text(result: Result) -> str:
+    """Return how many runs there are, and how many failed."""
+    code = result["runs/exit_code"]
+    failed = int(np.count_nonzero(code))
+    return f"{len(code)} runs" + (f", {failed} failed" if failed else "")
+
+
+def tornado(ax: Any, label: str, swings: dict[str, float], figures: bool = False) -> None:
+    """Draw a bar for each key, the longest on top; its name stands inside the panel, above the bar.
+
+    figures : whether its number stands there too.
+    """
+    y = np.arange(len(swings))[::-1]
+    colours = [style.COLOURS[0] if swing >= 0.0 else style.COLOURS[1] for swing in swings.values()]
+    ax.barh(y, list(swings.values()), height=0.42, color=colours)
+    ax.axvline(0.0, color="#4d4d4d", linewidth=0.8)
+    ax.set_yticks([])
+    ax.set_ylim(-0.5, len(swings) - 0.3)
+    ax.margins(x=0.08)
+    behind = {"facecolor": "white", "edgecolor": "none", "pad": 0.6}  # or lines would cross the text
+    for place, key in zip(y, swings):
+        text = f"{key}:  {f'{swings[key]:+.3g}' if swings[key] else 0}" if figures else key
+        ax.text(
+            0.01,
+            place + 0.24,
+            text,
+            transform=ax.get_yaxis_transform(),
+            fontsize=7.5,
+            va="bottom",
+            bbox=behind,
+        )
+    ax.set_xlabel(label)
+    ax.locator_params(axis="x", nbins=6)
+
 
 # colour-blind safe, and told apart by hatch and word too
 STATUS = {

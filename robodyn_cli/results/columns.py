@@ -1,8 +1,16 @@
-"""Columns of a dataset: their names and units."""
+"""Columns of a dataset: their names and units.
+
+Forces and moments among the columns of a wrench.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
+import numpy as np
+
 from robodyn_cli.results.result import Variable
+from robodyn_cli.spatial.algebra import Array
 
 
 def column_names(variable: Variable) -> list[str]:
@@ -27,3 +35,12 @@ def by_unit(variable: Variable) -> dict[str, list[int]]:
     for column, units in enumerate(units_of(variable)):
         groups.setdefault(units, []).append(column)
     return groups
+
+
+def magnitude(data: Array, names: Sequence[str], letter: str) -> Array:
+    """Return the length (T,) of the force (``letter`` f) or of the moment (m) of a wrench (T, n).
+
+    names : of its columns (``fx``, ``mz``), of which some may be missing.
+    """
+    columns = [k for k, name in enumerate(names) if name.startswith(letter)]
+    return np.asarray(np.sqrt((data[:, columns] ** 2).sum(axis=1)))

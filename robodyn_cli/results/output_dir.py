@@ -12,13 +12,13 @@ from typing import Any
 from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.results.atomic import (
+    DirectoryLock,
     is_temporary,
     output_error,
     output_errors,
     temporary_path,
     uninterrupted,
 )
-from robodyn_cli.results.lock import DirectoryLock
 from robodyn_cli.results.summary import read_summary, write_summary
 
 RESULT_NAME = "result.h5"

@@ -29,8 +29,8 @@ VIEWS: Registry[Any] = Registry(
     {
         "plot": "report.notebook:plot",
         "html": "report.notebook:as_html",
-        "xarray": "results.frames:to_xarray",
-        "pandas": "results.frames:to_pandas",
+        "xarray": "results.export:to_xarray",
+        "pandas": "results.export:to_pandas",
     },
 )
 

@@ -10,7 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import SceneError, did_you_mean, nearest_word, unknown_name
-from robodyn_cli.expr.expectation import Expectation, parse_expectation
+from robodyn_cli.expr.statements import Expectation, parse_expectation
 from robodyn_cli.record import record
 from robodyn_cli.scene.joint_values import joint_map
 from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader
@@ -41,7 +41,7 @@ from robodyn_cli.schema.fields import (
 )
 
 if TYPE_CHECKING:
-    from robodyn_cli.expr.variation import Variation
+    from robodyn_cli.expr.statements import Variation
 
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
@@ -187,7 +187,7 @@ class Reader(ScalarReader):
 
     def variations(self, kind: Variations, node: Node, path: Path, unit: str) -> dict[str, Variation]:
         """Return by key path what it varies over."""
-        from robodyn_cli.expr.variation import parse_variation
+        from robodyn_cli.expr.statements import parse_variation
 
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):

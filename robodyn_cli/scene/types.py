@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, NewType
 
 from robodyn_cli.commands import SAMPLERS, SCENE_COMMANDS
-from robodyn_cli.expr.expectation import Expectation
+from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.integration_methods import METHODS
 from robodyn_cli.loops.registry import loop_types
@@ -50,7 +50,7 @@ from robodyn_cli.schema.fields import (
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
-    from robodyn_cli.expr.variation import Variation
+    from robodyn_cli.expr.statements import Variation
     from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, ReachOptions, Sweep
     from robodyn_cli.scene.payload import Payload
     from robodyn_cli.scene.robot_parts import Coupler

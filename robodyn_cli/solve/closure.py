@@ -1,9 +1,15 @@
-"""The closure equations on numbers: the rank of their Jacobian, and the damped Gauss-Newton steps that solve them."""
+"""The closure equations on numbers: the rank of their Jacobian, and the damped Gauss-Newton steps that solve them.
+
+The configurations in which loops close, found from many starts.
+
+Newton's method runs from quasi-random starts (Halton 1960); solutions that differ by whole turns count as one. The
+search finds configurations with a sizeable region of attraction. It does not prove that there are no others.
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Protocol
 
 import numpy as np
@@ -15,6 +21,7 @@ from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, vector
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
@@ -172,3 +179,68 @@ def newton(conditions: Conditions, q: Array, free: Sequence[int], patience: int 
         slow = slow + 1 if new > 0.5 * size else 0
         q, F, J, size = trial, F_new, J_new, new
     return q, size
+
+
+SAME = 1e-6  # rad, or part of the size of the mechanism, for configurations that count as one
+SLOW = 6  # steps in a row that may fail to halve the residual
+FEWEST = 48  # starts at least
+PATIENCE = 16  # starts without anything new, for each branch found
+
+
+@record
+class Search:
+    """Configurations (nq,) in the order of discovery, the number of starts, and how many of them closed the loops."""
+
+    found: list[Array]
+    starts: int
+    closed: int
+
+
+def halton(count: int, dimensions: int) -> Array:
+    """Return the first ``count`` points (count, dimensions) of Halton's sequence in the unit cube, 0 left out."""
+    primes: list[int] = []
+    candidate = 2
+    while len(primes) < dimensions:
+        if all(candidate % p for p in primes):
+            primes.append(candidate)
+        candidate += 1
+    points = np.zeros((count, dimensions))
+    for column, base in enumerate(primes):
+        for k in range(count):
+            n, weight = k + 1, 1.0 / base
+            while n:
+                points[k, column] += weight * (n % base)
+                n, weight = n // base, weight / base
+    return points
+
+
+def search(
+    conditions: Conditions,
+    starts: Iterable[Array],
+    free: Sequence[int],
+    signature: Callable[[Array], Array],
+    accepted: Callable[[Array], bool],
+) -> Search:
+    """Return the configurations that close, in the order in which the starts lead to them.
+
+    Parameters
+    ----------
+    starts : configurations (nq,) to begin with; the search ends early when nothing new turns up.
+    free : velocity coordinates that may move. signature : numbers that agree, to ``SAME``, if and only if
+    configurations do. accepted : whether a closed configuration has the attitudes that the closures ask for.
+    """
+    found: list[Array] = []
+    marks: list[Array] = []
+    closed, last, count = 0, 0, 0
+    for count, start in enumerate(starts, start=1):
+        q, residual = newton(conditions, start, free, SLOW)
+        if residual <= CLOSED and accepted(q):
+            closed += 1
+            mark = signature(q)
+            if not any(float(np.abs(mark - other).max(initial=0.0)) < SAME for other in marks):
+                found.append(q)
+                marks.append(mark)
+                last = count
+        if count >= FEWEST and count - last > PATIENCE * (len(found) + 1):
+            break
+    return Search(found, count, closed)

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.branches import SLOW
-from robodyn_cli.solve.closure import Conditions, newton
+from robodyn_cli.solve.closure import SLOW, Conditions, newton
 from robodyn_cli.solve.load_sharing import allowed_motions
 from robodyn_cli.spatial.algebra import Array
 

@@ -13,7 +13,7 @@ from robodyn_cli.errors import CapabilityError, GeometryError, SceneError, Singu
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
-from robodyn_cli.solve import planar_path
+from robodyn_cli.solve import planar_2r as planar_path
 from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
@@ -68,8 +68,7 @@ class PointTask:
         target = self.target(times)
         if not self.prescribed:
             return target
-        from robodyn_cli.trajectories.attitudes import evaluated, joint_expressions
-        from robodyn_cli.trajectories.formulas import time_symbol, with_rates
+        from robodyn_cli.trajectories.formulas import evaluated, joint_expressions, time_symbol, with_rates
 
         t, env = time_symbol(self.parameters)
         columns = position_columns(self.prescribed)

@@ -1,4 +1,7 @@
-"""How a number of a summary is declared, once: its unit, its meaning and where its error stands; what many have."""
+"""How a number of a summary is declared, once: its unit, its meaning and where its error stands; what many have.
+
+Keys of every summary, beside those of its command.
+"""
 
 from __future__ import annotations
 
@@ -147,3 +150,31 @@ class PeakLoads:
     largest: dict[str, PeakLoad] = fact(
         "of joints, closures and the base", names=(JOINT, LOOP, "base_wrench")
     )
+
+
+@record
+class Failure:
+    """What ended a run that failed."""
+
+    kind: str = fact("class of the error")
+    message: str = fact("what went wrong, in words")
+    exit_code: int = fact("exit code of the command")
+
+
+@record
+class EveryRun:
+    """Keys of every summary. ``exit_code`` may be expected, and is not written."""
+
+    status: str = fact("`ok`, `locked`, `no_lock`, `overload`, `undersized` or `failed`")
+    command: str = fact("command that was run")
+    title: str = fact("title of the scene")
+    error: Failure = fact("of a run that failed: what ended it")
+    exit_code: int = fact("exit code of the run, for `expect`; not written")
+    wall_time_s: dict[str, float] = fact(
+        "time by stage (`load`, `equations`, `compile`, `integrate`, `write`, `plots`, ...), and `total`",
+        "s",
+        names=ANY,
+    )
+    scene_file: str = fact("where the scene lies")
+    run_id: str = fact("of this run, the same as the attribute of `result.h5`")
+    outputs: list[str] = fact("names of the files that were written")

@@ -1,4 +1,7 @@
-"""The keys of summaries: whether a run may have one, and what its field says of it. One walk answers all of it."""
+"""The keys of summaries: whether a run may have one, and what its field says of it. One walk answers all of it.
+
+Why a key of a summary is refused, and what is nearest to it.
+"""
 
 from __future__ import annotations
 
@@ -10,13 +13,14 @@ from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from typing import Any, Union, get_args, get_origin, get_type_hints
 
 from robodyn_cli.commands import COMMANDS
+from robodyn_cli.errors import did_you_mean
 from robodyn_cli.record import record
-from robodyn_cli.summaries.facts import Fact, UnitOf, key_of
+from robodyn_cli.summaries.facts import ANY, Fact, UnitOf, key_of
 
 NUMBERS = (float, int, bool)
 VALUES = (*NUMBERS, str, types.NoneType)
 SHORT = "joints"  # keys below ``joints.NAME`` may be written ``KEY.NAME``
-EVERY_RUN = "every_run:EveryRun"
+EVERY_RUN = "facts:EveryRun"
 Names = Mapping[
     str, Collection[str]
 ]  # of a scene by kind (``JOINT``); of a kind that is not given there may be any
@@ -155,3 +159,38 @@ def _below(kind: Any, fact: Fact) -> Iterator[tuple[tuple[str, ...], Leaf]]:
     else:
         for one in inner:
             yield from _below(one, fact)
+
+
+NO_NAMES: Names = {}
+SHOWN = 12  # keys that a refusal lists
+
+
+def refusal(command: str, key: str, names: Names = NO_NAMES, number: bool = False) -> str:
+    """Return why a key of the summaries of a command is refused, with the nearest; an empty text where it is not.
+
+    number : whether it must be one.
+    """
+    leaf = leaf_of(command, key)
+    if leaf is not None and leaf.fits(names):
+        return "" if leaf.is_number or not number else "is not a number but a text"
+    options = list(dict.fromkeys(_written(command, names)))
+    inner = [option for option in options if option.startswith(f"{key}.")]
+    if inner:
+        return f"holds several values; name one: {', '.join(inner[:SHOWN])}"
+    head = key.partition(".")[0]
+    near = [option for option in options if option.partition(".")[0] == head]
+    heads = dict.fromkeys(option.partition(".")[0] for option in options)
+    allowed = f"below {head!r}: {', '.join(near[:SHOWN])}" if near else f"allowed: {', '.join(heads)}"
+    return f"the summary of {command} has no such key{did_you_mean(key, options)}; {allowed}"
+
+
+def _written(command: str, names: Names) -> Iterator[str]:
+    """Yield the keys of a command's summary as they may be written, with the names of a scene, as far as known."""
+    for steps, _ in leaves_of(command):
+        ways = [""]
+        for step in steps:
+            known = names.get(step, (step,)) if step.isupper() and step != ANY else (step,)
+            ways = [f"{way}.{name}" if way else name for way in ways for name in known]
+        yield from ways
+        if steps[0] == SHORT and len(steps) == 3:
+            yield from (f"{steps[2]}.{name}" for name in names.get(steps[1], ()))

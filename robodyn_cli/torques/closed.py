@@ -1,15 +1,18 @@
-"""Inverse dynamics of mechanisms with loops: actuator torques and multipliers that a motion needs."""
+"""How actuators and loops share a load; errors name joints and loops.
+
+Inverse dynamics of mechanisms with loops: actuator torques and multipliers that a motion needs.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.gears import geared, losses_along
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Outputs
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import CapabilityError, SceneError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, velocity_places
@@ -22,12 +25,76 @@ from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.load_sharing import LostRank, TooFewActuators, accelerations, share
+from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.program import InverseProgram, Loops, Sampled, expressions_of
-from robodyn_cli.torques.sharing import refuse_idle_gears, share_load
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
+
+
+def refuse_idle_gears(problem: Problem, driven: Sequence[int]) -> None:
+    """Refuse gears with losses in joints without an actuator, on which nothing says what the gear passes on.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    for _, gear in geared(problem.model):
+        if gear.v not in driven:
+            raise CapabilityError(
+                f"joint {gear.name!r} has a gear with losses but no actuator (`actuated`), so no load goes through the "
+                "gear; allowed there: friction",
+                joint=gear.name,
+            )
+
+
+def share_load(
+    problem: Problem, psi: Array, driven: Sequence[int], needed: Mapping[str, Array], times: Array, q: Array
+) -> Shared:
+    """Return torques and multipliers that bear a load (see ``solve.load_sharing.share``).
+
+    Parameters
+    ----------
+    psi : (T, m, nv) of the loops. driven : velocity coordinates with an actuator. needed : the load (T, nv) by name.
+    times, q : of the samples (T,), (T, nq), for messages.
+
+    Raises
+    ------
+    CapabilityError : too few actuators. SingularConfigurationError : loops or actuators lose their hold at a sample.
+    """
+    try:
+        return share(psi, driven, needed)
+    except TooFewActuators as few:
+        names = ", ".join(problem.model.joint_of(k) for k in driven)
+        raise CapabilityError(
+            f"the mechanism has {few.freedom} degrees of freedom, and its actuated joints ({names}) command "
+            f"{few.commanded} of them anywhere; allowed: as many independent ones, in 'actuated'",
+            key="actuated",
+        ) from None
+    except LostRank as lost:
+        raise lost_rank(problem, lost, times, q) from None
+
+
+def lost_rank(problem: Problem, lost: LostRank, times: Array, q: Array) -> SingularConfigurationError:
+    """Return the error of a sample at which loops or actuators lose their hold, with loop and joint."""
+    time, where = float(times[lost.sample]), q[lost.sample].tolist()
+    worst = int(np.argmax(lost.weights))
+    if lost.what == "actuators":
+        joint = problem.model.joint_of(worst)
+        when = f"at t = {time:.9g} s"
+        if lost.passed:
+            when = f"between t = {time:.9g} s and {float(times[lost.sample + 1]):.9g} s"
+        return SingularConfigurationError(
+            f"dead point of the actuators {when}: joint {joint} moves without them, so no finite torques "
+            "give it the acceleration asked for; actuate another joint, or more",
+            time=time, kind="dead_point", joint=joint, q=where,
+        )  # fmt: skip
+    row = problem.constraints.loop_rows[worst]
+    return SingularConfigurationError(
+        f"bifurcation at t = {time:.9g} s: the rows of loop {row.closure} lose rank there ({row.name}), so the "
+        "multipliers are not unique and the mechanism may go on in more than one way",
+        time=time, kind="bifurcation", loop=row.closure, row=row.name, q=where,
+    )  # fmt: skip
 
 
 def build_closed(problem: Problem) -> ClosedLoops:

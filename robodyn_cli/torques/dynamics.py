@@ -18,7 +18,7 @@ from robodyn_cli.torques.function import Arguments
 
 if TYPE_CHECKING:
     from robodyn_cli.kernels.program import Program
-    from robodyn_cli.kernels.rolled.tables import RolledPlan
+    from robodyn_cli.kernels.rolled.kernels import RolledPlan
 
 
 def timeless(problem: Problem) -> list[Vector]:

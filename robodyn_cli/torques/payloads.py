@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError
-from robodyn_cli.model.payloads import SAME_TIME
+from robodyn_cli.model.parts import SAME_TIME
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.program import Sampled

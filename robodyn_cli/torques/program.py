@@ -24,7 +24,7 @@ from robodyn_cli.trajectories.motion import JointMotion
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.load_sharing import Shared
-    from robodyn_cli.trajectories.laws import Scaling
+    from robodyn_cli.trajectories.legs import Scaling
 
 RIGID = ("inertia", "coriolis", "gravity")
 
@@ -147,7 +147,7 @@ class InverseProgram(ABC):
         """Return p (T, n) at times (T,): which payloads are carried."""
         if not self.problem.model.switched:
             return np.zeros((len(times), 0))
-        from robodyn_cli.model.payloads import carried_at, changing
+        from robodyn_cli.model.parts import carried_at, changing
 
         return carried_at(changing(self.problem.model), times)
 

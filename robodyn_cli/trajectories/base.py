@@ -15,7 +15,7 @@ from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, Text, k
 
 if TYPE_CHECKING:
     from robodyn_cli.spatial.algebra import Array
-    from robodyn_cli.trajectories.laws import Scaling
+    from robodyn_cli.trajectories.legs import Scaling
     from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 
 # the sides of an arm that its inverse kinematics chooses between

@@ -11,9 +11,8 @@ from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Formula, ListOf, Number, Section, Text, key
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array, vector
-from robodyn_cli.trajectories.attitudes import FORMS
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, TaskSpaceTrajectory, relative_key
-from robodyn_cli.trajectories.formulas import sampled, time_derivatives, time_symbol
+from robodyn_cli.trajectories.formulas import FORMS, sampled, time_derivatives, time_symbol
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 
 

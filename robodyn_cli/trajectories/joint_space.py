@@ -10,10 +10,9 @@ import numpy as np
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.attitudes import evaluated, joint_expressions
 from robodyn_cli.trajectories.base import Trajectory
 from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.formulas import sampled, time_symbol
+from robodyn_cli.trajectories.formulas import evaluated, joint_expressions, sampled, time_symbol
 from robodyn_cli.trajectories.led import QUATERNION, with_attitudes
 from robodyn_cli.trajectories.motion import JointMotion
 

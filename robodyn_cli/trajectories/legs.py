@@ -1,15 +1,114 @@
-"""Ways from stop to stop, one after another or blended: the next one begins while the one before still brakes."""
+"""Time laws: how far along its way a motion is, from rest to rest from 0 to 1, or along a path in the least time.
+
+Ways from stop to stop, one after another or blended: the next one begins while the one before still brakes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.laws import Law
+
+
+@record
+class Law:
+    """A time law: ``course`` (one function, from 0 to 1), and how long it speeds up and brakes [s].
+
+    rests : whether the motion is at rest before and after it.
+    """
+
+    course: Course
+    ramp: float
+    rests: bool = True
+
+    def stretched(self, duration: float) -> Law:
+        """Return the law in a longer time."""
+        return Law(self.course.stretched(duration), self.ramp * duration / self.course.duration, self.rests)
+
+
+@record
+class Scaling:
+    """A path with its time law s(t), and how it was found.
+
+    law : one function of t. error : estimated error of the duration [s]. limits : bounds by kind and column of v.
+    intervals : of the grid. tolerance : of the duration, in parts of it, asked for; None: the grid was.
+    """
+
+    law: Course
+    error: float
+    limits: Mapping[str, Mapping[str, float]]
+    intervals: int
+    tolerance: float | None
+
+
+def fastest(speed: float, acceleration: float, jerk: float = math.inf) -> Law:
+    """Return the law of least duration under limits [1/s, 1/s^2, 1/s^3]; an infinite one does not limit.
+
+    Without a limit of the jerk it is a trapezoid of the speed, or a triangle where the way is short, else an S-curve of
+    up to seven parts. Peak speed V, constant acceleration A = J T_j over the time T_a between two ramps T_j of it:
+    V = A (T_j + T_a), and speeding up and braking together go V (2 T_j + T_a) (Biagiotti and Melchiorri 2008, 3.4).
+    """
+    if math.isinf(jerk):
+        ramp, constant = 0.0, _until(speed, acceleration)
+        if speed * constant >= 1.0:  # the speed is not reached
+            constant = math.sqrt(1.0 / acceleration)
+            speed = acceleration * constant
+    else:
+        ramp, constant = _ramps(speed, acceleration, jerk)
+        acceleration = jerk * ramp
+        speed = acceleration * (ramp + constant)
+    start = 2.0 * ramp + constant
+    cruise = max(1.0 / speed - start, 0.0)
+    return Law(_assembled(acceleration, ramp, constant, cruise), start)
+
+
+def _until(speed: float, acceleration: float) -> float:
+    return math.inf if math.isinf(speed) else speed / acceleration
+
+
+def _ramps(speed: float, acceleration: float, jerk: float) -> tuple[float, float]:
+    """Return T_j and T_a of the S-curve."""
+    ramp = min(acceleration / jerk, math.sqrt(speed / jerk))
+    constant = speed / (jerk * ramp) - ramp if math.isfinite(speed) and ramp == acceleration / jerk else 0.0
+    if math.isfinite(speed) and speed * (2.0 * ramp + constant) <= 1.0:
+        return ramp, constant
+    ramp = min(acceleration / jerk, (0.5 / jerk) ** (1.0 / 3.0))  # the speed is not reached
+    if ramp < acceleration / jerk:
+        return ramp, 0.0
+    # A (T_j + T_a) (2 T_j + T_a) = 1
+    return ramp, max(0.5 * (-3.0 * ramp + math.sqrt(ramp * ramp + 4.0 / acceleration)), 0.0)
+
+
+def _assembled(acceleration: float, ramp: float, constant: float, cruise: float) -> Course:
+    """Return the course of up to seven parts that goes from 0 to 1 and is symmetric in time."""
+    jerk = acceleration / ramp if ramp else 0.0
+    rising = [(ramp, jerk, 0.0), (constant, 0.0, acceleration), (ramp, -jerk, acceleration)]
+    falling = [(ramp, -jerk, 0.0), (constant, 0.0, -acceleration), (ramp, jerk, -acceleration)]
+    knots, rows = [0.0], []
+    s = v = 0.0
+    for time, j, a in [*rising, (cruise, 0.0, 0.0), *falling]:
+        if time <= 0.0:
+            continue
+        rows.append((s, v, a / 2.0, j / 6.0))
+        s += time * (v + time * (a / 2.0 + time * j / 6.0))
+        v += time * (a + time * j / 2.0)
+        knots.append(knots[-1] + time)
+    return Course(knots, [[[row[i]] for row in rows] for i in range(4 if ramp else 3)])
+
+
+def polynomial(coefficients: tuple[float, ...], duration: float) -> Law:
+    """Return the polynomial in t / duration with these coefficients, which goes from 0 to 1."""
+    return Law(Course([0.0, 1.0], [[[c]] for c in coefficients]).stretched(duration), 0.5 * duration)
+
+
+MINIMUM_JERK = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
+CUBIC = (0.0, 0.0, 3.0, -2.0)
+
 
 HALVINGS = 30
 ROUNDING = 1e-9  # of a limit, which sums of laws may pass by rounding

@@ -26,7 +26,7 @@ from robodyn_cli.schema.fields import (
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.spatial.orientation import orientation_problems, rotation_of
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, TaskSpaceTrajectory, relative_key
-from robodyn_cli.trajectories.laws import polynomial
+from robodyn_cli.trajectories.legs import polynomial
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.task.chain import Plan, planned
 from robodyn_cli.trajectories.task.segments import PathProblem, segment_types

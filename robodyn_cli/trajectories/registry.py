@@ -6,13 +6,13 @@ from robodyn_cli.registry import Registry
 
 PACKAGE = "robodyn_cli.trajectories"
 PLACES = {
-    "joint": "joint:JointTrajectory",
+    "joint": "smooth:JointTrajectory",
     "quintic": "way_points:QuinticTrajectory",
     "cubic": "way_points:CubicTrajectory",
     "monotone": "way_points:MonotoneTrajectory",
     "trapezoid": "moves:TrapezoidTrajectory",
     "s_curve": "moves:SCurveTrajectory",
-    "fourier": "fourier:FourierTrajectory",
+    "fourier": "smooth:FourierTrajectory",
     "sequence": "sequence:SequenceTrajectory",
     "fastest": "fastest:FastestTrajectory",
     "table": "table:TableTrajectory",

@@ -14,8 +14,8 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, ListOf, OrFile, Tagged, key
 from robodyn_cli.spatial.algebra import Array, vector
-from robodyn_cli.trajectories.attitudes import FORMS
 from robodyn_cli.trajectories.base import Lacks, Problems, SceneNames
+from robodyn_cli.trajectories.formulas import FORMS
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
 from robodyn_cli.trajectories.led import QUATERNION, position_columns, with_attitudes
 from robodyn_cli.trajectories.motion import JointMotion

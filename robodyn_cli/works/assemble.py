@@ -9,7 +9,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.closing import add_sample
-from robodyn_cli.observe.finite import refuse_result
+from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns, initial_positions

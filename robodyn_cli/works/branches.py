@@ -15,8 +15,7 @@ from robodyn_cli.given.loop_conditions import LoopConditions
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.solve.branches import halton, search
-from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.closure import halton, rank, search
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.mechanism import BranchSearch, ClosedBranch
 

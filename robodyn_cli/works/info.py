@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.algorithms.coriolis import coriolis
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import coriolis, crba
 from robodyn_cli.algorithms.kinematics import world_jacobian, world_pose
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Values
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import Model
-from robodyn_cli.model.payloads import carried_at_start
+from robodyn_cli.model.parts import carried_at_start
 from robodyn_cli.observe.places import quaternions
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.prepare import Setup, prepare

@@ -9,7 +9,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.closing import add_rows, add_sample
-from robodyn_cli.observe.finite import refuse_result
+from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.formulas import check_formulas
 from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
@@ -27,9 +27,7 @@ from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import JointMotion
-from robodyn_cli.works.at_rest import AtRest
-from robodyn_cli.works.balance import balanced
-from robodyn_cli.works.holding import held
+from robodyn_cli.works.balance import AtRest, balanced, held
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite

@@ -12,8 +12,7 @@ from typing import Any
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
-from robodyn_cli.over.batch.entries import listed, load
-from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.over.batch.entries import Entry, listed, load
 
 ROOT = Path(__file__).parents[2]
 

@@ -16,10 +16,9 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.batch import entries as batch_entries
 from robodyn_cli.over.batch.batch import Batch
-from robodyn_cli.over.batch.entries import unique_names
-from robodyn_cli.over.batch.entry import Entry
-from robodyn_cli.over.batch.gather import gather
+from robodyn_cli.over.batch.entries import Entry, unique_names
 from robodyn_cli.over.batch.reports import junit, markdown, tally
+from robodyn_cli.over.batch.stored import gather
 from tests.cli.batch_scenes import ROOT, arm, loaded, robodyn, run
 from tests.cli.tool import environment, invoke
 

@@ -14,7 +14,7 @@ import pytest
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.over.batch import batch as batch_module
 from robodyn_cli.over.batch.batch import Batch
-from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.over.batch.entries import Entry
 from robodyn_cli.over.batch.reports import junit
 from robodyn_cli.over.commands import execute, functions
 from robodyn_cli.results.hdf5 import read

@@ -16,9 +16,8 @@ from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.events import Event, EventFunction
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.compiler import REPORT
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.scene.load import load_scene

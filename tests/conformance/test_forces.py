@@ -13,8 +13,8 @@ from robodyn_cli.equations.elements import Elements
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.formula import Formula, parse
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.forces.nonlinear_spring import LengthTable, RateTable
 from robodyn_cli.forces.registry import force_types
+from robodyn_cli.forces.springs import LengthTable, RateTable
 from robodyn_cli.model.model import BASE, FixedFrame, Force, Model
 from robodyn_cli.spatial.algebra import matrix, vector
 from tests.random_models import random_rotation, random_tree

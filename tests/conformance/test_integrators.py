@@ -17,9 +17,8 @@ from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime import engine
 from robodyn_cli.integrators.runtime import integrator as module
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels import compiler, lower
 from tests import systems
 from tests.methods import (

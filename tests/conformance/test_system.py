@@ -18,9 +18,8 @@ from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.events import EventFunction, Stopping
 from robodyn_cli.formulations.system import Corrections, System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.solve.assembly import assemble
 from tests.methods import each_adaptive, each_adaptive_family, each_family, taking

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from hypothesis import given
 
-from robodyn_cli.algorithms.coriolis import VelocityInertia, coriolis
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import VelocityInertia, coriolis, crba
 from robodyn_cli.algorithms.kinematics import transforms, velocities
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.calculus import directional, jacobian

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor, aba, invert_symmetric
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.kinematics import slice_q, slice_v, transforms
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.calculus import directional

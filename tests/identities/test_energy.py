@@ -10,16 +10,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from robodyn_cli.algorithms.aba import aba
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.calculus import directional, jacobian
 from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.expr.rebuild import evaluate
-from robodyn_cli.forces.damper import Damper
 from robodyn_cli.forces.friction import Friction
-from robodyn_cli.forces.spring import Spring
+from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.model.model import BASE, JointForce, Model
 from robodyn_cli.spatial.algebra import dot, vector
 from tests.identities.trees import State, symbols, trees

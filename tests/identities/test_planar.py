@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.algorithms.aba import ArticulatedFactor, aba
-from robodyn_cli.algorithms.coriolis import coriolis
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import coriolis, crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.algorithms.rnea import rnea

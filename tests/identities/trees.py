@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import Model

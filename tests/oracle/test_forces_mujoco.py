@@ -10,7 +10,7 @@ import pytest
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.expr.formula import Formula
-from robodyn_cli.forces.linear_spring import LinearSpring
+from robodyn_cli.forces.springs import LinearSpring
 from robodyn_cli.forces.wrench import PointWrench
 from robodyn_cli.model.model import BASE, Force
 from tests.engines import MujocoModel, to_mjcf, to_mujoco

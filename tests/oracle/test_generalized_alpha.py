@@ -19,9 +19,8 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.index3 import Index3
 from robodyn_cli.integrators.methods import generalized_alpha as module
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene_text

@@ -13,13 +13,13 @@ import numpy as np
 import pytest
 
 from robodyn_cli.algorithms.aba import aba
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy
 from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.joints.base import Joint
-from robodyn_cli.joints.helical import Helical
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.joints.single_axis import Helical
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Transform

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from robodyn_cli.trajectories.laws import fastest
+from robodyn_cli.trajectories.legs import fastest
 
 ruckig = pytest.importorskip("ruckig")
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.model.build import build_model
 from tests.numeric import assert_close

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from robodyn_cli.algorithms.crba import crba
+from robodyn_cli.algorithms.composite import crba
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.expr.graph import count_operations
 from robodyn_cli.joints.registry import joint_types

@@ -92,7 +92,7 @@ def test_every_place_is_there_and_keeps_its_contract(column: str) -> None:
 ALLOWED = {
     "robodyn_cli/__init__.py": (1, "functions of the package for Python, some of which are commands"),
     "robodyn_cli/commands.py": (1, "the rows"),
-    "robodyn_cli/kernels/rolled/tables.py": (1, "`inverse` is a recursion there, no command"),
+    "robodyn_cli/kernels/rolled/kernels.py": (1, "`inverse` is a recursion there, no command"),
     "robodyn_cli/over/many/keys.py": (1, "`simulate` is a section of the scene there, no command"),
     "robodyn_cli/scene/starters.py": (1, "the words of `robodyn new`, some of which are commands"),
     "robodyn_cli/cli/commands/crosscheck.py": (1, "what can be asked for by option: the keys of its table"),

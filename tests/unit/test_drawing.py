@@ -17,12 +17,10 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.drawing import paper, symbols
 from robodyn_cli.report.drawing.bodies import cuboid
 from robodyn_cli.report.drawing.build import make_drawing
-from robodyn_cli.report.drawing.camera import along_axis, default_camera
-from robodyn_cli.report.drawing.instants import along_motion, evenly, nearest
-from robodyn_cli.report.drawing.record import Drawing
-from robodyn_cli.report.drawing.stroke import mixed
+from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
+from robodyn_cli.report.drawing.places import along_motion, evenly, nearest
+from robodyn_cli.report.drawing.record import Drawing, mixed
 from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, strokes
-from robodyn_cli.report.drawing.view import View
 from robodyn_cli.results.result import Result
 
 RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy, "kinematics": kinematics, "statics": statics,

@@ -9,8 +9,7 @@ import pytest
 
 from robodyn_cli import load_scene
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.contact.events import Transition
 from robodyn_cli.motion.contact.states import ContactStates

@@ -11,9 +11,9 @@ from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.events import Event, EventFunction, Stopping
 from robodyn_cli.integrators.event_location.events import Found, Root, first_roots
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.layout import Status
+from robodyn_cli.integrators.runtime.memory import Status
+from robodyn_cli.integrators.runtime.options import Grid
 from tests.methods import each_adaptive_family, each_family
 from tests.systems import collect, events_of, is_low, settings, system, told, within_reach
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.expectation import parse_expectation
+from robodyn_cli.expr.statements import parse_expectation
 from robodyn_cli.over.batch.criteria import exit_code, judge
 from robodyn_cli.scene.load import load_scene_text
 from tests.unit.scene_text import SCENE, check_place

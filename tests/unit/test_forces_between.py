@@ -11,8 +11,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system, is_rolled
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
 from robodyn_cli.works.deploy.deploy import deploy

@@ -14,7 +14,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.events import EventFunction, Passing
 from robodyn_cli.formulations.system import EVENT_FREE, System
-from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.kernels.program import Program
 from tests.systems import samples, system
 

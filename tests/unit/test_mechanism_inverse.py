@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli import Mechanism, inverse, load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.over.many.single import number_of
+from robodyn_cli.over.many.command import number_of
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.torques.checks import FIGURES

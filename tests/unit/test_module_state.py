@@ -34,9 +34,9 @@ WRITERS = {
 }
 # Functions that keep what they have returned: pure, so that it does not matter which thread's result is kept.
 KEEPERS = {
-    "integrators/methods/gauss_tables.py: dense_table",
-    "integrators/methods/gauss_tables.py: gauss_table",
-    "integrators/methods/radau_tables.py: radau_table",
+    "integrators/methods/collocation_tables.py: dense_table",
+    "integrators/methods/collocation_tables.py: gauss_table",
+    "integrators/methods/collocation_tables.py: radau_table",
     "integrators/methods/stability_region.py: limits",
     "kernels/compiler.py: _llvm",
     "kernels/compiler.py: code_version",
@@ -46,7 +46,7 @@ KEEPERS = {
     "report/drawing/strokes.py: _lit",
     "results/provenance.py: cpu_name",
     "fastest/reachability.py: _passes",
-    "over/sensitivity/motion/blocks.py: integrals",
+    "over/sensitivity/motion/variational.py: integrals",
     "solve/quadrature.py: _weights",
     "summaries/keys.py: fields_at",
     "summaries/keys.py: leaf_of",

@@ -12,7 +12,7 @@ from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.laws import fastest
+from robodyn_cli.trajectories.legs import fastest
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 from tests.numeric import assert_close

@@ -13,11 +13,9 @@ from scipy.integrate import solve_ivp
 
 from robodyn_cli.drives.cycle import Asked, Samples, motor_cycle
 from robodyn_cli.errors import SceneError
-from robodyn_cli.motors.brushless import BrushlessMotor
-from robodyn_cli.motors.dc import DcMotor
 from robodyn_cli.motors.electric import Supply
-from robodyn_cli.motors.envelope import Envelope
-from robodyn_cli.motors.thermal import Thermal
+from robodyn_cli.motors.heat import Envelope, Thermal
+from robodyn_cli.motors.kinds import BrushlessMotor, DcMotor
 from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.results.summary import dumps
 from robodyn_cli.scene.load import load_scene_text

@@ -15,13 +15,11 @@ from robodyn_cli.cli.app import run
 from robodyn_cli.cli.commands.animate import describe
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.drawing.build import make_drawing
-from robodyn_cli.report.drawing.painter import Painted
-from robodyn_cli.report.drawing.stroke import PAPER, mixed
+from robodyn_cli.report.drawing.paper import Painted
+from robodyn_cli.report.drawing.record import PAPER, mixed
 from robodyn_cli.report.movie import files
-from robodyn_cli.report.movie.animate import animate
-from robodyn_cli.report.movie.frames import Frames
-from robodyn_cli.report.movie.plan import HOLD, MOST_FRAMES, plan_movie, usual_speed
-from robodyn_cli.report.movie.strip import draw_strip
+from robodyn_cli.report.movie.animate import animate, draw_strip
+from robodyn_cli.report.movie.frames import HOLD, MOST_FRAMES, Frames, plan_movie, usual_speed
 from robodyn_cli.report.style import styled
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.result import Result

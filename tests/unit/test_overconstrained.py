@@ -11,9 +11,8 @@ from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.build import build_system
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
 from tests import mechanisms

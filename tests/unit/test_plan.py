@@ -16,7 +16,7 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.plan.plan import plan, render
 from robodyn_cli.over.plan.plane import Plane
-from robodyn_cli.over.plan.variant import Variant
+from robodyn_cli.over.plan.variants import Variant
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.torques.dynamics import InverseDynamics

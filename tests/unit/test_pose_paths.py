@@ -12,7 +12,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError, SingularConfigurationError
 from robodyn_cli.ready.doors import along
 from robodyn_cli.scene.points import with_points
-from robodyn_cli.solve.poses.subproblems import rotations
+from robodyn_cli.solve.poses.screws import rotations
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.torques.build import build_inverse

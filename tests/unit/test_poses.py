@@ -7,7 +7,7 @@ import pytest
 
 from robodyn_cli import InverseKinematics, load_scene
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.given.poses.explain import explain_miss
+from robodyn_cli.given.poses.inverse_kinematics import explain_miss
 from robodyn_cli.scene import load_scene_text
 from tests.numeric import assert_close
 from tests.source import ROOT

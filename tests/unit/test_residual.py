@@ -14,9 +14,8 @@ from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.residual import Residual
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.ready.prepare import prepare
 from tests.mechanisms import CONFIGS
 from tests.numeric import assert_close

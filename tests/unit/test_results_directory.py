@@ -16,7 +16,7 @@ import pytest
 from robodyn_cli.errors import DirectoryInUseError, OutputError, ResultFileError
 from robodyn_cli.over.batch.stored import read_stored
 from robodyn_cli.report import draw_all, plot_files
-from robodyn_cli.results import lock
+from robodyn_cli.results import atomic as lock
 from robodyn_cli.results.atomic import temporary_path
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.output_dir import OutputDirectory

@@ -14,8 +14,8 @@ from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.joints.base import Joint
-from robodyn_cli.joints.helical import Helical
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.joints.single_axis import Helical
 from robodyn_cli.kernels.compiler import REPORT, compile_module, machine
 from robodyn_cli.kernels.crossover import prefer_rolled
 from robodyn_cli.kernels.ir import module
@@ -23,9 +23,9 @@ from robodyn_cli.kernels.rolled import kernels as rolled
 from robodyn_cli.kernels.rolled.kernels import (
     RolledForwardDynamics,
     RolledInverseDynamics,
+    RolledPlan,
 )
 from robodyn_cli.kernels.rolled.loops import rolled_function, tree_function, write_sample_kernel
-from robodyn_cli.kernels.rolled.tables import RolledPlan
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import BASE, UNKNOWN_GROUP, FixedFrame, Loop, Model
 from robodyn_cli.spatial.algebra import (

@@ -16,11 +16,10 @@ from robodyn_cli.formulations.dynamics import Expanded
 from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.grid import Grid
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels import compiler, crossover
-from robodyn_cli.kernels.rolled.tables import RolledPlan
+from robodyn_cli.kernels.rolled.kernels import RolledPlan
 from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.over.plan.plan import plan as make_plan
 from robodyn_cli.ready.prepare import prepare

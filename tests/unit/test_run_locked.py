@@ -11,7 +11,7 @@ from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.hdf5 import write as write_result
 from robodyn_cli.results.result import Result
-from robodyn_cli.works.deploy.latch import close_latch, locked
+from robodyn_cli.works.deploy.growth import close_latch, locked
 from tests.mechanisms import CONFIGS, SLIDER, close
 from tests.unit.test_run_inverse_closed import FIVE_BAR
 

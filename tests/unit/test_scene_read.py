@@ -8,10 +8,9 @@ import math
 import pytest
 
 from robodyn_cli.expr.formula import parse
-from robodyn_cli.forces.damper import Damper
 from robodyn_cli.forces.friction import CoulombPair, Friction
 from robodyn_cli.forces.registry import joint_forces
-from robodyn_cli.forces.spring import Spring
+from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Baumgarte, Initial, Scene, Torque
 from robodyn_cli.schema.describe import describe

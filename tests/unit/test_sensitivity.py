@@ -18,7 +18,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.over.sensitivity.asked import Asked, prepare
 from robodyn_cli.over.sensitivity.differences import differences
 from robodyn_cli.over.sensitivity.exact import exact_slopes
-from robodyn_cli.over.sensitivity.motion.blocks import NEW, nodes_of, transfers
+from robodyn_cli.over.sensitivity.motion.variational import NEW, nodes_of, transfers
 from robodyn_cli.over.sensitivity.report import quotient
 from robodyn_cli.over.sensitivity.slope import EXACT, Slope
 from robodyn_cli.results.hdf5 import read

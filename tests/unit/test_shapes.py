@@ -11,22 +11,25 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.report.drawing.build import make_drawing
-from robodyn_cli.report.drawing.camera import along_axis, default_camera
+from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.record import Drawing
 from robodyn_cli.report.drawing.strokes import strokes
-from robodyn_cli.report.drawing.view import View
-from robodyn_cli.report.movie.frames import Frames
-from robodyn_cli.report.movie.plan import plan_movie
+from robodyn_cli.report.movie.frames import Frames, plan_movie
 from robodyn_cli.report.page.page import write_page
 from robodyn_cli.report.page.section import Shown
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene, load_scene_text, load_urdf
-from robodyn_cli.scene.mesh.mesh import Mesh, MeshError
-from robodyn_cli.scene.mesh.obj import obj_text, read_obj
-from robodyn_cli.scene.mesh.read import MOST_FACES, small_mesh
-from robodyn_cli.scene.mesh.simplify import simplified
-from robodyn_cli.scene.mesh.stl import TRIANGLE
+from robodyn_cli.scene.mesh.files import (
+    MOST_FACES,
+    TRIANGLE,
+    Mesh,
+    MeshError,
+    obj_text,
+    read_obj,
+    simplified,
+    small_mesh,
+)
 from robodyn_cli.scene.mesh.surfaces import surface_of
 from robodyn_cli.scene.robot_parts import Shape
 from robodyn_cli.works.inverse import inverse
@@ -163,7 +166,7 @@ def test_collada_is_read_in_its_unit_with_its_nodes_placed(tmp_path: Path) -> No
 
 
 def test_a_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robodyn_cli.scene.mesh.dae.PACKAGE", "no_such_package")
+    monkeypatch.setattr("robodyn_cli.scene.mesh.files.PACKAGE", "no_such_package")
     (tmp_path / "box.dae").write_text("<COLLADA/>")
     with pytest.raises(MeshError, match="pip install 'robodyn.collada.'"):
         small_mesh(str(tmp_path / "box.dae"))

@@ -13,8 +13,8 @@ import pytest
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.integration_methods import REPRESENTATIVES
+from robodyn_cli.integrators.methods.explicit import DOP853, DOPRI5, RK4
 from robodyn_cli.integrators.methods.stability_region import amplification, limits, radius
-from robodyn_cli.integrators.methods.tableaus import DOP853, DOPRI5, RK4
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.motion.baumgarte import GainStudy
 from robodyn_cli.motion.build import projected_motion

@@ -12,8 +12,7 @@ import pytest
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.results.stated_errors import STATEMENTS
 from robodyn_cli.summaries.facts import Fact, UnitOf
-from robodyn_cli.summaries.keys import EVERY_RUN, fields_at, leaf_of, leaves_of
-from robodyn_cli.summaries.refusals import refusal
+from robodyn_cli.summaries.keys import EVERY_RUN, fields_at, leaf_of, leaves_of, refusal
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
 NAMES = {"JOINT": ("theta1", "slide", "ball.wx"), "POINT": ("tip",), "LOOP": ("pin",)}

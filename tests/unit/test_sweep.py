@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 from robodyn_cli.cli.app import app
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.variation import parse_variation
+from robodyn_cli.expr.statements import parse_variation
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.design import make_design

@@ -32,7 +32,7 @@ from robodyn_cli.registry import Registry
 from robodyn_cli.threads import VARIABLES, single_thread
 from robodyn_cli.torques.dynamics import InverseDynamics
 from robodyn_cli.torques.function import StateFunction
-from robodyn_cli.works.functions.regressor import Regressor
+from robodyn_cli.works.functions.derivatives import Regressor
 
 # an import of numpy that comes too early would not hear what is asked for later
 WATCHED = """
@@ -145,7 +145,7 @@ def test_a_member_is_one_object_in_all_threads() -> None:
             made.wait()
             return found()
 
-    members = Slow("robodyn_cli.joints", {"revolute": "revolute:Revolute"}, made=True)
+    members = Slow("robodyn_cli.joints", {"revolute": "single_axis:Revolute"}, made=True)
     one, other = together([lambda: members["revolute"]] * 2)
     assert one is other
 

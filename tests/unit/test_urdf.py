@@ -15,8 +15,8 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.scene.load import examine, load_scene, load_scene_text, load_urdf
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.urdf.meshes import mesh_file
-from robodyn_cli.scene.urdf.names import joint_names, link_names
+from robodyn_cli.scene.urdf.elements import mesh_file
+from robodyn_cli.scene.urdf.xml import joint_names, link_names
 
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
 MASS = f'<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>{INERTIA}</inertial>'

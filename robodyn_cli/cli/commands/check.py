@@ -29,7 +29,7 @@ def command(
     """Judge a stored result; return 1 where an expectation does not hold."""
     from robodyn_cli.errors import SceneError
     from robodyn_cli.over.batch.criteria import judge
-    from robodyn_cli.over.batch.report_records import check_of
+    from robodyn_cli.over.batch.reports import check_of
     from robodyn_cli.over.batch.stored import summary_and_scene
     from robodyn_cli.results.summary import as_keys
     from robodyn_cli.scene.load import load_scene, load_scene_text

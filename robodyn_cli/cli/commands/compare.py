@@ -48,7 +48,7 @@ def command(
 
 
 def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
-    from robodyn_cli.over.batch.compare_records import comparison_of
+    from robodyn_cli.over.batch.reports import comparison_of
     from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.results.compare import compare
     from robodyn_cli.results.summary import as_keys, jsonable
@@ -84,7 +84,7 @@ def _only_longer(one: Result, other: Result) -> list[str]:
 
 
 def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
-    from robodyn_cli.over.batch.compare_records import trees_of
+    from robodyn_cli.over.batch.reports import trees_of
     from robodyn_cli.over.batch.trees import compare_trees
     from robodyn_cli.results.summary import as_keys, jsonable
 

@@ -24,7 +24,7 @@ def command(
 ) -> int:
     """Draw stored results again; return the exit code."""
     from robodyn_cli.over.batch.stored import read_stored
-    from robodyn_cli.report.again import draw_again
+    from robodyn_cli.report.overlay import draw_again
     from robodyn_cli.report.registry import Drawings
 
     console = Console(as_json, quiet)

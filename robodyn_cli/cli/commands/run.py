@@ -31,7 +31,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
-    from robodyn_cli.over.batch.entry import Entry
+    from robodyn_cli.over.batch.entries import Entry
     from robodyn_cli.report.registry import Drawings
 
 
@@ -75,8 +75,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Run the batch, print a line for each scene, write the reports; return the worst exit code."""
-    from robodyn_cli.over.batch.report_records import batch_of
-    from robodyn_cli.over.batch.reports import tally, write_reports
+    from robodyn_cli.over.batch.reports import batch_of, tally, write_reports
     from robodyn_cli.results.summary import as_keys, jsonable
 
     if update and baseline is None:
@@ -89,7 +88,7 @@ def command(
         from robodyn_cli.over.batch.baseline import Baseline, note
         from robodyn_cli.over.batch.batch import Batch
         from robodyn_cli.over.batch.entries import listed, load
-        from robodyn_cli.over.batch.gather import gather
+        from robodyn_cli.over.batch.stored import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes
         settings, drawn = overrides or (), shared.drawings

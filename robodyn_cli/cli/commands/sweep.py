@@ -22,7 +22,7 @@ from robodyn_cli.exit_codes import FAILED
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from robodyn_cli.expr.variation import Variation
+    from robodyn_cli.expr.statements import Variation
     from robodyn_cli.over.study.study import Make, Study
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.output_dir import OutputDirectory
@@ -183,7 +183,7 @@ def _variations(texts: Sequence[str]) -> dict[str, Variation]:
     ------
     SceneError : a text is not KEY=SPEC, or names a key that another one names.
     """
-    from robodyn_cli.expr.variation import FORMS, parse_variation
+    from robodyn_cli.expr.statements import FORMS, parse_variation
 
     found: dict[str, Variation] = {}
     for text in texts:

@@ -17,8 +17,8 @@ def command(
     scenes: SceneFiles, as_json: ReportAsJson = False, quiet: Quiet = False, strict: Strict = False
 ) -> int:
     """List the errors of each scene; return the exit code of the worst finding."""
-    from robodyn_cli.over.batch.gather import gather
-    from robodyn_cli.over.batch.report_records import validation_of
+    from robodyn_cli.over.batch.reports import validation_of
+    from robodyn_cli.over.batch.stored import gather
     from robodyn_cli.results.summary import as_keys
     from robodyn_cli.summaries.checks import SceneFindings
 

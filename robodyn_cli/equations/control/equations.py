@@ -6,9 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Protocol
 
 from robodyn_cli.algorithms.kinematics import Pose
-from robodyn_cli.equations.constraints import Constraints
-from robodyn_cli.equations.dependence import Combination, Dependence
-from robodyn_cli.equations.linear.protocol import Equations as Linearised
+from robodyn_cli.equations.constraints import Combination, Constraints, Dependence
+from robodyn_cli.equations.linear.residuals import Equations as Linearised
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Transform, Values, Vector

@@ -8,8 +8,7 @@ from typing import Any
 
 from robodyn_cli.control.base import PointTask
 from robodyn_cli.equations.control.equations import Equations
-from robodyn_cli.equations.control.model import ControllerModel
-from robodyn_cli.equations.control.reference import Reference
+from robodyn_cli.equations.control.model import ControllerModel, Reference
 from robodyn_cli.record import record
 from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.spatial.algebra import Array

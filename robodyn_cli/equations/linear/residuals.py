@@ -1,21 +1,81 @@
-"""The equations of motion and their exact derivatives at states, as arrays."""
+"""What is asked of the equations of a mechanism to linearise them.
+
+Derivatives of expressions by steps along the joints' manifolds, and by symbols, as matrices.
+
+The equations of motion and their exact derivatives at states, as arrays.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import position_rates
-from robodyn_cli.equations.linear.derivatives import by_steps, by_symbols
-from robodyn_cli.equations.linear.protocol import Equations
+from robodyn_cli.algorithms.kinematics import position_rates, slice_q
+from robodyn_cli.equations.constraints import Constraints
 from robodyn_cli.errors import unknown_data
-from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import free_symbols
+from robodyn_cli.expr.calculus import SparseRow, directional, gradients
+from robodyn_cli.expr.graph import Expr, Graph, free_symbols
 from robodyn_cli.expr.rebuild import Interpreter
+from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Array, Matrix, Vector, identity, zeros
+from robodyn_cli.spatial.algebra import Array, Matrix, Values, Vector, identity, zeros
+
+
+class Equations(Protocol):
+    """The equations of a mechanism (satisfied by ``Problem``)."""
+
+    model: Model
+    graph: Graph
+    q: list[Expr]
+    v: list[Expr]
+    a: list[Expr]
+
+    @property
+    def mass_matrix(self) -> Matrix: ...
+    @property
+    def bias(self) -> Vector: ...
+    @property
+    def psi(self) -> Matrix: ...
+    @property
+    def constraints(self) -> Constraints: ...
+
+
+def step_seeds(problem: Equations) -> dict[int, SparseRow]:
+    """Return the gradients of the position symbols by steps dq (nv,) along the joints' manifolds, by node.
+
+    A step changes q by the rate that the velocity dq gives: the identity for joints with q-dot = v, half a product of
+    quaternions for rotations in space.
+    """
+    seeds: dict[int, SparseRow] = {}
+    for body in problem.model.bodies:
+        q = slice_q(body, problem.q)
+        rates = [body.joint.velocity_map(q, unit) for unit in identity(body.joint.nv)]
+        for k, symbol in enumerate(q):
+            seeds[symbol.index] = {body.v + j: rate[k] for j, rate in enumerate(rates)}
+    return seeds
+
+
+def by_steps(problem: Equations, entries: Values) -> Matrix:
+    """Return d entries / d q (n, nv) by steps along the joints' manifolds."""
+    return dense(gradients(list(entries), step_seeds(problem)), problem.model.nv)
+
+
+def by_symbols(entries: Values, symbols: Sequence[Any]) -> Matrix:
+    """Return d entries / d symbols (n, nv)."""
+    seeds: dict[int, SparseRow] = {symbol.index: {k: 1.0} for k, symbol in enumerate(symbols)}
+    return dense(gradients(list(entries), seeds), len(symbols))
+
+
+def dense(rows: Sequence[SparseRow], columns: int) -> Matrix:
+    """Return sparse rows as a matrix."""
+    out = zeros(len(rows), columns)
+    for row, entries in zip(out, rows):
+        for k, entry in entries.items():
+            row[k] = entry
+    return out
+
 
 LAMBDA = "lam"  # symbol group of the multipliers
 

@@ -10,8 +10,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import substitute
 from robodyn_cli.expr.functions import absolute, maximum, minimum, sqrt, where
 from robodyn_cli.expr.graph import Scalar, is_nonzero
-from robodyn_cli.given.poses.criteria import Criterion, Given, criterion_rows
-from robodyn_cli.given.poses.limits import PositionLimits
+from robodyn_cli.given.poses.criteria import Criterion, Given, PositionLimits, criterion_rows
 from robodyn_cli.kernels.program import PARAMETERS
 from robodyn_cli.kernels.samples import DATA, STATE, IterationKernel, SampleKernel
 from robodyn_cli.record import record
@@ -19,12 +18,14 @@ from robodyn_cli.solve.closure import rank, size_number
 from robodyn_cli.solve.poses.steps import (
     CRITERION_STEP,
     MOST_STEP,
+    TARGET,
     Bounds,
+    PoseTask,
     criterion_step,
     damped_step,
+    pose_rows,
     position_after,
 )
-from robodyn_cli.solve.poses.task import TARGET, PoseTask, pose_rows
 from robodyn_cli.spatial.algebra import Array, Matrix, dot, matrix
 
 RANK_STARTS = 3  # positions at which the freedom left by a task is counted

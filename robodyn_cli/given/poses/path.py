@@ -11,8 +11,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.expr.calculus import directional, substitute
 from robodyn_cli.given.poses.criteria import Criterion
-from robodyn_cli.given.poses.explain import explain_miss
-from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics
+from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics, explain_miss
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.places import in_world

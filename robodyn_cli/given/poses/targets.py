@@ -14,7 +14,7 @@ from robodyn_cli.model.model import FixedFrame, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.points import point_problem, with_points
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.poses.task import ORIENTATIONS, PoseTask
+from robodyn_cli.solve.poses.steps import ORIENTATIONS, PoseTask
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array
 

@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import EventFunction
-from robodyn_cli.integrators.runtime.layout import resolution
+from robodyn_cli.integrators.runtime.memory import resolution
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 

@@ -11,7 +11,7 @@ longer with every argument.
 from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import FINE, UNARMED, DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import FINE, UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.writer import ARGUMENTS, Tables
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.integrators.stepping.writer import Exit, Writer
 from robodyn_cli.kernels.ir import Condition, Function, Int, Value

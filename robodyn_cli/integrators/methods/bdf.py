@@ -15,7 +15,7 @@ from collections.abc import Callable
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods import bdf_tables as tables
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import (
     Attempt,
     Controller,

@@ -19,9 +19,9 @@ import numpy as np
 from robodyn_cli.decision import Decision
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
+from robodyn_cli.integrators.methods.collocation_tables import dense_width, padded_width
 from robodyn_cli.integrators.methods.gauss_output import GaussOutput, StageRates
-from robodyn_cli.integrators.methods.gauss_tables import dense_width, padded_width
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt, Controller
 from robodyn_cli.integrators.stepping.stepper import Method, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer, placement

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt
 from robodyn_cli.integrators.stepping.hermite import Ends, HermiteOutput, hermite_size
 from robodyn_cli.integrators.stepping.stepper import DERIVATIVES, Method, Stepper, StepProgram

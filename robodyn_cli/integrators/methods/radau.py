@@ -10,19 +10,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from robodyn_cli.algorithms.complex import Complex
+from robodyn_cli.algorithms.linear import Complex
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
-from robodyn_cli.integrators.methods.radau_tables import radau_table
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
-from robodyn_cli.integrators.stepping.columns import ComplexArray
+from robodyn_cli.integrators.methods.collocation_tables import radau_table
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import (
     Attempt,
     Controller,
     mean_squares,
     tolerance,
 )
-from robodyn_cli.integrators.stepping.factors import ComplexFactors, complex_factors, derivatives_of
+from robodyn_cli.integrators.stepping.factors import (
+    ComplexArray,
+    ComplexFactors,
+    complex_factors,
+    derivatives_of,
+)
 from robodyn_cli.integrators.stepping.newton import Limits, Rounds
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer

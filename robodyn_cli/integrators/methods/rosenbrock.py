@@ -8,7 +8,7 @@ from functools import partial
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.rosenbrock_tables import RODAS5P, ROSENBROCK23, RosenbrockTable
-from robodyn_cli.integrators.runtime.layout import IntegerSlot
+from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt, Controller, mean_squares
 from robodyn_cli.integrators.stepping.factors import derivatives_of, real_factors
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram

@@ -10,10 +10,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta
+from robodyn_cli.integrators.methods.collocation_tables import gauss_table
+from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta, ExplicitTable
 from robodyn_cli.integrators.methods.gauss import Gauss
-from robodyn_cli.integrators.methods.gauss_tables import gauss_table
-from robodyn_cli.integrators.methods.tableaus import ExplicitTable
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array

@@ -15,7 +15,7 @@ import numpy as np
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import Attempt
 from robodyn_cli.integrators.stepping.hermite import Ends, HermiteOutput, hermite_size
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper

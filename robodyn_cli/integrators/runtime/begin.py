@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.runtime.options import Options
 
 SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero

@@ -10,8 +10,7 @@ import numpy as np
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.layout import Status
-from robodyn_cli.integrators.runtime.memory import Memory
+from robodyn_cli.integrators.runtime.memory import Memory, Status
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine

@@ -18,10 +18,9 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
 from robodyn_cli.integrators.runtime.engine import ADDRESS, NUMBER, Engine
-from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.integrators.stepping.lanes import suits, write_lanes
-from robodyn_cli.integrators.stepping.many import JOB, write_many
+from robodyn_cli.integrators.stepping.lanes import JOB, suits, write_lanes, write_many
 from robodyn_cli.kernels.compiler import CompiledModule, compile_module, machine
 from robodyn_cli.kernels.program import NUMBERS
 from robodyn_cli.record import record

@@ -14,14 +14,18 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.approach import Approach
 from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
-from robodyn_cli.integrators.runtime.crowd import Crowd
 from robodyn_cli.integrators.runtime.engine import Engine
-from robodyn_cli.integrators.runtime.grid import Grid, stretches
-from robodyn_cli.integrators.runtime.layout import UNARMED, DoubleSlot, IntegerSlot, Status, resolution
-from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.integrators.runtime.parameters import Parameters
+from robodyn_cli.integrators.runtime.memory import (
+    UNARMED,
+    DoubleSlot,
+    IntegerSlot,
+    Parameters,
+    Status,
+    resolution,
+)
+from robodyn_cli.integrators.runtime.options import Grid, Options, stretches
+from robodyn_cli.integrators.runtime.stopped import Approach, Crowd, Stopped
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
 
@@ -392,8 +396,5 @@ class Integrator:
             return
         if self.engine.updates is not None:
             self.engine.updates.raise_failure()
-        from robodyn_cli.integrators.runtime.stopped import Stopped
-
-        raise Stopped(status, self.time, self.w[DoubleSlot.H], self.y, self.options).error(
-            self.system, self.p
-        )
+        stopped = Stopped(status, self.time, self.w[DoubleSlot.H], self.y, self.options)
+        raise stopped.error(self.system, self.p)

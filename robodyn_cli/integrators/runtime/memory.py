@@ -1,14 +1,93 @@
-"""The whole state of a run in one block of memory: going back to an earlier moment is one copy."""
+"""Memory that the compiled stepping loop shares with Python, and what it returns.
+
+The whole state of a run in one block of memory: going back to an earlier moment is one copy.
+
+The parameters p of a run: those the caller gives, and those the system's partition chooses along the motion.
+"""
 
 from __future__ import annotations
 
-from typing import cast
+import enum
+from typing import Any, cast
 
 import numpy as np
 
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
+from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.spatial.algebra import Array
+
+FINE = 4e-16  # shortest bracket of an event, relative to its time
+UNARMED = 2  # event functions are watched from the side that they are on at the start
+
+
+class DoubleSlot:
+    """Slots of the array of doubles; plain ints, which index faster than members of an enum."""
+
+    T = 0  # current time
+    H = 1  # step to try next
+    T_END = 2
+    RTOL = 3
+    ATOL = 4
+    H_MAX = 5
+    SAMPLE_START = 6  # sample k lies at SAMPLE_START + k * SAMPLE_STEP
+    SAMPLE_STEP = 7
+    T_OLD = 8  # the last accepted step went from T_OLD over H_OLD
+    H_OLD = 9
+    CONTRACTION = 10  # last ratio of two updates of the iteration in a step; 1 before there is one
+    LAST_ERROR = 11  # of the last accepted step, as the step controller keeps it; 1 before there is one
+    EVENT_LOW = 12  # bracket of an event
+    EVENT_HIGH = 13
+    EVENT_GUESS = 14  # where dense output has the event, and the slope of its function there
+    EVENT_SLOPE = 15
+    DENSE_END = 16  # end and length of the step whose rates the method predicts from, before any event cut it
+    DENSE_STEP = 17
+    T_REST = 18  # what rounding has left out of T
+    T_AFTER = 19  # the stretch between two breakpoints, just inside: formulas of time have values there alone
+    T_BEFORE = 20
+    NEXT_UPDATE = 21  # instant at which a sampled controller acts next
+    SIZE = 22  # event function values follow
+
+
+class IntegerSlot:
+    """Slots of the array of 64-bit integers."""
+
+    ACCEPTED = 0
+    REJECTED = 1
+    EVALUATIONS = 2  # evaluations of the right-hand side, a vector of lanes counted as one
+    MAX_STEPS = 3
+    NEXT_SAMPLE = 4
+    LAST_SAMPLE = 5
+    CAPACITY = 6  # rows in the output block
+    ROWS = 7  # rows written since the block was last emptied
+    EVENT = 8  # which event function changed sign
+    WATCH = 9  # whether to look for events: 0, 1 or ``UNARMED``
+    REJECTED_IN_ROW = 10
+    PROJECTIONS = 11
+    VELOCITIES = 12  # how many there are, for code that serves systems of any size
+    LOCATED = 13  # the state is at the event that was met, alone
+    RATE_KNOWN = 14  # the method has the rate at the current state; not after anybody changed anything
+    UPDATES = 15  # periods of a sampled controller that are done
+    PHASE = 16  # which phase of the present one comes next
+    SIZE = 17
+
+
+class Status(enum.IntEnum):
+    """Why the loop returned."""
+
+    DONE = 0
+    FULL = 1  # the output block is full: empty it and call again
+    EVENT = 2  # an event lies in the step that starts at the current state; nothing was committed
+    MAX_STEPS = 3
+    STEP_TOO_SMALL = 4
+    NOT_FINITE = 5
+    NOT_SOLVED = 6  # the equations of a step whose length is fixed
+    FAILED = 7  # a controller's function in Python has raised an error
+
+
+def resolution(a: float, b: float) -> float:
+    """Return the shortest bracket of an event that rounding of these times allows."""
+    return FINE * max(abs(a), abs(b))
+
 
 ROW = 8  # doubles; each part starts where a vector may
 
@@ -43,3 +122,41 @@ def _doubles(x: Array) -> memoryview[float]:
 
 def _integers(x: Array) -> memoryview[int]:
     return x.view(np.int64).data
+
+
+class Parameters:
+    """p of one run, written in place.
+
+    given : values for all parameters that the partition does not choose. repartitions : how often it has chosen anew.
+
+    Raises
+    ------
+    ValueError : too few, or too many for the partition, are given.
+    """
+
+    def __init__(self, system: System, given: Any) -> None:
+        self.partition = partition = system.partition
+        self.system = system
+        self.repartitions = 0
+        programs = (system.positions, system.velocities, system.switching)
+        needed = max([system.dynamics.parameters, *(p.inputs.get("p", 0) for p in programs if p is not None)])
+        room = len(given) if partition is None else partition.first + partition.count
+        if room < needed or (partition is not None and len(given) != partition.first):
+            raise ValueError(f"the system has {needed} parameters, got {len(given)}")
+        self.values = np.zeros(max(1, room))
+        self.values[: len(given)] = given
+
+    def start(self, time: float, state: Array) -> None:
+        """Let the partition choose for a run from ``state``."""
+        self._choose(time, state, None)
+
+    def repartition(self, time: float, state: Array) -> None:
+        """Let the partition choose anew; the motion goes on as it was."""
+        self.repartitions += 1
+        assert self.partition is not None
+        self._choose(time, state, self.values[self.partition.first :].copy())
+
+    def _choose(self, time: float, state: Array, before: Array | None) -> None:
+        if self.partition is not None:
+            chosen = self.partition.choose(time, self.system.split(state)[0], before)
+            self.values[self.partition.first :] = chosen

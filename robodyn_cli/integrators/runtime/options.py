@@ -1,13 +1,20 @@
-"""Options of a run."""
+"""Options of a run.
+
+The times of a run: its uniform samples, and the stretches between breakpoints.
+"""
 
 from __future__ import annotations
 
 import math
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
 
 @record
@@ -33,3 +40,89 @@ class Options:
         they share its error.
         """
         return step if self.first >= 1.0 else np.minimum(step, self.first * left)
+
+
+JUDGED = 16  # stretches between samples, at least, by which errors are judged
+ROUNDINGS = 4  # of a breakpoint, within which a formula may switch
+
+
+@record
+class Grid:
+    """Uniform sample times start + k step, k = 0 .. count - 1; the last one is ``end`` without rounding, if given."""
+
+    start: float
+    step: float
+    count: int
+    end: float | None = None
+
+    @staticmethod
+    def over(duration: float, count: int) -> Grid:
+        return Grid(0.0, duration / max(count - 1, 1), count, duration if count > 1 else None)
+
+    def times(self, first: int, last: int) -> Array:
+        """Return sample times first .. last - 1."""
+        times = self.start + np.arange(first, last) * self.step
+        if self.end is not None and first < last == self.count:
+            times[-1] = self.end
+        return times
+
+    def every(self, n: int) -> Grid:
+        """Return every n-th sample, from the first."""
+        if n == 1:
+            return self
+        count = (self.count - 1) // n + 1
+        whole = (count - 1) * n == self.count - 1
+        return Grid(self.start, self.step * n, count, self.end if whole else None)
+
+    def from_time(self, time: float) -> Grid:
+        """Return the samples that do not lie before ``time``, but for rounding."""
+        k = self.first_at(time)
+        return Grid(self.start + k * self.step, self.step, self.count - k, self.end) if k else self
+
+    def up_to(self, count: int) -> Grid:
+        """Return the first samples."""
+        return self if count >= self.count else Grid(self.start, self.step, count)
+
+    def begins_by(self, k: int, time: float) -> bool:
+        """Tell whether sample k lies at or before ``time``, but for rounding."""
+        sample = self.start + k * self.step
+        return sample <= time or sample <= time + self._slack(time)
+
+    def first_at(self, time: float) -> int:
+        """Return the first sample that does not lie before ``time``, but for rounding."""
+        if time == self.start:
+            return 0
+        if self.step <= 0.0:
+            return 0 if self.start >= time - self._slack(time) else self.count
+        k = max(0, int((time - self.start) / self.step) - 1)
+        while self.start + k * self.step < time - self._slack(time):
+            k += 1
+        return k
+
+    def _slack(self, time: float) -> float:
+        return SLACK * (abs(self.start) + abs(time))
+
+
+def stride_of(samples: int) -> float:
+    """Return every how many samples of a run errors are judged by: a power of two, below 1 where more are needed.
+
+    So the times are the same to the bit, whether all samples are taken or only these.
+    """
+    return 2.0 ** math.floor(math.log2(max(samples - 1, 1) / JUDGED))
+
+
+def stretches(points: Sequence[float], time: float, end: float) -> Iterator[tuple[float, float, float]]:
+    """Yield the stretches from ``time`` to ``end`` [s] between breakpoints ``points`` (sorted).
+
+    Each is (where its last step ends, the first and the last time at which formulas are evaluated in it). At a
+    breakpoint itself a formula has the value of one side; just inside the stretch it has its own.
+    """
+    first, last = bisect_right(points, time), bisect_left(points, end)
+    for k in range(first, max(first, last) + 1):
+        after = points[k - 1] + _beside(points[k - 1]) if k else -math.inf
+        before = points[k] - _beside(points[k]) if k < len(points) else math.inf
+        yield (points[k] if k < last else end), after, before
+
+
+def _beside(breakpoint: float) -> float:
+    return ROUNDINGS * math.ulp(breakpoint)

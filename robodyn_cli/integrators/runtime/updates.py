@@ -7,8 +7,7 @@ import ctypes
 import numpy as np
 
 from robodyn_cli.formulations.updates import Updates
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot
-from robodyn_cli.integrators.runtime.memory import Memory
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Memory
 from robodyn_cli.kernels.arrays import aligned_zeros
 
 CALLBACK = ctypes.CFUNCTYPE(ctypes.c_int64)

@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any, Generic, TypeVar
 
-from robodyn_cli.integrators.runtime.layout import DoubleSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Total
 from robodyn_cli.kernels.ir import Int, Value

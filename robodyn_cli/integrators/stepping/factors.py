@@ -1,4 +1,11 @@
-"""The factors of g E - J inside compiled code, and the triangular sweeps that solve with them.
+"""The matrix g E - J of a large system, made and factored by loops in compiled code.
+
+Columns of J are derivatives of the rates along the axes of the state, LANES of them at once (``System.tangents``). What
+takes most time in straight-line code, the elimination of a hundred rows, takes three short loops here. They pass over
+zeros of the upper triangle when they meet them; since the rows of q-dot = v come first, that leaves the elimination of
+a matrix of the size of the rates.
+
+The factors of g E - J inside compiled code, and the triangular sweeps that solve with them.
 
 Small systems have them as straight-line code that skips structural zeros, large ones as loops (``columns``).
 """
@@ -6,16 +13,179 @@ Small systems have them as straight-line code that skips structural zeros, large
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Generic, Protocol, TypeVar
 
-from robodyn_cli.algorithms.complex import Complex
+from robodyn_cli.algorithms.linear import Complex
+from robodyn_cli.formulations.linearisation import DIRECTION
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.stepping.columns import ComplexArray, ComplexLanes, FactorsInLoops, Real
 from robodyn_cli.integrators.stepping.stepper import DERIVATIVES, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
-from robodyn_cli.kernels.ir import Int, Value
+from robodyn_cli.kernels.ir import Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import LANES
+
+Number = TypeVar("Number", Value, Complex)
+
+
+class Numbers(Protocol[Number]):
+    """Real or complex numbers in memory."""
+
+    def __getitem__(self, k: Int | int) -> Number: ...
+    def __setitem__(self, k: Int | int, x: Number) -> None: ...
+
+
+class Field(Protocol[Number]):
+    """The numbers that a matrix consists of."""
+
+    def room(self, count: int) -> Numbers[Number]:
+        """Return memory of the run for so many numbers."""
+
+    def number(self, x: Value | float) -> Number:
+        """Return a real number as one of these."""
+
+    def is_nonzero(self, x: Number) -> Condition: ...
+
+
+class Real:
+    """Real numbers."""
+
+    def __init__(self, w: Writer) -> None:
+        self.w = w
+
+    def room(self, count: int) -> Array:
+        return self.w.room(count, 1)
+
+    def number(self, x: Value | float) -> Value:
+        return self.w.f.lift(x, 1)
+
+    def is_nonzero(self, x: Value) -> Condition:
+        return self.w.f.compare("une", x, 0.0)
+
+
+class ComplexLanes:
+    """Complex numbers, one in each lane."""
+
+    def __init__(self, w: Writer, lanes: int) -> None:
+        self.w = w
+        self.lanes = lanes
+
+    def room(self, count: int) -> ComplexArray:
+        return ComplexArray(self.w.room(count, 2 * self.lanes))
+
+    def number(self, x: Value | float) -> Complex:
+        return Complex(self.w.f.lift(x, self.lanes), self.w.f.constant(0.0, self.lanes))
+
+    def is_nonzero(self, x: Complex) -> Condition:
+        f = self.w.f
+        return (f.compare("une", x.re, 0.0) | f.compare("une", x.im, 0.0)).any()
+
+
+class ComplexArray:
+    """Complex numbers in an array: real parts in the lower half of the lanes, imaginary parts in the upper one."""
+
+    def __init__(self, array: Array) -> None:
+        self.array = array
+
+    def __getitem__(self, k: Int | int) -> Complex:
+        return halves(self.array.f, self.array[k])
+
+    def __setitem__(self, k: Int | int, x: Complex) -> None:
+        self.array[k] = joined(self.array.f, x)
+
+
+def halves(f: Function, x: Value) -> Complex:
+    """Return the lower half of the lanes as real parts, and the upper one as imaginary parts."""
+    width = x.width // 2
+    if width == 1:
+        return Complex(f.lane(x, 0), f.lane(x, 1))
+    return Complex(f.shuffle(x, x, range(width)), f.shuffle(x, x, range(width, 2 * width)))
+
+
+def joined(f: Function, x: Complex) -> Value:
+    """Return real and imaginary parts as one vector, the real ones in the lower lanes."""
+    width = x.re.width
+    if width == 1:
+        return f.pack([x.re, x.im], 2)
+    return f.shuffle(x.re, x.im, range(2 * width))
+
+
+class Jacobian:
+    """J at a time and state, row by row for v-dot and z-dot; column n is df/dt."""
+
+    def __init__(self, w: Writer, t: Value, x: Array) -> None:
+        f, n = w.f, w.system.size
+        self.length = -(-(n + 1) // LANES) * LANES
+        self.J = w.room((w.system.nv + w.system.nz) * self.length, 1)
+        wide, direction = w.room(n, LANES), w.room(self.length, LANES)
+        with f.count(n) as c:
+            wide[c] = f.splat(x[c], LANES)
+        with f.count(self.length) as c:
+            direction[c] = 0.0
+        axes = [f.constant([float(k == lane) for lane in range(LANES)]) for k in range(LANES)]
+        with f.count(self.length, step=LANES) as first:
+            for k, axis in enumerate(axes):
+                direction[first + k] = axis
+            found = w.evaluate(w.system.tangents, t, wide, **{DIRECTION: direction})["d"]
+            for row, derivatives in enumerate(found):
+                f.store(derivatives, f.offset(self.J.base, first + row * self.length), 8)
+            for k in range(LANES):
+                direction[first + k] = 0.0
+
+    def at(self, row: Int, column: Int | int) -> Value:
+        """Return the derivative of a rate (v-dot, then z-dot) by a state, or by t (column n)."""
+        return self.J[row * self.length + column]
+
+
+class FactorsInLoops(Generic[Number]):
+    """g E - J at time t and state x, factored without pivoting.
+
+    B : column after column L below the diagonal, U above it, and the inverted diagonal of U.
+    """
+
+    def __init__(self, w: Writer, t: Value, x: Array, g: Number, field: Field[Number]) -> None:
+        self.f, self.n = w.f, w.system.size
+        self.field: Field[Number] = field
+        self.jacobian = Jacobian(w, t, x)
+        self.B: Numbers[Number] = field.room(self.n * self.n)
+        self._assemble(w.system.nv, w.system.nz, g)
+        self._eliminate()
+
+    def _assemble(self, nv: int, nz: int, g: Number) -> None:
+        f, n, B, number = self.f, self.n, self.B, self.field.number
+        with f.count(n * n) as k:
+            B[k] = number(0.0)
+        with f.count(nv) as k:
+            B[(k + nv) * n + k] = number(-1.0)  # q-dot = v
+        with f.count(n) as column, f.count(nv + nz) as row:
+            B[column * n + row + nv] = number(-self.jacobian.at(row, column))
+        with f.count(n) as k:
+            B[k * (n + 1)] = B[k * (n + 1)] + g
+
+    def _eliminate(self) -> None:
+        f, n, B = self.f, self.n, self.B
+        with f.count(n) as k:
+            below = k + 1
+            inverse = 1.0 / B[k * (n + 1)]
+            B[k * (n + 1)] = inverse
+            with f.count(n, start=below) as i:
+                B[k * n + i] = B[k * n + i] * inverse
+            with f.count(n, start=below) as column:
+                u = B[column * n + k]
+                with f.when(self.field.is_nonzero(u)), f.count(n, start=below) as i:
+                    B[column * n + i] = B[column * n + i] - B[k * n + i] * u
+
+    def solve(self, x: Numbers[Number]) -> None:
+        """Put (g E - J)^-1 x in the place of x."""
+        f, n, B = self.f, self.n, self.B
+        with f.count(n) as k:
+            known = x[k]
+            with f.count(n, start=k + 1) as i:
+                x[i] = x[i] - B[k * n + i] * known
+        with f.count(n, down=True) as k:
+            known = x[k] * B[k * (n + 1)]
+            x[k] = known
+            with f.count(k) as i:
+                x[i] = x[i] - B[k * n + i] * known
 
 
 def derivatives_of(system: System, complex_g: bool = False) -> StepProgram:

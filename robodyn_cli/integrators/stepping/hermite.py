@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import IntegerSlot
+from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Value

@@ -16,7 +16,7 @@ from robodyn_cli.integrators.event_location.locate_event import (
     switching_function,
     trial_step_function,
 )
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.control import Verdict, judge, remember, shorter
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Exit, Writer

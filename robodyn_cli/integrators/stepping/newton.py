@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Iterator
 
-from robodyn_cli.integrators.runtime.layout import DoubleSlot
+from robodyn_cli.integrators.runtime.memory import DoubleSlot
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.ir import Block, Loop, Value
 from robodyn_cli.record import record

@@ -23,7 +23,7 @@ from robodyn_cli.decision import Decision
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
-from robodyn_cli.integrators.runtime.layout import IntegerSlot
+from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.stepping.control import FIXED, Attempt, Controller, Kept
 from robodyn_cli.integrators.stepping.writer import Tables, Writer, placement
 from robodyn_cli.kernels.arrays import Array

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robodyn_cli.formulations.updates import Updates
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.updates import UpdateSlot
 from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.integrators.stepping.writer import Exit, Writer

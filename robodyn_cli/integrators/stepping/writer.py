@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.decision import RATES, Decision
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs, is_inlined

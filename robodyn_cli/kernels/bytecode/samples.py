@@ -8,8 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.kernels.arrays import aligned_zeros
-from robodyn_cli.kernels.bytecode.code import encode, kinds_of
-from robodyn_cli.kernels.bytecode.interpreter import interpreter
+from robodyn_cli.kernels.bytecode.code import encode, interpreter, kinds_of
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import RELAXED, Function, Int, module
 from robodyn_cli.kernels.program import PARAMETERS, Program

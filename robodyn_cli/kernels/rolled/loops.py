@@ -18,8 +18,7 @@ from typing import Any
 from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.kernels.rolled.recursion import Recursion, Step, Sweep
-from robodyn_cli.kernels.rolled.steps import BODY_CONSTANTS, DOWN, UP, Place
+from robodyn_cli.kernels.rolled.recursion import BODY_CONSTANTS, DOWN, UP, Place, Recursion, Step, Sweep
 
 ARGUMENTS = ("tables", "q", "v", "x", "out", "scratch")
 

@@ -19,11 +19,10 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKind, Jump, Outcome
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
-from robodyn_cli.model.payloads import Payload, changing
+from robodyn_cli.model.parts import Payload, changing
 from robodyn_cli.motion.contact.impact import joined
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.observe.observe import potential_energy

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.dependence import closeness
+from robodyn_cli.equations.constraints import closeness
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
@@ -23,8 +23,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion, Watcher
-from robodyn_cli.motion.singular.beside import BesidePose
-from robodyn_cli.motion.singular.leap import Equations, State, leap_rounding
+from robodyn_cli.motion.singular.leap import BesidePose, Equations, State, leap_rounding
 from robodyn_cli.motion.singular.leap import Leap as FoundLeap
 from robodyn_cli.motion.singular.pose_ahead import NODES, REACH, Approach, Pose, Unresolved
 from robodyn_cli.ready.singularity import classify, culprit, refuse_dependent_rows

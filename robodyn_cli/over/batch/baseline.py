@@ -10,8 +10,8 @@ from pathlib import Path
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.exit_codes import FAILED, worst
-from robodyn_cli.over.batch.compare_records import datasets_of
-from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.over.batch.entries import Entry
+from robodyn_cli.over.batch.reports import datasets_of
 from robodyn_cli.over.batch.trees import Compared, compare_stored, is_run
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, publish, temporary_path, uninterrupted

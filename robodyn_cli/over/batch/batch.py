@@ -20,8 +20,7 @@ from robodyn_cli import exit_codes
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 from robodyn_cli.over.batch.criteria import exit_code
-from robodyn_cli.over.batch.entries import finished, settle
-from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.over.batch.entries import Entry, finished, settle
 from robodyn_cli.results.output_dir import SUMMARY_NAME, OutputDirectory
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.threads import single_thread

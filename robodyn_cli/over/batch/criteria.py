@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.exit_codes import INTERNAL, OF_STATUS
-from robodyn_cli.expr.expectation import Expectation
+from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.summaries.checks import JudgedCriterion
 
 EXIT_CODE = "exit_code"  # the key of the exit code, which every run has

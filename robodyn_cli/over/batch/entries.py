@@ -1,22 +1,75 @@
-"""The scenes of a batch: loaded, found finished by an earlier run, judged by their criteria."""
+"""One scene of a batch: what is to be run, and what became of it.
+
+The scenes of a batch: loaded, found finished by an earlier run, judged by their criteria.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import ResultFileError, RobodynError, SceneError
 from robodyn_cli.exit_codes import FAILED, worst
 from robodyn_cli.over.batch.criteria import EXIT_CODE, exit_code, judge
-from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.record import mutable_record
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, same_run
 from robodyn_cli.results.provenance import sha256
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.scene.load import load_scene
+from robodyn_cli.summaries.checks import BaselineReport, JudgedCriterion
 from robodyn_cli.version import __version__
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.types import Scene
+
+
+@mutable_record
+class Entry:
+    """One scene of a batch and what became of it.
+
+    ``stopped`` : not done, as all are at first. ``unchanged`` : an earlier result was kept. ``replaced`` : another
+    scene, whose results were in the directory. ``has_result`` : the directory holds what this run, or an earlier one of
+    the same scene, left. ``baseline``, ``differences`` : how that compares with a stored result, for programs and in
+    words. ``verdict`` is ``ok``, ``failed`` (a criterion, or no lock),
+    ``error`` or ``stopped``.
+    """
+
+    path: Path
+    name: str
+    directory: Path | None = None
+    scene: Scene | None = None
+    exit_code: int = 0
+    unchanged: bool = False
+    stopped: bool = False
+    seconds: float = 0.0
+    message: str = ""
+    replaced: Path | None = None
+    has_result: bool = False
+    criteria: list[JudgedCriterion] = dataclasses.field(default_factory=list)
+    baseline: BaselineReport | None = None
+    differences: list[str] = dataclasses.field(default_factory=list)
+
+    @property
+    def command(self) -> str:
+        """The command of the scene, empty where there is none."""
+        return (self.scene.command if self.scene is not None else None) or ""
+
+    @property
+    def verdict(self) -> str:
+        """How the scene ended, in a word."""
+        if self.stopped:
+            return "stopped"
+        return {0: "ok", FAILED: "failed"}.get(self.exit_code, "error")
+
+    @property
+    def problems(self) -> list[str]:
+        """What went wrong, in words."""
+        found = [str(outcome) for outcome in self.criteria if not outcome.holds]
+        return [*([self.message] if self.message else []), *found, *self.differences]
 
 
 def listed(paths: Sequence[Path]) -> list[Entry]:

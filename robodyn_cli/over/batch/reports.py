@@ -1,14 +1,101 @@
-"""What a batch leaves for machines and people: JUnit XML and Markdown."""
+"""From scenes that were run, checked or validated to what ``--json`` prints of them.
+
+From comparisons to what ``--json`` prints of them.
+
+What a batch leaves for machines and people: JUnit XML and Markdown.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from robodyn_cli.over.batch.entry import Entry
+from robodyn_cli.exit_codes import worst
+from robodyn_cli.over.batch.entries import Entry
+from robodyn_cli.over.batch.trees import Compared
 from robodyn_cli.results.atomic import write_bytes
+from robodyn_cli.results.compare import Comparison, Difference
+from robodyn_cli.summaries.checks import (
+    BatchReport,
+    CheckReport,
+    ComparisonReport,
+    DatasetReport,
+    JudgedCriterion,
+    ResultReport,
+    SceneFindings,
+    SceneReport,
+    TreeReport,
+    ValidationReport,
+)
+from robodyn_cli.summaries.facts import ABSENT
+
+
+def batch_of(entries: Sequence[Entry], exit_code: int) -> BatchReport:
+    """Return how a batch ended."""
+    return BatchReport(_status(exit_code), exit_code, [_scene(entry) for entry in entries])
+
+
+def _scene(entry: Entry) -> SceneReport:
+    return SceneReport(
+        scene=str(entry.path),
+        name=entry.name,
+        command=entry.command or None,
+        verdict=entry.verdict,
+        exit_code=entry.exit_code,
+        unchanged=entry.unchanged,
+        seconds=round(entry.seconds, 3),
+        message=entry.message or None,
+        criteria=entry.criteria,
+        directory=None if entry.directory is None else str(entry.directory),
+        baseline=entry.baseline or ABSENT,
+    )
+
+
+def check_of(criteria: list[JudgedCriterion]) -> CheckReport:
+    """Return how a result meets its criteria."""
+    failed = sum(not criterion.holds for criterion in criteria)
+    return CheckReport(_status(failed), failed, criteria)
+
+
+def validation_of(scenes: list[SceneFindings], exit_code: int) -> ValidationReport:
+    """Return what is wrong with scenes."""
+    return ValidationReport(_status(exit_code), exit_code, scenes)
+
+
+def _status(wrong: int) -> str:
+    return "failed" if wrong else "ok"
+
+
+def datasets_of(items: Iterable[Difference]) -> list[DatasetReport]:
+    """Return how datasets compare."""
+    return [_dataset(item) for item in items]
+
+
+def _dataset(item: Difference) -> DatasetReport:
+    if item.verdict not in ("equal", "differs"):
+        return DatasetReport(item.path, item.verdict, detail=item.detail or ABSENT)
+    return DatasetReport(
+        item.path, item.verdict, item.error, item.ratio, item.value, item.expected, item.time,
+        item.column or None, item.stated, item.within_stated,
+    )  # fmt: skip
+
+
+def comparison_of(found: Comparison, rtol: float, atol: float) -> ComparisonReport:
+    """Return what ``compare`` says of two results."""
+    return ComparisonReport("ok" if found.agrees else "failed", rtol, atol, datasets_of(found.differences))
+
+
+def trees_of(found: Sequence[Compared], rtol: float, atol: float) -> TreeReport:
+    """Return what ``compare`` says of two directories with results."""
+    code = worst(item.exit_code for item in found)
+    results = [
+        ResultReport(item.name, item.verdict, item.message or None, datasets_of(item.differing))
+        for item in found
+    ]
+    return TreeReport("failed" if code else "ok", code, rtol, atol, results)
+
 
 # characters that XML 1.0 has no way to write
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -10,9 +10,8 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.rebuild import Evaluator
-from robodyn_cli.forces.damper import Damper
 from robodyn_cli.forces.friction import Friction
-from robodyn_cli.forces.spring import Spring
+from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import JointForce, Model
 from robodyn_cli.over.crosscheck.engine import CLOSURES

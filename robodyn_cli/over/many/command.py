@@ -1,18 +1,29 @@
-"""What many runs do: the part of a command that compiled code does, and the command itself."""
+"""What many runs do: the part of a command that compiled code does, and the command itself.
+
+What many runs gave.
+
+One run by its command: its summary, whatever ended it, and the numbers in it.
+
+Rows of runs by one command: groups of one structure, compiled code where it does, else scene by scene.
+"""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.over.many.groups import Built
-from robodyn_cli.over.many.keys import Key
-from robodyn_cli.over.many.record import ManyRuns
-from robodyn_cli.record import record
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.exit_codes import INTERNAL
+from robodyn_cli.over.batch.criteria import exit_code, lookup_number
+from robodyn_cli.over.many.groups import Built, Structures
+from robodyn_cli.over.many.keys import Key, settings
+from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
@@ -69,3 +80,184 @@ class Command(ABC, Generic[Own]):
     @abstractmethod
     def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:
         """Take the end of a run that was made by ``single`` into its row."""
+
+
+@mutable_record
+class ManyRuns:
+    """What many runs gave, a row each.
+
+    values : of the keys (N, keys). code : exit code that the command would have; reason : why a run failed. time :
+    where it ended [s], with its estimated error where an event ended it. q, qd : positions (N, nq) and rates (N, nv)
+    there [rad or m, 1/s of these], columns as in ``q_names`` and ``qd_names``. q_error, qd_error : their estimated
+    errors. outputs, errors : (N,) by key of the summary, as far as they were asked for. steps : of the integration.
+    one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s], positions (N, M, nq) and
+    rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv) too.
+
+    What a run does not have is nan.
+    """
+
+    keys: tuple[str, ...]
+    values: Array
+    q_names: tuple[str, ...]
+    qd_names: tuple[str, ...]
+    code: NDArray[np.int64]
+    reason: list[str]
+    time: Array
+    time_error: Array
+    q: Array
+    qd: Array
+    q_error: Array
+    qd_error: Array
+    steps: NDArray[np.int64]
+    one_by_one: NDArray[np.bool_]
+    outputs: dict[str, Array]
+    errors: dict[str, Array]
+    samples: dict[str, Array]
+
+    @property
+    def ok(self) -> NDArray[np.bool_]:
+        """Which runs ended as they should."""
+        return self.code == 0
+
+    def __repr__(self) -> str:
+        """Return one line; the arrays of many runs would fill screens."""
+        failed = int(np.count_nonzero(self.code))
+        return f"ManyRuns({len(self)} runs, {failed} failed, of {', '.join(self.keys) or 'the scene as it stands'})"
+
+    def __len__(self) -> int:
+        return len(self.values)
+
+    @staticmethod
+    def empty(
+        keys: Any, values: Array, names: tuple[Any, Any], of: Any, sampled: Any = (), samples: int = 0
+    ) -> ManyRuns:
+        """Return rows without anything in them.
+
+        names : columns of q and of qd. sampled : what is kept at so many samples, ``q`` and others with its rates'
+        columns.
+        """
+        count, (nq, nv) = len(values), (len(n) for n in names)
+
+        def nothing(*shape: int) -> Array:
+            array = np.empty((count, *shape))
+            array.fill(np.nan)  # takes a third of the time of ``np.full``, which counts for a run at a time
+            return array
+
+        grid = {"time": nothing(samples), **{n: nothing(samples, nq if n == "q" else nv) for n in sampled}}
+        return ManyRuns(
+            tuple(keys), values, tuple(names[0]), tuple(names[1]),
+            np.full(count, -1), [""] * count, nothing(), nothing(), nothing(nq), nothing(nv), nothing(nq), nothing(nv),
+            np.zeros(count, dtype=np.int64), np.zeros(count, dtype=bool),
+            {key: nothing() for key in of}, {key: nothing() for key in of}, grid if samples else {},
+        )  # fmt: skip
+
+
+@record
+class Ended:
+    """What a run came to: its summary, its exit code, why it failed, its result; nothing where it did not begin."""
+
+    summary: Mapping[str, Any]
+    code: int
+    reason: str
+    result: Result | None
+
+
+def ended(run: Callable[[], Result]) -> Ended:
+    """Make a run; whatever ends it is part of what it came to."""
+    try:
+        result = run()
+    except RobodynError as error:
+        if not isinstance(error.result, Result):
+            return Ended({}, error.exit_code, error.message, None)
+        result, code = error.result, error.exit_code
+        summary = {**result.summary, **result.head, "error": error.facts}
+    except Exception as fault:  # of the program, in one run: the others stay as they are
+        return Ended({}, INTERNAL, f"{type(fault).__name__}: {fault}", None)
+    else:
+        summary = {**result.summary, **result.head}
+        code = exit_code(summary)
+    return Ended(summary, code, _reason(summary, code), result)
+
+
+def _reason(summary: Mapping[str, Any], code: int) -> str:
+    """Return why a run failed; nothing where it did not."""
+    error = summary.get("error")
+    return "" if code == 0 else str(error["message"] if error else summary["termination"]["reason"])
+
+
+def number_of(summary: Mapping[str, Any], key: str) -> float:
+    """Return a number of a summary; nan where it has none there."""
+    value = lookup_number(summary, key)
+    return math.nan if value is None else value
+
+
+def error_of(summary: Mapping[str, Any], key: str) -> float:
+    """Return the estimated error of a number of a summary, where the summary tells one."""
+    beside = lookup_number(summary, f"{key}_error")
+    if beside is None and key.startswith(("final.q.", "final.qd.")):
+        beside = lookup_number(summary, f"error_estimate.{key.split('.')[1]}_end")
+    return math.nan if beside is None else beside
+
+
+class Making:
+    """Makes rows of runs of one mechanism.
+
+    Parameters
+    ----------
+    command : what the runs do.
+    """
+
+    def __init__(self, command: Command[Any], structures: Structures, asked: Asked) -> None:
+        self.command, self.structures, self.asked = command, structures, asked
+
+    @property
+    def result(self) -> ManyRuns:
+        """The rows."""
+        return self.asked.result
+
+    def compiled(self, rows: Rows) -> Rows:
+        """Make these rows in compiled code; return those that are left to be made one by one."""
+        plain = all(self.command.is_plain(key) for key in self.result.outputs)
+        left: list[int] = []
+        for structure, group in self.structures.groups(self.result.values[rows]):
+            here = rows[group]
+            if structure is None or structure.obstacle or not plain:
+                left += here.tolist()
+            else:
+                left += self.command.make(structure, here, self.asked)
+        return np.array(sorted(left), dtype=np.int64)
+
+    def one_by_one(self, rows: Rows) -> None:
+        """Make these rows as the command does."""
+        for row in rows.tolist():
+            self._alone(row)
+
+    def _alone(self, row: int) -> None:
+        """Make one run as the command does."""
+        result = self.result
+        result.one_by_one[row] = True
+        found = ended(lambda: self.command.single(self._scene(row)))
+        result.code[row], result.reason[row] = found.code, found.reason
+        if found.result is None:
+            return
+        summary, own = found.summary, found.result
+        for key, column in result.outputs.items():
+            column[row], result.errors[key][row] = number_of(summary, key), error_of(summary, key)
+        if self.asked.samples and len(own.time) == self.asked.samples:
+            result.samples["time"][row] = own.time
+            for name in self.command.sampled:
+                result.samples[name][row] = own[name]
+        self.command.read(summary, result, row)
+
+    def _scene(self, row: int) -> Scene:
+        """Return the scene of one run."""
+        result, structures = self.result, self.structures
+        scene = structures.family.scene(settings(result.keys, result.values[row]))
+        initial, q, qd = scene.initial, self.asked.q, self.asked.qd
+        if q is not None:
+            initial = dataclasses.replace(initial, q=dict(zip(result.q_names, q[row].tolist())))
+        if qd is not None:
+            initial = dataclasses.replace(initial, qd=dict(zip(result.qd_names, qd[row].tolist())))
+        if self.asked.samples:
+            scene = self.command.with_samples(scene, self.asked.samples)
+        return dataclasses.replace(scene, initial=initial)

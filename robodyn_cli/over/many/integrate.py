@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, Limits, Runs, Sampling
-from robodyn_cli.integrators.runtime.grid import JUDGED, stride_of
-from robodyn_cli.integrators.runtime.layout import DoubleSlot, Status
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, Status
+from robodyn_cli.integrators.runtime.options import JUDGED, Options, stride_of
 from robodyn_cli.motion.error.attempts import Attempt, First, Masks, integrate_again
 from robodyn_cli.motion.error.estimate import Courses, remainder
 from robodyn_cli.motion.method import compare

@@ -14,10 +14,9 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.over.many.command import Asked, Command, Rows
+from robodyn_cli.over.many.command import Asked, Command, ManyRuns, Rows
 from robodyn_cli.over.many.groups import Built, first_of, table_rows
 from robodyn_cli.over.many.keys import NUMBER, Key, settings
-from robodyn_cli.over.many.record import ManyRuns
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.over.many.command import ManyRuns
 from robodyn_cli.over.many.groups import Structures
 from robodyn_cli.over.many.keys import Allowed, Key, understand
-from robodyn_cli.over.many.record import ManyRuns
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.units import refuse_doubles
@@ -22,8 +22,7 @@ from robodyn_cli.works.functions.model import ModelFunctions
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from robodyn_cli.over.many.command import Command
-    from robodyn_cli.over.many.making import Making
+    from robodyn_cli.over.many.command import Command, Making
 
 Values = Mapping[str, Any] | Any
 Start = tuple[Array | None, Array | None]
@@ -112,7 +111,7 @@ class Mechanism(ModelFunctions):
         A row for each run: the time of the lock with its estimated error, and the state there. A run that does not lock
         is a row with exit code 1.
         """
-        from robodyn_cli.over.many.deploy import Deploy
+        from robodyn_cli.over.many.simulate import Deploy
 
         return self._make(Deploy(), values, (q, qd), of, 0, threads)
 
@@ -181,7 +180,7 @@ class Mechanism(ModelFunctions):
         if not of:
             return
         from robodyn_cli.scene.checks.scene import key_names
-        from robodyn_cli.summaries.refusals import refusal
+        from robodyn_cli.summaries.keys import refusal
 
         for key in of:
             if wrong := refusal(command, key, key_names(self.scene), number=True):
@@ -195,8 +194,7 @@ class Mechanism(ModelFunctions):
         self, command: Command[Any], result: ManyRuns, start: Start, samples: int, threads: int
     ) -> tuple[Making, NDArray[np.int64]]:
         """Return what makes the runs, and the numbers of those whose values are allowed."""
-        from robodyn_cli.over.many.command import Asked
-        from robodyn_cli.over.many.making import Making
+        from robodyn_cli.over.many.command import Asked, Making
 
         refused = self._allowed.refusals(result.values)
         for row, error in refused.items():

@@ -1,22 +1,136 @@
-"""``simulate`` for many runs."""
+"""Many simulations and many deployments in compiled code."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
-from collections.abc import Mapping
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
 from typing import Any
 
+import numpy as np
+
+from robodyn_cli.formulations.events import EventKind
+from robodyn_cli.integrators.runtime.fleet import Runs
+from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
 from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.error.attempts import First, Masks
+from robodyn_cli.motion.error.estimate import time_errors
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.over.many.command import Rows
-from robodyn_cli.over.many.integrate import Batch, Driven, integrate
-from robodyn_cli.over.many.motions import MotionCommand, column_of
-from robodyn_cli.over.many.record import ManyRuns
-from robodyn_cli.over.many.single import number_of
+from robodyn_cli.over.many.command import Asked, Command, ManyRuns, Rows, number_of
+from robodyn_cli.over.many.groups import first_of
+from robodyn_cli.over.many.integrate import Batch, Driven, first_run, integrate, method_of, second_runs
+from robodyn_cli.over.many.keys import Key
+from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.works.deploy.deploy import build_deployment
+from robodyn_cli.works.deploy.lock import TRUSTED
+
+SECOND_STEPS = "error_estimate.steps"
+COUNTERS = ("counters.steps", "counters.rejected", "counters.evaluations")
+
+
+class MotionCommand(Command[Structure]):
+    """A command that integrates motions."""
+
+    @abstractmethod
+    def build(self, scene: Scene) -> Motion:
+        """Return the motion of a scene; raises what the command raises for it."""
+
+    def obstacle(self, motion: Motion) -> str:
+        """Return why runs of a motion are made one by one, beside what holds for all commands; nothing if not."""
+        return ""
+
+    @abstractmethod
+    def gives(self, key: str) -> bool:
+        """Tell whether ``output`` gives this key of the summary."""
+
+    @abstractmethod
+    def drive(self, batch: Batch, method: str, samples: int) -> Driven:
+        """Make the runs of a batch."""
+
+    @abstractmethod
+    def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
+        """Return a key that it gives for rows whose ends are in the result."""
+
+    @abstractmethod
+    def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
+        """Return the estimated error of a key for such rows, nan where there is none."""
+
+    def structure(self, family: Family, keys: Sequence[Key], row: Array) -> Structure:
+        return Structure(family, keys, row, self)
+
+    def is_plain(self, key: str) -> bool:
+        return key in (*COUNTERS, SECOND_STEPS) or self.gives(key)
+
+    def with_samples(self, scene: Scene, samples: int) -> Scene:
+        return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
+
+    def make(self, structure: Structure, rows: Rows, asked: Asked) -> list[int]:
+        own_q, own_qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
+        batch = Batch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
+        found = method_of(batch)
+        left: list[int] = []
+        for method in dict.fromkeys(found.tolist()):
+            chosen = np.flatnonzero(found == method)
+            part = batch if len(chosen) == len(rows) else batch.part(chosen)
+            driven = self.drive(part, method, max(0, asked.samples - 1))
+            self._keep(part, driven, rows[chosen], asked)
+            left += rows[chosen[~driven.trusted]].tolist()
+        return left
+
+    def _keep(self, batch: Batch, driven: Driven, rows: Rows, asked: Asked) -> None:
+        """Write those runs of a batch that can be trusted into the result."""
+        result, system, good = asked.result, batch.structure.motion.system, driven.trusted
+        runs, to = driven.runs, rows[driven.trusted]
+        result.code[to], result.time[to], result.steps[to] = 0, runs.time[good], runs.steps[good]
+        result.q[to], result.qd[to], _ = system.split(runs.y[good])
+        if driven.time_errors is not None:
+            result.time_error[to] = driven.time_errors[good]
+        if driven.errors is not None:
+            result.q_error[to], result.qd_error[to], _ = system.split(driven.errors[good])
+        for key, column in result.outputs.items():
+            column[to] = self._output(key, result, driven, to)
+            result.errors[key][to] = self.error_of(key, result, to)
+        if asked.samples:
+            _keep_samples(batch, driven, to, asked)
+
+    def _output(self, key: str, result: ManyRuns, driven: Driven, rows: Rows) -> Array:
+        """Return an output of those runs that can be trusted, which are these rows."""
+        section, _, name = key.partition(".")
+        if section == "counters":
+            found: Array = getattr(driven.runs, name)[driven.trusted]
+            return found
+        if key == SECOND_STEPS:
+            if driven.second_steps is None:
+                return np.full(len(rows), np.nan)
+            steps = driven.second_steps[driven.trusted]
+            return np.where(steps > 0, steps, np.nan)
+        return self.output(key, result, rows)
+
+
+def _keep_samples(batch: Batch, driven: Driven, rows: Rows, asked: Asked) -> None:
+    samples, good = asked.result.samples, driven.trusted
+    states = np.concatenate([batch.states[:, None], driven.runs.out.transpose(0, 2, 1)], axis=1)[good]
+    share = np.arange(asked.samples) / max(asked.samples - 1, 1)
+    samples["time"][rows] = batch.ends[good, None] * share
+    samples["q"][rows], samples["qd"][rows], _ = batch.structure.motion.system.split(states)
+
+
+def column_of(result: ManyRuns, group: str, name: str, rows: Rows) -> Array:
+    """Return a position or a rate (``q``, ``theta1``) of rows, nan where there is none of that name."""
+    names = result.q_names if group == "q" else result.qd_names
+    if name not in names:
+        return np.full(len(rows), np.nan)
+    found: Array = getattr(result, group)[rows, names.index(name)]
+    return found
+
 
 ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
 
@@ -67,3 +181,92 @@ class Simulate(MotionCommand):
 def _largest_error(result: ManyRuns, group: str, rows: Rows) -> Array:
     errors: Array = result.q_error if group == "q" else result.qd_error
     return errors[rows].max(axis=1, initial=0.0)
+
+
+SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
+LOCK_TIME, LOCK_ERROR = "lock.time", "lock.time_error"
+
+
+class Deploy(MotionCommand):
+    """Motions up to their lock; ends are the states there."""
+
+    name = "deploy"
+
+    def build(self, scene: Scene) -> Motion:
+        return build_deployment(scene, Stopwatch())
+
+    def obstacle(self, motion: Motion) -> str:
+        asked = motion.scene.deploy
+        reasons = {
+            "multipliers are judged on samples": asked.criterion != "dead_point",
+            "the motion goes on as the locked structure": asked.after == "continue",
+            "loads are judged on samples": bool(asked.loads),
+        }
+        return first_of(reasons)
+
+    def gives(self, key: str) -> bool:
+        return key in (LOCK_TIME, LOCK_ERROR) or key.startswith(("lock.angles.", "lock.rates."))
+
+    def drive(self, batch: Batch, method: str, samples: int) -> Driven:
+        motion, count = batch.structure.motion, len(batch.values)
+        functions = batch.structure.fleet(method).system.events
+        dead = np.array([e.kind is EventKind.DEAD_POINT for e in functions])
+
+        def locked(runs: Runs) -> Masks:
+            event = runs.n[:, IntegerSlot.EVENT]
+            alone = runs.n[:, IntegerSlot.LOCATED] != 0
+            found: Masks = (runs.status == Status.EVENT) & alone & dead[event]
+            return found
+
+        runs = first_run(batch, method)
+        trusted = locked(runs) & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
+        system = motion.system
+        trusted &= self._is_regular(batch, batch.starts.q, motion.passive)
+        trusted &= self._is_regular(batch, system.split(runs.y)[0], ())
+        if not motion.scene.simulate.error_estimate:
+            return Driven(runs, trusted)
+        errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
+        if len(rows := np.flatnonzero(trusted)):
+            time = runs.time[rows]
+            first = First(batch.options, method, runs.steps[rows], time)
+            second, done = second_runs(batch.part(rows), first, locked)
+            pace = time / np.maximum(second.time, 1e-300)
+            found = time_errors(first, np.abs(second.time - time), np.rint(second.steps * pace), time)
+            errors[rows], steps[rows] = found, second.steps
+            trusted[rows] = done & (found <= TRUSTED * time)
+        return Driven(runs, trusted, time_errors=errors, second_steps=steps)
+
+    @staticmethod
+    def _is_regular(batch: Batch, q: Array, columns: tuple[int, ...]) -> Masks:
+        """Tell at which positions Psi of the loops is far from losing rank, in these coordinates or in all."""
+        psi = batch.structure.psi_of_loops
+        inputs = {"q": list(q.T), "t": [0.0], "p": []}
+        values = batch.numbers.evaluate(psi, inputs).reshape(len(q), -1, batch.structure.motion.system.nv)
+        return has_full_rank(values[:, :, list(columns)] if columns else values, SOUND)
+
+    def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
+        if key in (LOCK_TIME, LOCK_ERROR):
+            return (result.time if key == LOCK_TIME else result.time_error)[rows]
+        _, group, name = key.split(".", 2)
+        return column_of(result, "q" if group == "angles" else "qd", name, rows)
+
+    def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
+        return result.time_error[rows] if key == LOCK_TIME else math.nan
+
+    def single(self, scene: Scene) -> Result:
+        from robodyn_cli.works.deploy.deploy import deploy
+
+        return deploy(scene)
+
+    def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:
+        result.time[row], result.time_error[row] = (
+            number_of(summary, LOCK_TIME),
+            number_of(summary, LOCK_ERROR),
+        )
+        for group, names, target in (
+            ("angles", result.q_names, result.q),
+            ("rates", result.qd_names, result.qd),
+        ):
+            target[row] = [number_of(summary, f"lock.{group}.{name}") for name in names]
+        steps = number_of(summary, "counters.steps")
+        result.steps[row] = 0 if math.isnan(steps) else int(steps)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.commands import locks as ends_by_lock

@@ -11,8 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.errors import RobodynError
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.numerics.entries import LONGEST, SECONDS, driver_of, positions_and_rates
 from robodyn_cli.record import record

@@ -18,7 +18,7 @@ from robodyn_cli.motion.baumgarte import GainStudy
 from robodyn_cli.motion.build import projected_motion
 from robodyn_cli.over.numerics import stability_store as store
 from robodyn_cli.over.numerics.energy_growth import PERIODS, EnergyGrowth, growths, period
-from robodyn_cli.over.numerics.instants import instants
+from robodyn_cli.over.numerics.entries import instants
 from robodyn_cli.over.numerics.spectrum import Spectrum, spectrum
 from robodyn_cli.over.numerics.trial import (
     Budget,

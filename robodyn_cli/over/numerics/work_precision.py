@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.integration_methods import EXTREMES
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.baumgarte import GainStudy
 from robodyn_cli.motion.build import build_motion, follow_changes, with_stabilisation
 from robodyn_cli.motion.driver import Driver

@@ -20,8 +20,9 @@ from robodyn_cli.kernels.lower import LANES
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.observe import observed
-from robodyn_cli.over.plan.programs import at_samples, in_steps
+from robodyn_cli.over.plan.plane import at_samples, in_steps
 from robodyn_cli.over.plan.terms import Equations, Ledger, Term
+from robodyn_cli.over.plan.text import listed
 from robodyn_cli.over.plan.variants import (
     general_drives,
     one_pin,
@@ -29,7 +30,6 @@ from robodyn_cli.over.plan.variants import (
     serial_chain,
     without_loops,
 )
-from robodyn_cli.over.plan.words import listed
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene import types as sc
 from robodyn_cli.summaries.checks import Kernel, LoopCosts

@@ -16,9 +16,9 @@ from robodyn_cli.given.motion import point_task
 from robodyn_cli.kernels.crossover import CROSSOVER
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.observe.evaluation import SampleFunction
-from robodyn_cli.over.plan.programs import at_samples
+from robodyn_cli.over.plan.plane import at_samples
 from robodyn_cli.over.plan.terms import Equations, Ledger, Term
-from robodyn_cli.over.plan.words import listed, plural
+from robodyn_cli.over.plan.text import listed, plural
 from robodyn_cli.scene import types as sc
 from robodyn_cli.summaries.checks import Kernel, LoopCosts
 from robodyn_cli.torques.dynamics import InverseDynamics

@@ -22,13 +22,10 @@ from robodyn_cli.expr.graph import Scalar, count_operations
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.commands import command_of
-from robodyn_cli.over.plan.data import idle_constants, unknown_data
 from robodyn_cli.over.plan.plane import Plane
 from robodyn_cli.over.plan.terms import MECHANISM, Equations, Ledger, Term
-from robodyn_cli.over.plan.text import render
-from robodyn_cli.over.plan.variant import Variant
-from robodyn_cli.over.plan.variants import general
-from robodyn_cli.over.plan.words import plural
+from robodyn_cli.over.plan.text import idle_constants, plural, render, unknown_data
+from robodyn_cli.over.plan.variants import Variant, general
 from robodyn_cli.registry import Registry
 from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene import types as sc

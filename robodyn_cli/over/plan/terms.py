@@ -17,8 +17,8 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Body, Model
 from robodyn_cli.over.plan import variants
 from robodyn_cli.over.plan.plane import Plane, direction
-from robodyn_cli.over.plan.variant import Variant
-from robodyn_cli.over.plan.words import listed, listed_data, plural
+from robodyn_cli.over.plan.text import listed, listed_data, plural
+from robodyn_cli.over.plan.variants import Variant
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Transform, identity, zeros
 from robodyn_cli.summaries.checks import Kept, LeftOut

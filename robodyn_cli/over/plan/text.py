@@ -1,14 +1,61 @@
-"""The plan as a table for the terminal."""
+"""Names and numbers as phrases.
+
+The plan as a table for the terminal.
+
+Which data of the links the equations use: needed but not given, given but without effect.
+"""
 
 from __future__ import annotations
 
 import textwrap
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import zip_longest
 from typing import Any
 
-from robodyn_cli.over.plan.words import listed_data, plural
+from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.model import PARAMETER_GROUP, UNKNOWN_GROUP, Model, unknown_among
 from robodyn_cli.record import record
+from robodyn_cli.scene import types as sc
+
+SHOWN = 6  # names in a list before it is cut short
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return names as a phrase; long lists are cut short."""
+    names = list(dict.fromkeys(names))
+    if len(names) > SHOWN:
+        return f"{', '.join(names[: SHOWN - 1])} and {len(names) - SHOWN + 1} more"
+    if len(names) < 2:
+        return "".join(names)
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def plural(count: int, word: str) -> str:
+    """Return ``2 joints``, ``1 joint``, ``no joint``; ``3 moving bodies``."""
+    if count > 1:
+        word = f"{word[:-1]}ies" if word.endswith("dy") else f"{word}s"
+    return f"{count or 'no'} {word}"
+
+
+def listed_data(names: Iterable[str]) -> str:
+    """Return names such as ``inertia.xx of link2`` as a phrase, links with the same data together."""
+    of_link: dict[str, list[str]] = {}
+    for name in names:
+        what, _, link = name.partition(" of ")
+        of_link.setdefault(link, []).append(what)
+    same: dict[tuple[str, ...], list[str]] = {}
+    for link, whats in of_link.items():
+        same.setdefault(tuple(whats), []).append(link)
+    return "; ".join(f"{', '.join(_short(whats))} of {listed(links)}" for whats, links in same.items())
+
+
+def _short(whats: Sequence[str]) -> list[str]:
+    """Return ``inertia.xx, yy`` for ``inertia.xx``, ``inertia.yy``."""
+    tensor = [w.partition(".")[2] for w in whats if w.startswith("inertia.")]
+    found = [w for w in whats if not w.startswith("inertia.")]
+    return [*found, f"inertia.{tensor[0]}", *tensor[1:]] if tensor else found
+
 
 WIDTH, NARROWEST = 100, 48  # columns
 TERM = 0.36  # of the columns
@@ -123,3 +170,37 @@ def _how(kernel: dict[str, Any]) -> str:
     at_once = "one state at a time" if lanes == 1 else f"{lanes} {kernel['lanes_hold']} at once"
     where = {"inlined": ", inlined in the stepping loop", "function": ", a function in the stepping loop"}
     return f"{kernel['shape']}, {at_once}{where.get(placed, '')}"
+
+
+TENSOR = ("xx", "yy", "zz", "xy", "xz", "yz")
+
+
+def unknown_data(model: Model, outputs: Sequence[Scalar]) -> tuple[list[str], list[str]]:
+    """Return the data of the bodies that the scene does not give: those that the outputs need, and the others."""
+    unknown = [e.value[0] for e in model.graph.nodes if e.op == "sym" and e.value[1] == UNKNOWN_GROUP]
+    needed = unknown_among(outputs)
+    return [n for n in unknown if n in needed], [n for n in unknown if n not in needed]
+
+
+def idle_constants(scene: sc.Scene, outputs: Callable[[Model], Sequence[Scalar]]) -> list[str]:
+    """Return given data without effect: made symbols, they do not occur in the finished graph."""
+    names = _given(scene)
+    model = build_model(scene, list(names))
+    used = {e.value[0] for e in free_symbols(outputs(model)) if e.value[1] == PARAMETER_GROUP}
+    return [text for path, text in names.items() if path not in used]
+
+
+def _given(scene: sc.Scene) -> dict[str, str]:
+    """Return the paths of the links' data that are given and not zero, with their names in messages."""
+    found: dict[str, str] = {}
+    for link in scene.robot.links:
+        path = f"links.{link.name}"
+        if link.mass:
+            found[f"{path}.mass"] = f"mass of {link.name}"
+        for k, x in enumerate(link.com or ()):
+            if x:
+                found[f"{path}.com.{k}"] = f"com[{k}] of {link.name}"
+        for key in TENSOR:
+            if getattr(link.inertia, key):
+                found[f"{path}.inertia.{key}"] = f"inertia.{key} of {link.name}"
+    return found

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.by_keys import ByKeys
 from robodyn_cli.expr.calculus import SparseRow, gradients
 from robodyn_cli.expr.graph import Expr, Scalar
+from robodyn_cli.expr.many import ByKeys
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.samples import SampleKernel

@@ -34,8 +34,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, share, share_change
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
-from robodyn_cli.works.balance import balanced, load_at_rest, staying
-from robodyn_cli.works.holding import holding_joints
+from robodyn_cli.works.balance import balanced, holding_joints, load_at_rest, staying
 from robodyn_cli.works.statics import closed_configuration, problem_of
 
 RANK = 1e-8  # as ``solve/equilibrium.py`` solves for multipliers

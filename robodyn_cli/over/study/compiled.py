@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS, places
-from robodyn_cli.expr.expectation import Expectation
+from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE
-from robodyn_cli.over.many.command import Command
+from robodyn_cli.over.many.command import Command, ManyRuns
 from robodyn_cli.over.many.mechanism import Mechanism
-from robodyn_cli.over.many.record import ManyRuns
 from robodyn_cli.over.study.row import Points, Rows, Task
 from robodyn_cli.over.study.rows import Missing
 from robodyn_cli.registry import Registry

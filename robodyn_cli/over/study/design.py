@@ -8,7 +8,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.variation import Variation
+from robodyn_cli.expr.statements import Variation
 from robodyn_cli.over.study.samples import Correlated, Repeated, Saltelli, Samples, inside, make_samples
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import StudyOptions

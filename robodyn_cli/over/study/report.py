@@ -14,8 +14,7 @@ from robodyn_cli.errors import ResultFileError
 from robodyn_cli.over.batch.stored import read_stored
 from robodyn_cli.over.study.rows import RowFile
 from robodyn_cli.over.study.samples import strata
-from robodyn_cli.over.study.spread import MOST, Blocks, Moments, quantiles
-from robodyn_cli.over.study.statistics import influences, share, sobol
+from robodyn_cli.over.study.statistics import MOST, Blocks, Moments, influences, quantiles, share, sobol
 from robodyn_cli.over.study.study import Study
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

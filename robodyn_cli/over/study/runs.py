@@ -18,8 +18,8 @@ import numpy as np
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.batch.criteria import judge
 from robodyn_cli.over.commands import execute
+from robodyn_cli.over.many.command import ended, error_of, number_of
 from robodyn_cli.over.many.keys import settings
-from robodyn_cli.over.many.single import ended, error_of, number_of
 from robodyn_cli.over.study.compiled import Compiled, suits
 from robodyn_cli.over.study.row import Points, Rows, Task, joined, killed
 from robodyn_cli.over.study.rows import RowFile

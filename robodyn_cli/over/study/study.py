@@ -11,12 +11,12 @@ import numpy as np
 
 from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.variation import Variation
+from robodyn_cli.expr.statements import Variation
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.batch.criteria import lookup, refuse_unknown
+from robodyn_cli.over.many.command import number_of
 from robodyn_cli.over.many.keys import Allowed, setting, understand
-from robodyn_cli.over.many.single import number_of
 from robodyn_cli.over.study.design import Design, make_design
 from robodyn_cli.over.study.row import Rows, Task
 from robodyn_cli.over.study.rows import RowFile
@@ -27,8 +27,7 @@ from robodyn_cli.scene.checks.scene import key_names
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles, unit_of
-from robodyn_cli.summaries.keys import leaf_of
-from robodyn_cli.summaries.refusals import refusal
+from robodyn_cli.summaries.keys import leaf_of, refusal
 from robodyn_cli.version import __version__
 
 NO_NUMBERS = ("wall_time_s", "counters", "run_id")

@@ -9,9 +9,9 @@ import numpy as np
 
 from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
-from robodyn_cli.model.payloads import Payload
+from robodyn_cli.model.parts import Payload
 from robodyn_cli.model.placement import orientation
-from robodyn_cli.report.drawing.expressions import Expressions
+from robodyn_cli.report.drawing.places import Expressions
 from robodyn_cli.report.drawing.record import Part
 from robodyn_cli.report.style import COLOURS
 from robodyn_cli.results.result import Result

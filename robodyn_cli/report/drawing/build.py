@@ -12,11 +12,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.drawing.bodies import Links, colour_of, hide, payload_parts
-from robodyn_cli.report.drawing.expressions import Expressions
-from robodyn_cli.report.drawing.instants import evenly
 from robodyn_cli.report.drawing.joints import Connections
-from robodyn_cli.report.drawing.loads import arrows, loads
-from robodyn_cli.report.drawing.paths import STILL, moving_paths
+from robodyn_cli.report.drawing.places import STILL, Expressions, arrows, evenly, loads, moving_paths
 from robodyn_cli.report.drawing.record import Drawing, Trail
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result

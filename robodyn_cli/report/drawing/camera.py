@@ -1,9 +1,13 @@
-"""From space to the plane of a drawing: one projection for all painters, and where to look from."""
+"""From space to the plane of a drawing: one projection for all painters, and where to look from.
+
+A drawing before a camera: projected once, then taken apart into strokes for any of its instants.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+from functools import cached_property
 
 import numpy as np
 
@@ -105,3 +109,177 @@ def _shadow(camera: Camera, points: Array) -> float:
     x, y = points @ camera.right, points @ camera.up
     xx, yy, xy = float(np.mean(x * x)), float(np.mean(y * y)), float(np.mean(x * y))
     return xx * yy - xy * xy
+
+
+WIDEST, NARROWEST = 9.0, 2.2  # of a link [pt]
+MARGIN = 0.07  # around the drawing, of its extent
+ARROW = 0.22  # length of the largest arrow, of the drawing's size
+PITCHES = (1.0, 2.0, 5.0, 10.0)
+MOST_LINES = 400  # of a grid
+
+
+class View:
+    """A drawing as it is seen by a camera.
+
+    Parameters
+    ----------
+    follow : (T, 3), where the camera looks at each instant; by default always at its target.
+
+    ``corners`` : (T, N, 3), the vertices' places and depths. ``low``, ``high`` : (2,), of the plane that is shown, and
+    ``pt``, the length of a printer's point in it, once ``fit`` has been told the room.
+    """
+
+    def __init__(self, drawing: Drawing, camera: Camera, follow: Array | None = None) -> None:
+        self.drawing, self.camera, self.follow = drawing, camera, follow
+        if follow is None:
+            self.corners = camera.project(drawing.vertices)
+        else:
+            self.corners = np.stack([self.project(v, k) for k, v in enumerate(drawing.vertices)])
+        self.scale = _arrow_scale(drawing)
+        up, points = drawing.up, drawing.everything
+        self.level = float((points @ up).min()) if len(points) else 0.0
+        self.extent = self._extent()
+        self.low, self.high = self.extent
+        self.pt = float((self.high - self.low).max()) / 300.0
+
+    @property
+    def link_width(self) -> float:
+        """Width of links [pt]: less where they are short."""
+        return float(np.clip(0.11 * self.length / self.pt, NARROWEST, WIDEST)) if self.length else 6.0
+
+    @cached_property
+    def length(self) -> float:
+        """Median length of links as they are seen first [m], 0 where none has any."""
+        lengths = []
+        for part in self.drawing.links:
+            points = self.corners[0, list(part.vertices), :2]
+            points = points[np.isfinite(points).all(axis=1)]
+            lengths += [float(np.ptp(points, axis=0).max())] if len(points) > 1 else []
+        lengths = [length for length in lengths if length > 0.0]
+        return float(np.median(lengths)) if lengths else 0.0
+
+    @property
+    def flat(self) -> bool:
+        """Whether the view is along an axis, without perspective."""
+        return not math.isfinite(self.camera.distance)
+
+    @property
+    def nearer(self) -> float:
+        """How much nearer to the eye marks are painted [m]: bodies in front hide a mark, its own does not.
+
+        Where links have shapes of their own, a mark inside them is hidden.
+        """
+        return 0.0 if self.drawing.shaped else 0.02 * self.drawing.size
+
+    def project(self, points: Array, k: int) -> Array:
+        """Return places and depths (..., 3) of points at the k-th instant."""
+        camera = self.camera if self.follow is None else self.camera.aimed_at(self.follow[k])
+        return camera.project(points)
+
+    def fit(self, width: float, height: float) -> None:
+        """Choose what is shown in a room of so many printer's points: everything, at equal scales."""
+        low, high = self.extent
+        centre, extent = 0.5 * (low + high), (high - low) * (1.0 + 2.0 * MARGIN)
+        # room for the marks of joints at the rim
+        room = np.maximum([width - 30.0, height - 30.0], 10.0)
+        self.pt = max(float((extent / room).max()), 1e-12)
+        half = 0.5 * self.pt * np.array([width, height])
+        self.low, self.high = centre - half, centre + half
+
+    def on_ground(self, points: Array) -> Array:
+        """Return points (..., 3) put down on the ground, along gravity."""
+        up = self.drawing.up
+        return np.asarray(points - ((points @ up) - self.level)[..., None] * up)
+
+    def tips(self, k: int) -> list[tuple[Array, Array]]:
+        """Return tail and vector (2,) of each arrow at an instant."""
+        found = []
+        for arrow in self.drawing.arrows:
+            tail = self.drawing.vertices[k, arrow.vertex]
+            tip = tail + self.scale * arrow.force[k]
+            a, b = self.project(np.stack([tail, tip]), k)[:, :2]
+            found.append((a, b - a))
+        return found
+
+    def _extent(self) -> tuple[Array, Array]:
+        """Return the corners (2,) of what is to be seen."""
+        clouds = [self.corners[..., :2].reshape(-1, 2)]
+        if self.follow is None:
+            clouds += [self.camera.project(trail.points)[:, :2] for trail in self.drawing.trails]
+            clouds += [np.array([a + v for a, v in self.tips(k)]).reshape(-1, 2) for k in self._some()]
+        points = np.concatenate(clouds)
+        points = points[np.isfinite(points).all(axis=1) & (np.abs(points) < 1e100).all(axis=1)]
+        if not len(points):
+            return np.full(2, -1.0), np.full(2, 1.0)
+        low, high = points.min(axis=0), points.max(axis=0)
+        size = float((high - low).max())
+        # a mechanism that is but a line still has room around it
+        least = 0.3 * size if size > 0.0 else 1.0
+        short = np.maximum(least - (high - low), 0.0)
+        return low - 0.5 * short, high + 0.5 * short
+
+    def _some(self) -> range:
+        count = len(self.drawing.times)
+        return range(0, count, max(1, count // 100))
+
+    @property
+    def pitch(self) -> float:
+        """Distance of the lines of a grid [m]: a round number, some eight across."""
+        span = float((self.high - self.low).max()) / 8.0
+        power = 10.0 ** math.floor(math.log10(span))
+        return power * next(p for p in PITCHES if p * power >= span * (1.0 - 1e-9))
+
+    def grid(self, k: int) -> list[Array]:
+        """Return the lines of a grid, (2, 2) each: in the plane of a flat view, else on the ground below everything."""
+        pitch = self.pitch
+        if self.flat:
+            shift = np.zeros(2) if self.follow is None else self._shift(k)
+            return [
+                line
+                for axis in (0, 1)
+                for line in _lines(self.low + shift, self.high + shift, pitch, axis, shift)
+            ]
+        if self.floor is None:
+            return []
+        axes, low, high = self.floor
+        low, high = (np.floor(low / pitch) - 1.0) * pitch, (np.ceil(high / pitch) + 1.0) * pitch
+        lines = [line for axis in (0, 1) for line in _lines(low, high, pitch, axis, np.zeros(2))]
+        placed = [line @ axes + self.level * self.drawing.up for line in lines]
+        return [self.project(line, k)[:, :2] for line in placed]
+
+    @cached_property
+    def floor(self) -> tuple[Array, Array, Array] | None:
+        """Two level directions (2, 3), and how far everything reaches along them, (2,) each."""
+        points = self.drawing.everything
+        if not len(points):
+            return None
+        axes = _level_axes(self.drawing.up)
+        return axes, (points @ axes.T).min(axis=0), (points @ axes.T).max(axis=0)
+
+    def _shift(self, k: int) -> Array:
+        assert self.follow is not None
+        return np.array([self.follow[k] @ self.camera.right, self.follow[k] @ self.camera.up])
+
+
+def _level_axes(up: Array) -> Array:
+    """Return two unit vectors (2, 3) across ``up``."""
+    helper = np.eye(3)[int(np.argmin(np.abs(up)))]
+    first = np.cross(helper, up)
+    first /= np.linalg.norm(first)
+    return np.stack([first, np.cross(up, first)])
+
+
+def _lines(low: Array, high: Array, pitch: float, axis: int, shift: Array) -> list[Array]:
+    """Return lines across one axis at whole multiples of the pitch, moved back by ``shift``."""
+    marks = np.arange(math.ceil(low[axis] / pitch), math.floor(high[axis] / pitch) + 1)[:MOST_LINES]
+    found = []
+    for mark in marks:
+        line = np.array([low, high], dtype=float)
+        line[:, axis] = mark * pitch
+        found.append(line - shift)
+    return found
+
+
+def _arrow_scale(drawing: Drawing) -> float:
+    """Return the length of an arrow over its force [m/N]."""
+    return ARROW * drawing.size / drawing.strongest if 0.0 < drawing.strongest < math.inf else 0.0

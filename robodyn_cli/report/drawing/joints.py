@@ -9,7 +9,7 @@ from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.model.model import BASE, Body, Force, Loop, Model
 from robodyn_cli.report.drawing.bodies import GREY, GROUND, Links, colour_of, numbers
-from robodyn_cli.report.drawing.expressions import Expressions
+from robodyn_cli.report.drawing.places import Expressions
 from robodyn_cli.report.drawing.record import Latch, Part, Pin
 from robodyn_cli.scene.points import point_link
 from robodyn_cli.scene.types import Scene

@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.report.drawing import symbols
-from robodyn_cli.report.drawing.record import Pin
-from robodyn_cli.report.drawing.stroke import INK, PAPER, Stroke, mixed
-from robodyn_cli.report.drawing.view import View
+from robodyn_cli.report.drawing.camera import View
+from robodyn_cli.report.drawing.record import INK, PAPER, Pin, Stroke, mixed
 from robodyn_cli.spatial.algebra import Array
 
 GREY = "#8a8a8a"

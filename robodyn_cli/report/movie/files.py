@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.report.drawing.instants import evenly
+from robodyn_cli.report.drawing.places import evenly
 from robodyn_cli.report.movie.frames import Frames
 from robodyn_cli.results.atomic import written
 from robodyn_cli.spatial.algebra import Array

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.drawing.build import make_drawing
-from robodyn_cli.report.drawing.camera import Camera, along_axis, default_camera
-from robodyn_cli.report.drawing.instants import evenly, nearest
+from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
+from robodyn_cli.report.drawing.places import evenly, nearest
 from robodyn_cli.report.drawing.record import Drawing, Part, Trail
-from robodyn_cli.report.drawing.view import View
-from robodyn_cli.report.movie.plan import usual_speed
-from robodyn_cli.report.page.pack import Arrays
+from robodyn_cli.report.movie.frames import usual_speed
+from robodyn_cli.report.page.charts import Arrays
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.moments import Moment, moments
 from robodyn_cli.results.result import Result

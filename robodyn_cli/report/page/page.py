@@ -8,9 +8,9 @@ from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
 
-from robodyn_cli.report.page.markup import Html, element, json_block, markup
-from robodyn_cli.report.page.pack import Store
+from robodyn_cli.report.page.charts import Store
 from robodyn_cli.report.page.section import Shown, section
+from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.version import __version__
 

@@ -16,10 +16,9 @@ from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes
 from robodyn_cli.report.marks import decisive_text
 from robodyn_cli.report.page import tables
-from robodyn_cli.report.page.charts import captions, chart_data, is_thinned
-from robodyn_cli.report.page.markup import Html, element, markup
+from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned
 from robodyn_cli.report.page.motion import motion_data
-from robodyn_cli.report.page.pack import Store
+from robodyn_cli.report.page.tables import Html, element, markup
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.report.style import styled
 from robodyn_cli.report.ticks import number

@@ -10,10 +10,9 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import drawing_of
-from robodyn_cli.report.drawing.camera import default_camera
-from robodyn_cli.report.drawing.stroke import Stroke
+from robodyn_cli.report.drawing.camera import View, default_camera
+from robodyn_cli.report.drawing.record import Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
-from robodyn_cli.report.drawing.view import View
 from robodyn_cli.results.result import Result
 
 WIDTHS = {1: 5.9, 2: 2.6}  # of a panel [inch]

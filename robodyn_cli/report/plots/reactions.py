@@ -13,7 +13,7 @@ from robodyn_cli.report.heatmap import draw_map
 from robodyn_cli.report.lines import NOTHING, draw_columns, quiet_axis
 from robodyn_cli.report.marks import sharing_note
 from robodyn_cli.report.ticks import labelled, log_axis, number
-from robodyn_cli.results import wrenches
+from robodyn_cli.results import columns as wrenches
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
 

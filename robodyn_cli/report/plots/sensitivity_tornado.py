@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from robodyn_cli.report.analysis import MOST_PANELS, tornado
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.study import MOST_PANELS, tornado
 from robodyn_cli.results.result import Result
 
 MOST_KEYS = 16

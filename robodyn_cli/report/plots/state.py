@@ -13,8 +13,8 @@ from robodyn_cli.spatial.algebra import Array
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-    from robodyn_cli.report.drawing.stroke import Stroke
-    from robodyn_cli.report.drawing.view import View
+    from robodyn_cli.report.drawing.camera import View
+    from robodyn_cli.report.drawing.record import Stroke
 
 # Okabe and Ito's vermilion, green and blue
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
@@ -32,9 +32,8 @@ def draw(result: Result) -> Figure:
 
     from robodyn_cli.report.canvas import Sheet
     from robodyn_cli.report.drawing import paper
-    from robodyn_cli.report.drawing.camera import default_camera
-    from robodyn_cli.report.drawing.painter import Painted
-    from robodyn_cli.report.drawing.view import View
+    from robodyn_cli.report.drawing.camera import View, default_camera
+    from robodyn_cli.report.drawing.paper import Painted
 
     drawing = make_drawing(result)
     view = View(drawing, default_camera(drawing))
@@ -53,7 +52,7 @@ def draw(result: Result) -> Figure:
 
 def _axes(result: Result, view: View) -> list[Stroke]:
     """Return the axes of the links' frames."""
-    from robodyn_cli.report.drawing.stroke import Stroke
+    from robodyn_cli.report.drawing.record import Stroke
 
     strokes = []
     for frame in result.summary["frames"].values():

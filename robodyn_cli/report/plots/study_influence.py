@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
+from robodyn_cli.report.analysis import axis_label, outputs, runs_text, tornado
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.study import axis_label, outputs, runs_text, tornado
 from robodyn_cli.results.result import Result
 
 MOST_KEYS = 12

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.study import axis_label, inputs, outputs, panels, runs_text
+from robodyn_cli.report.analysis import axis_label, inputs, outputs, panels, runs_text
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 

@@ -12,9 +12,8 @@ from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.decimate import finite, largest, thin_path
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, gravity_of
-from robodyn_cli.report.drawing.camera import along_axis, default_camera
-from robodyn_cli.report.drawing.paths import drawing_of_paths, moving_paths
-from robodyn_cli.report.drawing.view import View
+from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
+from robodyn_cli.report.drawing.places import drawing_of_paths, moving_paths
 from robodyn_cli.report.style import FEW, GREY, TARGET, line_styles
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Result

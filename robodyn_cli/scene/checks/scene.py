@@ -319,7 +319,7 @@ def _check_keys(scene: Scene, check: Check) -> None:
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
         if not leaves or (leaves[0].names and not any(leaf.fits(key_names(scene)) for leaf in leaves)):
-            from robodyn_cli.summaries.refusals import refusal
+            from robodyn_cli.summaries.keys import refusal
 
             with check:
                 message = refusal(commands[0], key, key_names(scene), number)

@@ -31,14 +31,13 @@ def _check(shape: Shape, check: Check, path: Path) -> None:
     if shape.thickness and shape.outline is None:
         check.fail((*path, "thickness"), "is that of an outline; allowed: beside 'outline'")
     if shape.outline is not None:
-        from robodyn_cli.scene.mesh.outline import outline_problem
+        from robodyn_cli.scene.mesh.surfaces import outline_problem
 
         problem = outline_problem(shape.outline)
         if problem:
             check.fail((*path, "outline"), problem)
     if shape.obj:
-        from robodyn_cli.scene.mesh.mesh import MeshError
-        from robodyn_cli.scene.mesh.obj import read_obj
+        from robodyn_cli.scene.mesh.files import MeshError, read_obj
 
         try:
             read_obj(shape.obj)

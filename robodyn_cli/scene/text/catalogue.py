@@ -19,10 +19,10 @@ from robodyn_cli.scene.text.nodes import (
     dotted,
     located,
     mapping,
+    resolve,
     scalar,
     sequence,
 )
-from robodyn_cli.scene.text.scalars import resolve
 from robodyn_cli.schema.fields import Section, key_name
 
 EXAMPLE = FilePath(motors.__file__).parent / "example_catalogue.yaml"

@@ -6,8 +6,7 @@ import json
 import math
 import re
 
-from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence
-from robodyn_cli.scene.text.scalars import Value, resolve
+from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence, Value, resolve
 
 WIDTH = 110
 

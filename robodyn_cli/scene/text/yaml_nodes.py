@@ -16,8 +16,18 @@ import yaml
 from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.record import mutable_record
 from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Node, Path, Scalar, Source, dotted, located, mapping, sequence
-from robodyn_cli.scene.text.scalars import Value, resolve
+from robodyn_cli.scene.text.nodes import (
+    Node,
+    Path,
+    Scalar,
+    Source,
+    Value,
+    dotted,
+    located,
+    mapping,
+    resolve,
+    sequence,
+)
 
 # reading takes a second or two per megabyte
 MAX_BYTES = 10_000_000

@@ -7,10 +7,8 @@ from collections.abc import Mapping
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import Source
-from robodyn_cli.scene.urdf.elements import UrdfRobot, read_elements
-from robodyn_cli.scene.urdf.meshes import missing_meshes
-from robodyn_cli.scene.urdf.mimic import SINGLE, Relation, relations
-from robodyn_cli.scene.urdf.structure import check_structure, moving_links
+from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
+from robodyn_cli.scene.urdf.structure import SINGLE, Relation, check_structure, moving_links, relations
 from robodyn_cli.scene.urdf.tree import RobotTree, robot_tree
 from robodyn_cli.scene.urdf.xml import parse_xml
 

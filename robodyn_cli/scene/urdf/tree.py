@@ -17,11 +17,10 @@ from robodyn_cli.scene.urdf.elements import (
     UrdfLink,
     UrdfRobot,
     UrdfShape,
+    drawn_shapes,
 )
-from robodyn_cli.scene.urdf.meshes import drawn_shapes
-from robodyn_cli.scene.urdf.mimic import SINGLE, Relation
-from robodyn_cli.scene.urdf.names import GROUND, joint_names, link_names, scene_names
-from robodyn_cli.scene.urdf.structure import root_of
+from robodyn_cli.scene.urdf.structure import SINGLE, Relation, root_of
+from robodyn_cli.scene.urdf.xml import GROUND, joint_names, link_names, scene_names
 
 ROOT_JOINT = "root_joint"
 Drawn = tuple[UrdfShape, str]  # with the file of a mesh

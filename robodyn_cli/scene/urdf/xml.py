@@ -2,16 +2,20 @@
 
 expat alone keeps the place of an element and lets us refuse document types, with which entities are defined (bombs,
 files of the machine), and deep nesting, on which readers recurse.
+
+Names of a URDF file as names of a scene: letters, digits and _, each once.
 """
 
 from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from typing import Any
 from xml.parsers import expat
 
 from robodyn_cli.errors import SceneError, shown
+from robodyn_cli.expr.formula import RESERVED
 from robodyn_cli.record import mutable_record
 from robodyn_cli.scene.text.nodes import Scalar, Source, located
 
@@ -123,3 +127,40 @@ class _Parser:
     def refuse_document_type(self, *declared: Any) -> None:
         message = "a document type (<!DOCTYPE>) can define entities that grow without end or read other files"
         raise located(self.here(), "", f"{message}; allowed: XML without one")
+
+
+GROUND = "base"
+
+
+def scene_names(names: Iterable[str], taken: Iterable[str]) -> dict[str, str]:
+    """Return the scene's name for each name of the URDF: itself where it is allowed and not ``taken``.
+
+    Other characters become ``_``; a name that is taken then gets a number.
+    """
+    found: dict[str, str] = {}
+    taken = frozenset(taken)
+    used = set(taken)
+    wanted = {name: _allowed(name) for name in names}
+    # names that stay as they are come first: none of them makes way for a name that changes anyway
+    for name in sorted(wanted, key=lambda name: wanted[name] != name or name in taken):
+        number, new = 2, wanted[name]
+        while new in used:
+            new, number = f"{wanted[name]}_{number}", number + 1
+        used.add(new)
+        found[name] = new
+    return found
+
+
+def joint_names(names: Iterable[str]) -> dict[str, str]:
+    """Return names of joints, which formulas use."""
+    return scene_names(names, RESERVED)
+
+
+def link_names(names: Iterable[str]) -> dict[str, str]:
+    """Return names of links; ``base`` is the ground in scenes."""
+    return scene_names(names, (GROUND,))
+
+
+def _allowed(name: str) -> str:
+    new = re.sub(r"[^A-Za-z0-9_]", "_", name)
+    return f"_{new}" if not new or new[0].isdigit() else new

@@ -6,12 +6,9 @@ import numpy as np
 
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.solve.poses.family import Family
-from robodyn_cli.solve.poses.parallel_axes import ParallelAxes
+from robodyn_cli.solve.poses.families import Family, ParallelAxes, SphericalWrist, ThreeParallel
 from robodyn_cli.solve.poses.screws import Screws
-from robodyn_cli.solve.poses.spherical_wrist import SphericalWrist
-from robodyn_cli.solve.poses.task import PoseTask
-from robodyn_cli.solve.poses.three_parallel import ThreeParallel
+from robodyn_cli.solve.poses.steps import PoseTask
 from robodyn_cli.spatial.algebra import Array
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.laws import CUBIC, MINIMUM_JERK, Law, fastest, polynomial
+from robodyn_cli.trajectories.legs import CUBIC, MINIMUM_JERK, Law, fastest, polynomial
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.task import taylor
 from robodyn_cli.trajectories.task.curves import ORDER, STILL, Curve, series_of

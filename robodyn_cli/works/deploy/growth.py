@@ -1,4 +1,4 @@
-"""Growth of the multipliers against their running median: the literal "multipliers go off to infinity"."""
+"""Growth of multipliers up to a lock, and the latch that holds it."""
 
 from __future__ import annotations
 
@@ -7,8 +7,16 @@ import heapq
 
 import numpy as np
 
-from robodyn_cli.record import mutable_record
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.algorithms.kinematics import transforms
+from robodyn_cli.algorithms.reactions import loop_wrench
+from robodyn_cli.equations.contact_joints import contact_joints, is_contact
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.fixed import literal
+from robodyn_cli.loops.pairs import FixedLoop
+from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
+from robodyn_cli.record import mutable_record, record
+from robodyn_cli.spatial.algebra import Array, identity, snap, vector
+from robodyn_cli.summaries.deploy import LatchKeys
 
 GRID = 1e-3  # s, the uniform grid on which the running median is taken
 LEVELS = (10.0, 100.0, 1000.0)
@@ -82,3 +90,204 @@ def levels_with(growth: float) -> tuple[float, ...]:
 def multiplier_norm(lam: Array) -> Array:
     """Return the Euclidean norm over the rows of multipliers lam (T, m): (T,)."""
     return np.asarray(np.sqrt((lam**2).sum(axis=1)))
+
+
+NEW = 1e-6  # part of a row that must be independent of the others for it to count as a further constraint
+
+
+@record
+class Locked:
+    """A mechanism with its latch closed.
+
+    problem : the equations with the latch as one more closure. name : of that closure. rows : names of the latch's
+    rows that do not follow from the others. freedom : degrees of freedom that are left.
+    """
+
+    problem: Problem
+    name: str
+    rows: tuple[str, ...]
+    freedom: int
+
+
+@record
+class LatchImpact:
+    """What the latch does at the instant it closes.
+
+    qd_after : rates after it. impulse : of each constraint row [N s or N m s]. angular_impulse and linear_impulse : of
+    the latch on its second link, about the latch's point, base axes [N m s, N s]. energy_lost [J].
+    """
+
+    qd_before: Array
+    qd_after: Array
+    rows: tuple[str, ...]
+    impulse: Array
+    angular_impulse: Array
+    linear_impulse: Array
+    energy_lost: float
+
+    def keys(self, joints: tuple[str, ...]) -> LatchKeys:
+        """Return what the summary says of it."""
+        return LatchKeys(
+            rates_before=dict(zip(joints, self.qd_before.tolist())),
+            rates_after=dict(zip(joints, self.qd_after.tolist())),
+            impulse=dict(zip(self.rows, self.impulse.tolist())),
+            angular_impulse=float(np.linalg.norm(self.angular_impulse)),
+            angular_impulse_vector=self.angular_impulse.tolist(),
+            linear_impulse=float(np.linalg.norm(self.linear_impulse)),
+            energy_lost=self.energy_lost,
+        )
+
+
+def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Locked:
+    """Return the mechanism with two links fixed to each other as they are at q.
+
+    The latch is a closure of type ``fixed`` at the joint between the links (the second link's origin where there is
+    none). Of its rows only those stay that the joints and closures leave open: a latch on a hinge bears the moment
+    about the hinge, and the hinge goes on bearing what it bore.
+    """
+    model = problem.model
+    names = {loop.name for loop in model.loops}
+    name = "latch"
+    while name in names:
+        name += "_"
+    ends = _ends(problem, first, second, q, t)
+    element = FixedLoop(name=name, type="fixed", between=(first, second))
+    loops = (*model.loops, Loop(name, element, *ends))
+    whole = Problem(
+        problem.scene,
+        model=dataclasses.replace(model, loops=loops),
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
+    rows = whole.constraints.rows
+    psi = whole.numbers(whole.psi, q, t)
+    before = set(problem.constraints.names)
+    basis = _basis(psi[[i for i, row in enumerate(rows) if row.name in before]])
+    added: list[int] = []
+    candidates = [i for i, row in enumerate(rows) if row.closure == name]
+    # moments before forces: a joint between the links bears forces already
+    candidates.sort(key=lambda i: rows[i].kind != "moment")
+    for kind in ("moment", "force"):
+        left = [i for i in candidates if rows[i].kind == kind]
+        while left:
+            rest = {i: psi[i] - basis.T @ (basis @ psi[i]) for i in left}
+            best = max(left, key=lambda i: float(np.linalg.norm(rest[i])))
+            size = float(np.linalg.norm(rest[best]))
+            if size <= NEW * max(float(np.linalg.norm(psi[best])), 1e-300):
+                break
+            basis = np.vstack([basis, rest[best] / size])
+            added.append(best)
+            left.remove(best)
+    keep = [i for i, row in enumerate(rows) if row.name in before or i in added]
+    problem_locked = Problem(
+        problem.scene,
+        keep_rows=keep,
+        model=_without_contact(whole.model, basis),
+        dependent=problem.dependent,
+        braces=problem.braces,
+    )
+    new = tuple(rows[i].name for i in sorted(added))
+    return Locked(problem_locked, name, new, model.nv - len(basis))
+
+
+def _without_contact(model: Model, basis: Array) -> Model:
+    """Return the model without sticking friction and rigid stops in coordinates that constraints hold.
+
+    What such a coordinate's stop or friction bears beside the latch is not determined, and changes no motion.
+
+    basis : orthonormal rows (r, nv) that span those of Psi.
+    """
+    held = np.einsum("ij,ij->j", basis, basis) > 1.0 - NEW
+    contacts = {joint.v for joint in contact_joints(model) if held[joint.v]}
+    if not contacts:
+        return model
+    bodies = (
+        dataclasses.replace(
+            body, forces=tuple(f for f in body.forces if f.v not in contacts or not is_contact(f))
+        )
+        for body in model.bodies
+    )
+    return dataclasses.replace(model, bodies=tuple(bodies))
+
+
+def _basis(psi: Array) -> Array:
+    """Return orthonormal rows that span those of Psi."""
+    if not len(psi):
+        return psi
+    _, s, Vt = np.linalg.svd(psi, full_matrices=False)
+    return np.asarray(Vt[s > NEW * s[0]])
+
+
+def _ends(problem: Problem, first: str, second: str, q: Array, t: float) -> tuple[FixedFrame, FixedFrame]:
+    """Return one frame in the two links' bodies, where the links are joined, in the attitude of the first body."""
+    model = problem.model
+    one, two = model.links[first].body, model.links[second].body
+    pose = {}
+    for body in (one, two):
+        here = problem.pose[body]
+        pose[body] = (problem.numbers(here.R, q, t), problem.numbers(here.p, q, t))
+
+    def placed(frame: FixedFrame) -> Array:
+        R, p = pose[frame.body]
+        return np.asarray(p + R @ problem.numbers(frame.p, q, t))
+
+    where = placed(model.links[second])
+    if two != BASE:
+        where = pose[two][1]
+    if one != BASE and model.bodies[one].parent == two:
+        where = pose[one][1]
+    for loop in model.loops:
+        if {loop.first.body, loop.second.body} == {one, two}:
+            where = placed(loop.first)
+    R1, p1 = pose[one]
+    R2, p2 = pose[two]
+    ends = []
+    for link, body, R, p in ((first, one, R1, p1), (second, two, R2, p2)):
+        axes = identity() if body == one else _numbers(R.T @ R1, f"latch.{link}.R")
+        ends.append(FixedFrame(body, _numbers(R.T @ (where - p), f"latch.{link}.p"), axes))
+    return ends[0], ends[1]
+
+
+def _numbers(found: Array, place: str) -> Array:
+    """Return what the pose of the lock decides as numbers of the scene; zeros, and ones of attitudes, are structure."""
+    snapped = [snap(float(x)) for x in found.flat]
+    entries = [
+        x if found.ndim == 2 and abs(x) == 1.0 else literal(x, f"{place}.{k}") for k, x in enumerate(snapped)
+    ]
+    return vector(entries).reshape(found.shape)
+
+
+def close_latch(problem: Problem, latch: Locked, q: Array, qd: Array, t: float) -> LatchImpact:
+    """Lock two links to each other by an impulse (momentum balance, no bounce).
+
+    M (v+ - v-) = Psi^T I with Psi v+ = Psi v- in the rows of joints and loops, and Psi v+ = 0 in those of the latch.
+    Least norm where rows depend on each other.
+    """
+    rows = latch.problem.constraints.rows
+    M = problem.numbers(problem.mass_matrix, q, t)
+    psi = latch.problem.numbers(latch.problem.psi, q, t)
+    closes = np.array([row.name in latch.rows for row in rows])
+    target = np.where(closes, -psi @ qd, 0.0)
+    # in the metric of M: Psi M^-1 Psi^T, solved with least norm
+    spread = np.linalg.solve(M, psi.T)
+    impulse, *_ = np.linalg.lstsq(psi @ spread, target, rcond=1e-12)
+    after = qd + spread @ impulse
+    lost = 0.5 * qd @ M @ qd - 0.5 * after @ M @ after
+    by_name = {row.name: float(x) for row, x in zip(rows, impulse) if row.name in latch.rows}
+    angular, linear = _latch_wrench(latch, q, t, by_name)
+    names = [row.name for row in rows if row.name not in latch.rows]
+    own = np.array([x for x, closing in zip(impulse, closes) if not closing])
+    return LatchImpact(qd, after, tuple(names), own, angular, linear, float(lost))
+
+
+def _latch_wrench(latch: Locked, q: Array, t: float, impulse: dict[str, float]) -> tuple[Array, Array]:
+    """Return moment and force of the latch on its second link, base axes."""
+    model = latch.problem.model
+    X = transforms(model, q.tolist())
+    loop = next(loop for loop in model.loops if loop.name == latch.name)
+    wrench = loop_wrench(model, loop, X, impulse)
+    R = np.eye(3)
+    for body in reversed(model.path_to(wrench.root)):
+        R = np.array(X[body].E.T, dtype=float) @ R
+    moment, force = (latch.problem.numbers(part, q, t) for part in (wrench.on_second.n, wrench.on_second.f))
+    return R @ moment, R @ force

@@ -23,8 +23,7 @@ from robodyn_cli.summaries.deploy import (
     SingularValues,
 )  # fmt: skip
 from robodyn_cli.summaries.facts import ABSENT, Absent
-from robodyn_cli.works.deploy.growth import GRID, multiplier_norm
-from robodyn_cli.works.deploy.latch import LatchImpact, Locked, close_latch, locked
+from robodyn_cli.works.deploy.growth import GRID, LatchImpact, Locked, close_latch, locked, multiplier_norm
 from robodyn_cli.works.deploy.scan import End, Scan, fired, scan
 
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock

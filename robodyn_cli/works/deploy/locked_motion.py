@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.build import contact_watchers, half_turns, watched_system
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
@@ -20,8 +20,8 @@ from robodyn_cli.motion.summary import residual_of
 from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
+from robodyn_cli.results.columns import magnitude
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.wrenches import magnitude
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.deploy import AfterLock, LatchLoad, Overload
 from robodyn_cli.tools.stopwatch import Stopwatch

@@ -6,7 +6,7 @@ import numpy as np
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventKind, Outcome
-from robodyn_cli.integrators.runtime.grid import Grid
+from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.driver import Driver, Repeat
 from robodyn_cli.motion.joint_limits import JointLimits
 from robodyn_cli.motion.motion import Motion

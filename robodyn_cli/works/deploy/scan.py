@@ -14,8 +14,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventFunction, EventKind, Outcome
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.build import contact_watchers, limit_watchers
@@ -23,7 +22,7 @@ from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.motion.singular.rank_loss import Passage, PosesAhead
-from robodyn_cli.observe.least_norm import LeastNorm
+from robodyn_cli.observe.singular_values import LeastNorm
 from robodyn_cli.ready.singularity import classify, driven_dead_point, passive_determinant
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene

@@ -19,8 +19,12 @@ if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
     from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
     from robodyn_cli.works.functions.constrained import ConstrainedDynamics
-    from robodyn_cli.works.functions.derivatives import AccelerationDerivatives, TorqueDerivatives
-    from robodyn_cli.works.functions.regressor import InertialParameters, Regressor
+    from robodyn_cli.works.functions.derivatives import (
+        AccelerationDerivatives,
+        InertialParameters,
+        Regressor,
+        TorqueDerivatives,
+    )
 
 
 class ModelFunctions(ThreadSafe):
@@ -108,7 +112,7 @@ class ModelFunctions(ThreadSafe):
         Of all such matrices it is that of Christoffel's symbols: M-dot = C + C^T, so M-dot - 2 C is skew-symmetric.
         Echeandia and Wensing (2021). ``coriolis_torques`` gives the product alone, in half the operations.
         """
-        from robodyn_cli.algorithms.coriolis import coriolis
+        from robodyn_cli.algorithms.composite import coriolis
 
         p = self._problem
         return self._function("C", ("q", "qd"), lambda: coriolis(p.rigid, p.q, p.v, p.X))(q, qd)["C"]
@@ -175,7 +179,7 @@ class ModelFunctions(ThreadSafe):
     # -- parameters -------------------------------------------------------------------------------------
     @once
     def _regressor(self) -> Regressor:
-        from robodyn_cli.works.functions.regressor import Regressor
+        from robodyn_cli.works.functions.derivatives import Regressor
 
         return Regressor.of(self._problem)
 
@@ -216,7 +220,7 @@ class ModelFunctions(ThreadSafe):
 
         frame : as of ``forward_kinematics``.
         """
-        from robodyn_cli.works.functions.places import frame_jacobian
+        from robodyn_cli.works.functions.derivatives import frame_jacobian
 
         problem, place = self._place(frame)
         name = f"jacobian of {frame}"
@@ -230,7 +234,7 @@ class ModelFunctions(ThreadSafe):
 
     def centre_of_mass(self, q: Any) -> Array:
         """Return the centre of mass of all moving links (T, 3) [m], world coordinates."""
-        from robodyn_cli.works.functions.places import centre_of_mass
+        from robodyn_cli.works.functions.derivatives import centre_of_mass
 
         return self._function("com", ("q",), lambda: centre_of_mass(self._problem))(q)["com"]
 

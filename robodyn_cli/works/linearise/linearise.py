@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.linear.reduce import Linear, linearise_states
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.observe.finite import refuse_result
+from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.units import add_motion
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robodyn_cli.control.reachable import reached
+from robodyn_cli.control.lqr import reached
 from robodyn_cli.equations.linear.reduce import Linear
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.linear import Mode

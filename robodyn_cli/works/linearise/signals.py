@@ -7,16 +7,15 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.linear.derivatives import by_steps, by_symbols
 from robodyn_cli.equations.linear.reduce import Linear
-from robodyn_cli.equations.linear.residuals import States, evaluated
+from robodyn_cli.equations.linear.residuals import States, by_steps, by_symbols, evaluated
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.ready.prepare import passive_coordinates
 from robodyn_cli.spatial.algebra import Array, Vector
 from robodyn_cli.summaries.linear import LinearSignal
-from robodyn_cli.works.functions.places import frame_jacobian
+from robodyn_cli.works.functions.derivatives import frame_jacobian
 
 TORQUES = "tau"  # symbol group of the torques beside those of the equations
 

@@ -22,9 +22,9 @@ from robodyn_cli.expr.many import ManyNumbers, Recipe
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.motors.belt import Belt
 from robodyn_cli.motors.drive import NOWHERE, Catalogue, Drive
-from robodyn_cli.motors.torque_table import TorqueTable
+from robodyn_cli.motors.gear import Belt
+from robodyn_cli.motors.kinds import TorqueTable
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array

@@ -23,8 +23,7 @@ from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.size.responses import Responses
-from robodyn_cli.works.size.search import Search
-from robodyn_cli.works.size.together import Together, order_of
+from robodyn_cli.works.size.search import Search, Together, order_of
 
 # combinations times samples that are evaluated for combinations of all joints together: a blink, some minutes
 FEW, MANY = 2e6, 4e9

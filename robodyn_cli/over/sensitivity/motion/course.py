@@ -12,13 +12,12 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.grid import Grid
-from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
-from robodyn_cli.over.sensitivity.motion.blocks import NEW
+from robodyn_cli.over.sensitivity.motion.variational import NEW
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 

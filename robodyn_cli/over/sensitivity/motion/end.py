@@ -22,7 +22,6 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.error.attempts import First, first_attempt
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.keys import OPTION, Key
-from robodyn_cli.over.sensitivity.motion.blocks import nodes_of, transfers
 from robodyn_cli.over.sensitivity.motion.course import (
     BESIDE,
     Switch,
@@ -35,7 +34,14 @@ from robodyn_cli.over.sensitivity.motion.course import (
 )
 from robodyn_cli.over.sensitivity.motion.start import start_slopes
 from robodyn_cli.over.sensitivity.motion.updates import Updated
-from robodyn_cli.over.sensitivity.motion.variational import Linearised, Point, Slopes, Variational
+from robodyn_cli.over.sensitivity.motion.variational import (
+    Linearised,
+    Point,
+    Slopes,
+    Variational,
+    nodes_of,
+    transfers,
+)
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array

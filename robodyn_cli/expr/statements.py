@@ -1,0 +1,249 @@
+"""Statements about values, as a scene writes them: what is expected of one, and what a key varies over."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.expr import formula as fm
+from robodyn_cli.record import record
+
+FORMS = (
+    "allowed: a value, 'a +- b', 'a +- b %', 'a .. b', '< a', '<= a', '> a', '>= a' (the last two in quotes)"
+)
+_BOUND = re.compile(r"(<=|>=|<|>)(.*)", re.DOTALL)
+
+
+@record
+class Expectation:
+    """The value that is expected: between ``low`` and ``high`` (excluded where ``strict``), or exactly ``value``."""
+
+    text: str
+    low: float = -math.inf
+    high: float = math.inf
+    strict: bool = False
+    value: bool | str | None = None
+    numeric: bool = False
+
+    def holds(self, found: Any) -> bool:
+        """Tell whether a value is as expected."""
+        if not self.numeric:
+            return type(found) is type(self.value) and found == self.value
+        if isinstance(found, bool) or not isinstance(found, (int, float)):
+            return False
+        if self.strict:
+            return self.low < found < self.high
+        return self.low <= found <= self.high
+
+
+def parse_expectation(value: bool | int | float | str | None) -> Expectation:
+    """Return the expectation that a YAML scalar means.
+
+    Raises
+    ------
+    SceneError : it is none.
+    """
+    if value is None or isinstance(value, bool):
+        return Expectation("null" if value is None else str(value).lower(), value=value)
+    if not isinstance(value, str):
+        if not math.isfinite(value):
+            raise SceneError(f"is not finite (value {value}); {FORMS}")
+        return Expectation(
+            f"{value:.17g}" if isinstance(value, float) else str(value), value, value, numeric=True
+        )
+    text = " ".join(value.replace("\N{PLUS-MINUS SIGN}", "+-").split())
+    if match := _BOUND.match(text):
+        sign, limit = match.group(1), _number(match.group(2), text)
+        bounds = (limit, math.inf) if sign.startswith(">") else (-math.inf, limit)
+        return Expectation(text, *bounds, strict="=" not in sign, numeric=True)
+    if "+-" in text:
+        return _around(text)
+    if ".." in text:
+        low, _, high = text.partition("..")
+        found = Expectation(text, _number(low, text), _number(high, text), numeric=True)
+        if found.low > found.high:
+            raise SceneError(f"{text!r}: the first number is the larger one; {FORMS}")
+        return found
+    exact = _constant(text) if any(c.isdigit() for c in text) else None
+    return Expectation(text, value=text) if exact is None else Expectation(text, exact, exact, numeric=True)
+
+
+def _around(text: str) -> Expectation:
+    left, _, right = text.partition("+-")
+    centre = _number(left, text)
+    percent = right.rstrip().endswith("%")
+    width = _number(right.rstrip().removesuffix("%"), text)
+    if percent:
+        width *= abs(centre) / 100.0
+    if width < 0.0:
+        raise SceneError(f"{text!r}: the tolerance is negative; {FORMS}")
+    return Expectation(text, centre - width, centre + width, numeric=True)
+
+
+def _number(part: str, text: str) -> float:
+    found = _constant(part.strip())
+    if found is None:
+        raise SceneError(f"{text!r}: {part.strip()!r} is not a number; {FORMS}")
+    return found
+
+
+def _constant(text: str) -> float | None:
+    """Return the value of a constant expression, None if the text is something else."""
+    try:
+        return fm.parse(text).constant
+    except SceneError:
+        return None
+
+
+RANGES = (
+    "allowed: [a, b, ...], linspace(a, b, n), logspace(a, b, n), uniform(low, high), "
+    "triangular(low, mode, high), normal(mean, sd), where sd may be a percentage of the mean (5 %)"
+)
+MOST_VALUES = 1_000_000  # of one grid
+_CALL = re.compile(r"\s*([A-Za-z_]\w*)\s*\((.*)\)\s*", re.DOTALL)
+_LIST = re.compile(r"\s*\[(.*)\]\s*", re.DOTALL)
+
+
+@record
+class Variation:
+    """What one key varies over.
+
+    text : as it is written. values : of a grid, in SI units. distribution, arguments : the name of a distribution and
+    its parameters, in SI units; without values. degrees : the numbers are given with ``deg``.
+    """
+
+    text: str
+    values: tuple[float, ...] = ()
+    distribution: str = ""
+    arguments: tuple[float, ...] = ()
+    degrees: bool = False
+
+    @property
+    def is_grid(self) -> bool:
+        return not self.distribution
+
+    @property
+    def example(self) -> float:
+        """One value that it takes: the first of a grid, the middle of a distribution."""
+        return self.values[0] if self.is_grid else self.arguments[MIDDLE[self.distribution]]
+
+
+# the argument that lies inside each distribution
+MIDDLE = {"uniform": 0, "triangular": 1, "normal": 0}
+
+
+def parse_variation(given: Any) -> Variation:
+    """Return what a text, or a list of numbers and texts, varies over.
+
+    Raises
+    ------
+    SceneError : it is none of the forms.
+    """
+    if isinstance(given, (list, tuple)):
+        return _listed([str(x) for x in given], "[" + ", ".join(str(x) for x in given) + "]")
+    text = " ".join(str(given).split())
+    if match := _LIST.fullmatch(text):
+        return _listed(_split(match.group(1)), text)
+    match = _CALL.fullmatch(text)
+    if match is None or match.group(1) not in _READERS:
+        raise SceneError(f"{text!r} is no range of values; {RANGES}")
+    return _READERS[match.group(1)](match.group(1), _split(match.group(2)), text)
+
+
+def _listed(parts: Sequence[str], text: str) -> Variation:
+    if not parts:
+        raise SceneError(f"{text!r} has no values; {RANGES}")
+    values, degrees = _numbers(parts, text)
+    return Variation(text, values, degrees=degrees)
+
+
+def _space(name: str, parts: Sequence[str], text: str) -> Variation:
+    """Return ``linspace`` or ``logspace``: n values from a to b, equally spaced or with equal ratios."""
+    if len(parts) != 3:
+        raise SceneError(f"{text!r}: {name} takes three numbers; {RANGES}")
+    (a, b, n), degrees = _numbers(parts, text)
+    if not n.is_integer() or not 1 <= n <= MOST_VALUES:
+        raise SceneError(
+            f"{text!r}: the number of values is {parts[2].strip()}; allowed: a whole number from 1 to {MOST_VALUES}"
+        )
+    count = int(n)
+    if name == "logspace" and not (a * b > 0.0):
+        raise SceneError(f"{text!r}: logspace needs two numbers other than 0 of the same sign")
+    parts_of_way = [k / (count - 1) if count > 1 else 0.0 for k in range(count)]
+    linear = name == "linspace"
+    values = [a + (b - a) * s if linear else a * (b / a) ** s for s in parts_of_way]
+    if count > 1:
+        values[-1] = b
+    return Variation(text, tuple(values), degrees=degrees)
+
+
+def _uniform(name: str, parts: Sequence[str], text: str) -> Variation:
+    (low, high), degrees = _arguments(name, parts, 2, text)
+    if not low < high:
+        raise SceneError(f"{text!r}: the lower bound is not below the upper one")
+    return Variation(text, distribution=name, arguments=(low, high), degrees=degrees)
+
+
+def _triangular(name: str, parts: Sequence[str], text: str) -> Variation:
+    (low, mode, high), degrees = _arguments(name, parts, 3, text)
+    if not (low <= mode <= high and low < high):
+        raise SceneError(f"{text!r}: needed are low <= mode <= high and low < high")
+    return Variation(text, distribution=name, arguments=(low, mode, high), degrees=degrees)
+
+
+def _normal(name: str, parts: Sequence[str], text: str) -> Variation:
+    percent = len(parts) == 2 and parts[1].rstrip().endswith("%")
+    plain = [parts[0], parts[1].rstrip().removesuffix("%")] if percent else parts
+    (mean, sd), degrees = _arguments(name, plain, 2, text)
+    if percent:
+        if mean == 0.0:
+            raise SceneError(f"{text!r}: a percentage of a mean of 0 is no scale; give sd as a number")
+        sd *= abs(mean) / 100.0
+    if not sd > 0.0:
+        raise SceneError(f"{text!r}: the standard deviation is {sd:g}; allowed: a number > 0")
+    return Variation(text, distribution=name, arguments=(mean, sd), degrees=degrees)
+
+
+_READERS: dict[str, Callable[[str, Sequence[str], str], Variation]] = {
+    "linspace": _space,
+    "logspace": _space,
+    "uniform": _uniform,
+    "triangular": _triangular,
+    "normal": _normal,
+}
+
+
+def _arguments(name: str, parts: Sequence[str], count: int, text: str) -> tuple[tuple[float, ...], bool]:
+    if len(parts) != count:
+        raise SceneError(f"{text!r}: {name} takes {count} numbers; {RANGES}")
+    return _numbers(parts, text)
+
+
+def _numbers(parts: Sequence[str], text: str) -> tuple[tuple[float, ...], bool]:
+    """Return the values of constant expressions, and whether any is in degrees."""
+    values, degrees = [], False
+    for part in parts:
+        try:
+            tree = fm.parse(part.strip())
+        except SceneError as error:
+            raise SceneError(f"{text!r}: {error.message}; {RANGES}") from error
+        if tree.constant is None or not math.isfinite(tree.constant):
+            raise SceneError(f"{text!r}: {part.strip()!r} is not a finite number; {RANGES}")
+        values.append(tree.constant)
+        degrees = degrees or tree.degrees
+    return tuple(values), degrees
+
+
+def _split(text: str) -> list[str]:
+    """Return the parts between commas that are not inside brackets."""
+    parts, depth, start = [], 0, 0
+    for place, sign in enumerate(text):
+        depth += (sign in "([") - (sign in ")]")
+        if sign == "," and depth == 0:
+            parts.append(text[start:place])
+            start = place + 1
+    parts.append(text[start:])
+    return parts if any(part.strip() for part in parts) else []

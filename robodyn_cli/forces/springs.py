@@ -1,0 +1,223 @@
+"""Springs and dampers: in joints, and along the line between two points."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any, ClassVar
+
+from robodyn_cli.expr.functions import maximum
+from robodyn_cli.forces.element import (
+    Between,
+    Effect,
+    End,
+    InJoint,
+    Line,
+    Setting,
+    along,
+    between_key,
+    idle_problems,
+)
+from robodyn_cli.record import record
+from robodyn_cli.schema.fields import Choice, Either, Formula, ListOf, Name, Number, Section, Vector, key
+from robodyn_cli.spatial.algebra import dot
+
+
+@record
+class Spring(InJoint):
+    """Torque ``tau = -k (q - q0)``; potential energy ``k (q - q0)^2 / 2``.
+
+    On a rotation or translation in space it is a bushing with the same stiffness in all directions: ``-k phi``, phi the
+    rotation vector from the attitude at rest, and ``k |phi|^2 / 2``.
+    """
+
+    term: ClassVar[str] = "passive"
+
+    stiffness: float = key(Number(minimum=0.0), unit="N m/rad or N/m", doc="Stiffness k.")
+    rest: Any = key(
+        Either((Number(angle=True), Vector(3, angle=True))),
+        default=0.0,
+        unit="rad or m",
+        doc="Position q0 at which the torque is zero; in space a rotation vector or a displacement.",
+    )
+
+    def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
+        if in_space and not isinstance(self.rest, tuple) and self.rest != 0.0:
+            yield ("rest",), "must be three numbers here, a rotation vector or a displacement"
+        if not in_space and isinstance(self.rest, tuple):
+            yield ("rest",), "must be one number here, the position of the coordinate"
+
+    def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
+        """Return the torque on the joint [N m or N] at position ``q`` and rate ``qd``."""
+        return -self.stiffness * (q - self.rest)
+
+    def potential(self, q: Any) -> Any:
+        return 0.5 * self.stiffness * (q - self.rest) * (q - self.rest)
+
+
+@record
+class Damper(InJoint):
+    """Torque ``tau = -c qd``; in a ball joint ``-c w``, against the angular velocity."""
+
+    term: ClassVar[str] = "passive"
+    dissipative: ClassVar[bool] = True
+
+    damping: float = key(Number(minimum=0.0), unit="N m s/rad or N s/m", doc="Damping c.")
+
+    def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
+        return ()
+
+    def torque(self, q: Any, qd: Any, gear_ratio: float, smooth: bool) -> Any:
+        """Return the torque on the joint [N m or N]."""
+        return -self.damping * qd
+
+
+@record
+class LinearSpring(Between):
+    """Tension ``k (l - l0) + c dl/dt`` along the line between two points; potential energy ``k (l - l0)^2 / 2``."""
+
+    name: str = key(Name(of="force"), doc="Name.")
+    type: str = key(Choice(("spring",)), doc="Kind of force.")
+    between: tuple[str, ...] = between_key()
+    stiffness: float = key(Number(minimum=0.0), default=0.0, unit="N/m", doc="Stiffness k.")
+    length: float = key(
+        Number(minimum=0.0), default=0.0, unit="m", doc="Length l0 at which the spring is free of force."
+    )
+    damping: float = key(Number(minimum=0.0), default=0.0, unit="N s/m", doc="Damping c.")
+
+    def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
+        return idle_problems(self.stiffness, self.damping)
+
+    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
+        """Return forces, energy and power; the direction is lost where the points meet and ``length`` is not 0."""
+        k, c = self.stiffness, self.damping
+        if self.length == 0.0 and c == 0.0:
+            # without a free length the force is linear in the distance and needs no direction
+            d = ends[1].p - ends[0].p
+            return Effect(along(d * k), 0.5 * k * dot(d, d))
+        line = Line.of(ends)
+        stretch = line.length - self.length
+        loss = c * line.rate
+        return Effect(line.pull(k * stretch + loss), 0.5 * k * stretch * stretch, -loss * line.rate)
+
+
+ROWS = 100  # each bend of a table is an event of the simulation
+
+
+@record
+class LengthTable:
+    """Tension over length; linear between rows, held beyond the ends."""
+
+    table: tuple[tuple[float, ...], ...] = key(
+        ListOf(Vector(2), minimum=2, maximum=ROWS),
+        unit="m, N",
+        doc="Rows of length and tension, lengths increasing.",
+    )
+
+
+@record
+class RateTable:
+    """Force over rate; linear between rows, held beyond the ends."""
+
+    table: tuple[tuple[float, ...], ...] = key(
+        ListOf(Vector(2), minimum=2, maximum=ROWS),
+        unit="m/s, N",
+        doc="Rows of rate and force, rates increasing.",
+    )
+
+
+@record
+class NonlinearSpring(Between):
+    """Tension ``F(l, dl/dt)`` along the line between two points, from tables or a formula.
+
+    A table F(l) has the potential energy ``integral of F dl``, zero at the length of its first row; the power of
+    damping, and of a formula, is counted as work.
+    """
+
+    switching: ClassVar[bool] = True
+
+    name: str = key(Name(of="force"), doc="Name.")
+    type: str = key(Choice(("nonlinear_spring",)), doc="Kind of force.")
+    between: tuple[str, ...] = between_key()
+    tension: Any = key(
+        Either((Formula(("t", "q", "qd", "length", "rate")), Section(LengthTable))),
+        default=None,
+        unit="N",
+        doc="Tension, positive where it pulls the points together: a formula, in which `length` [m] and `rate` [m/s] "
+        "are those of the line, or a table over the length.",
+    )
+    damping: Any = key(
+        Either((Number(minimum=0.0), Section(RateTable))),
+        default=0.0,
+        unit="N s/m",
+        doc="Added to the tension: c dl/dt, or a table over the rate.",
+    )
+
+    def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
+        """Yield what does not fit together."""
+        if self.tension is None and self.damping == 0.0:
+            yield (), "needs a 'tension' or a 'damping' that is not zero"
+        for name in ("tension", "damping"):
+            value = getattr(self, name)
+            if not isinstance(value, (LengthTable, RateTable)):
+                continue
+            xs = [row[0] for row in value.table]
+            for k, (before, x) in enumerate(zip(xs, xs[1:]), start=1):
+                if not x > before:
+                    yield (
+                        (name, "table", k, 0),
+                        f"must increase from row to row (value {x!r} after {before!r})",
+                    )
+            if name == "tension" and xs[0] < 0.0:
+                yield (name, "table", 0, 0), f"is a length and must not be negative (value {xs[0]!r})"
+            if name == "damping" and any(rate * force < 0.0 for rate, force in value.table):
+                yield (name, "table"), "drives where it should brake: a force must have the sign of its rate"
+            if name == "damping" and (0.0, 0.0) not in value.table:
+                yield (name, "table"), "needs the row [0, 0]: without a rate there is no damping"
+
+    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
+        """Return forces, energy and power; the direction is lost where the points meet."""
+        line = Line.of(ends)
+        loss = (
+            _table(self.damping.table, line.rate)
+            if isinstance(self.damping, RateTable)
+            else self.damping * line.rate
+        )
+        if isinstance(self.tension, LengthTable):
+            elastic, stored = _table(self.tension.table, line.length), _area(self.tension.table, line.length)
+            return Effect(line.pull(elastic + loss), stored, -loss * line.rate)
+        if self.tension is not None:
+            loss = loss + self.tension.evaluate({**setting.values, "length": line.length, "rate": line.rate})
+        return Effect(line.pull(loss), 0.0, -loss * line.rate)
+
+
+def _bends(table: Sequence[Sequence[float]]) -> list[tuple[float, float]]:
+    """Return where the slope of a piecewise linear function changes, and by how much; it is 0 beyond the ends."""
+    slopes = [0.0, *((b[1] - a[1]) / (b[0] - a[0]) for a, b in zip(table, table[1:])), 0.0]
+    return [(row[0], after - before) for row, before, after in zip(table, slopes, slopes[1:])]
+
+
+def _table(table: Sequence[Sequence[float]], x: Any) -> Any:
+    """Return y_0 + sum of (change of slope) max(x - x_i, 0)."""
+    return sum((bend * maximum(x - at, 0.0) for at, bend in _bends(table)), table[0][1])
+
+
+def _area(table: Sequence[Sequence[float]], x: Any) -> Any:
+    """Return the integral of ``_table`` from the first row to x."""
+    first, y = table[0]
+    parts = ((at, 0.5 * bend) for at, bend in _bends(table))
+    return sum((half * maximum(x - at, 0.0) * maximum(x - at, 0.0) for at, half in parts), y * (x - first))
+
+
+@record
+class ConstantForce(Between):
+    """Constant tension ``F`` along the line between two points; potential energy ``F l``."""
+
+    name: str = key(Name(of="force"), doc="Name.")
+    type: str = key(Choice(("constant_force",)), doc="Kind of force.")
+    between: tuple[str, ...] = between_key()
+    force: float = key(Number(), unit="N", doc="Tension; positive pulls the points together.")
+
+    def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
+        """Return forces and energy; the direction is lost where the points meet."""
+        line = Line.of(ends)
+        return Effect(line.pull(self.force), self.force * line.length)

@@ -1,0 +1,250 @@
+"""Places and directions of a drawing, collected as expressions and evaluated at once for all instants.
+
+Which instants of a motion are drawn.
+
+Paths of the named points of a result.
+
+Forces as arrows: those that act from outside, and recorded reactions of joints and closures.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import Scalar, free_symbols
+from robodyn_cli.expr.rebuild import Interpreter
+from robodyn_cli.model.model import FixedFrame
+from robodyn_cli.model.placement import joint_axes
+from robodyn_cli.record import record
+from robodyn_cli.report.decimate import finite
+from robodyn_cli.report.drawing.record import Arrow, Drawing, Trail
+from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.spatial.algebra import Array, Matrix, Vector, identity, zeros
+
+KNOWN = ("t", "q", "v")  # groups of symbols that a result has values of
+DIGITS = 9  # after the point by which places on a body are told apart [m]
+
+
+class Expressions:
+    """Vertices, axes and forces in the world, as expressions of t, q and v. The same place has one number."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        self._vertices: dict[tuple[Any, ...], int] = {}
+        self._axes: dict[tuple[Any, ...], int] = {}
+        self._entries: dict[str, list[Vector]] = {"vertices": [], "axes": [], "forces": []}
+
+    def vertex(self, body: int, p: Vector) -> int | None:
+        """Return the number of a place on a body, p (3,) in its coordinates; None if data for it are unknown."""
+        return self._number("vertices", self._vertices, body, p)
+
+    def own_vertex(self, body: int, p: Vector) -> int | None:
+        """Return the number of a place on a body that it shares with no other, None likewise."""
+        return self._store("vertices", self.problem.world_point(FixedFrame(body, p, identity())))
+
+    def axis(self, body: int, direction: Vector) -> int | None:
+        """Return the number of a direction (3,) in a body's coordinates, None likewise."""
+        return self._number("axes", self._axes, body, direction)
+
+    def force(self, f: Vector) -> int | None:
+        """Return the number of a force (3,) in the world, None likewise."""
+        return self._store("forces", f)
+
+    def rotated(self, body: int, direction: Vector) -> Vector:
+        """Return world components of a direction on a body."""
+        turned: Vector = self.problem.model.base.E.T @ (self.problem.pose[body].R @ direction)
+        return turned
+
+    def _number(self, kind: str, table: dict[tuple[Any, ...], int], body: int, p: Vector) -> int | None:
+        key = (body, *(round(x, DIGITS) + 0.0 if isinstance(x, float) else id(x) for x in p))
+        if key not in table:
+            frame = FixedFrame(body, p, identity())
+            entry = self.problem.world_point(frame) if kind == "vertices" else self.rotated(body, p)
+            number = self._store(kind, entry)
+            if number is None:
+                return None
+            table[key] = number
+        return table[key]
+
+    def _store(self, kind: str, entry: Vector) -> int | None:
+        if any(symbol.value[1] not in KNOWN for symbol in free_symbols(list(entry))):
+            return None
+        self._entries[kind].append(entry)
+        return len(self._entries[kind]) - 1
+
+    def count(self, kind: str) -> int:
+        """Return how many ``vertices``, ``axes`` or ``forces`` there are."""
+        return len(self._entries[kind])
+
+    def evaluate(self, t: Array, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return vertices (T, N, 3), axes (T, M, 3) and forces (T, F, 3) at times t (T,), q (T, nq), v (T, nv)."""
+        entries: Sequence[Scalar] = [x for kind in self._entries.values() for e in kind for x in e]
+        with np.errstate(all="ignore"):
+            values = Interpreter(entries)({"t": t[None, :], "q": q.T, "v": v.T})
+        table = np.empty((len(t), len(values)))
+        for k, value in enumerate(values):
+            table[:, k] = value
+        ends = np.cumsum([3 * len(kind) for kind in self._entries.values()])[:-1]
+        found = [block.reshape(len(t), -1, 3) for block in np.split(table, ends, axis=1)]
+        return found[0], found[1], found[2]
+
+
+def evenly(count: int, most: int) -> Array:
+    """Return at most ``most`` of ``count`` samples, evenly apart, the first and the last included."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def along_motion(drawing: Drawing, most: int) -> list[int]:
+    """Return at most ``most`` instants equally far apart along the motion, the first and the last included.
+
+    The length of a step is how far the vertex has moved that has moved furthest.
+    """
+    count = len(drawing.times)
+    steps = np.linalg.norm(np.diff(drawing.vertices, axis=0), axis=2)
+    moved = np.nan_to_num(steps, posinf=0.0).max(axis=1, initial=0.0)
+    length = np.concatenate([[0.0], np.cumsum(moved)])
+    if not length[-1] > 0.0:
+        return [0] if count == 1 else [0, count - 1]
+    wanted = np.linspace(0.0, length[-1], most)
+    return sorted({int(np.argmin(np.abs(length - mark))) for mark in wanted} | {0, count - 1})
+
+
+def nearest(times: Array, wanted: Array) -> Array:
+    """Return the samples (K,) whose times (T,), in order, are nearest to those wanted (K,)."""
+    right = np.clip(np.searchsorted(times, wanted), 1, max(1, len(times) - 1))
+    if len(times) == 1:
+        return np.zeros(len(wanted), dtype=int)
+    left = right - 1
+    return np.asarray(np.where(wanted - times[left] <= times[right] - wanted, left, right))
+
+
+STILL = 1e-6  # of the largest extent: less is no motion
+SAME = 1e-9  # [m]
+
+
+def moving_paths(result: Result) -> dict[str, Array]:
+    """Return the places (T, 3) of the named points that move; of points that go the same way the first."""
+    found: dict[str, Array] = {}
+    for name, item in result.group("points").items():
+        path = finite(item.data)
+        same = (np.allclose(path, other, rtol=0.0, atol=SAME, equal_nan=True) for other in found.values())
+        if _extent(path) > 0.0 and not any(same):
+            found[name] = path
+    size = max((_extent(path) for path in found.values()), default=0.0)
+    return {name: path for name, path in found.items() if _extent(path) > STILL * size}
+
+
+def drawing_of_paths(paths: list[Array], gravity: Array) -> Drawing:
+    """Return a drawing of nothing but paths (T, 3)."""
+    trails = tuple(
+        Trail(str(k), np.arange(len(path), dtype=float), path, "#000000") for k, path in enumerate(paths)
+    )
+    nothing = np.zeros((1, 0, 3))
+    drawing = Drawing(np.zeros(1), nothing, nothing, (), (), (), (), (), trails, None, gravity)
+    extents = np.ptp(drawing.everything, axis=0) if len(drawing.everything) else np.zeros(3)
+    thin = [axis for axis in (2, 1, 0) if extents[axis] <= STILL * extents.max()]
+    return dataclasses.replace(drawing, flat=thin[0] if thin else None)
+
+
+def _extent(points: Array) -> float:
+    rows = points[np.isfinite(points).all(axis=1)]
+    return float(np.ptp(rows, axis=0).max()) if len(rows) else 0.0
+
+
+COMPONENTS = ("fx", "fy", "fz")
+
+
+@record
+class Load:
+    """A force at a vertex.
+
+    entry : its number among the forces of ``Expressions``; or components : (T, 3) along axes. axes : numbers of three
+    directions of ``Expressions``; None for those of the world.
+    """
+
+    name: str
+    vertex: int
+    entry: int | None = None
+    components: Array | None = None
+    axes: tuple[int, ...] | None = None
+
+
+def loads(result: Result, expressions: Expressions, samples: Array | None) -> list[Load]:
+    """Return the forces of a scene at some samples of its result; without samples only those from outside."""
+    found = outside(expressions)
+    if samples is not None:
+        found += reactions(result, expressions, samples)
+    return found
+
+
+def outside(expressions: Expressions) -> list[Load]:
+    """Return the forces that act from outside the mechanism, as expressions."""
+    problem, found = expressions.problem, []
+    for force, effect in zip(problem.model.forces, problem.elements.effects):
+        if force.element.term != "external":
+            continue
+        end = force.ends[0]
+        vertex = expressions.vertex(end.body, end.p)
+        for action in effect.actions:
+            f = action.wrench.f
+            world = expressions.rotated(end.body, end.R @ f) if action.local else problem.model.base.E.T @ f
+            entry = expressions.force(world)
+            if vertex is not None and entry is not None:
+                found.append(Load(force.name, vertex, entry))
+    return found
+
+
+def reactions(result: Result, expressions: Expressions, samples: Array) -> list[Load]:
+    """Return the recorded forces in joints (of the parent on the link) and closures (on the first link)."""
+    problem = expressions.problem
+    in_world = problem.scene.outputs.reaction_axes == "world"
+    joints = {joint.name: joint for joint in problem.scene.robot.joints}
+    places: list[tuple[str, int, Array, Matrix]] = []
+    for k, body in enumerate(problem.model.bodies):
+        places.append((f"reactions/{body.joint_name}", k, zeros(3), joint_axes(joints[body.joint_name])))
+    for loop in problem.model.loops:
+        places.append((f"loop_reactions/{loop.name}", loop.first.body, loop.first.p, loop.first.R))
+    found = []
+    for path, body_index, p, R in places:
+        vertex = expressions.vertex(body_index, p)
+        if path not in result.variables or vertex is None:
+            continue
+        axes = None
+        if not in_world:
+            numbers = [expressions.axis(body_index, R[:, k]) for k in range(3)]
+            axes = tuple(number for number in numbers if number is not None)
+        components = _forces(result.variables[path], samples)
+        found.append(Load(path.partition("/")[2], vertex, None, components, axes))
+    return found
+
+
+def _forces(wrench: Variable, samples: Array) -> Array:
+    """Return the components (T, 3) of a recorded force; those that the scene's data leave open are 0."""
+    columns = [wrench.data[samples, wrench.names.index(c)] if c in wrench.names else None for c in COMPONENTS]
+    return np.stack([np.zeros(len(samples)) if c is None else c for c in columns], axis=1)
+
+
+def arrows(found: Sequence[Load], axes: Array, forces: Array) -> tuple[Arrow, ...]:
+    """Return the arrows from evaluated axes (T, M, 3) and forces (T, F, 3); those that are never there left out."""
+    drawn = []
+    for load in found:
+        force = _world(load, axes, forces)
+        if np.any(np.nan_to_num(force) != 0.0):
+            drawn.append(Arrow(load.name, load.vertex, force, load.entry is None))
+    return tuple(drawn)
+
+
+def _world(load: Load, axes: Array, forces: Array) -> Array:
+    """Return a force (T, 3) in the world."""
+    if load.components is None:
+        force: Array = forces[:, load.entry]
+        return force
+    if load.axes is None:
+        return load.components
+    turned: Array = np.einsum("tk,tkx->tx", load.components, axes[:, list(load.axes)])
+    return turned
