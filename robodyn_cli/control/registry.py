@@ -1,4 +1,4 @@
-"""The kinds of controller: one file and one line here for each, ``module:member``."""
+"""The kinds of controller: one line here for each, ``module:member``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kinds of force: one file a kind, one line here, ``module:member``.
+"""The kinds of force: one line here for each, ``module:member``.
 
 ``joint_forces`` act in a joint, and their name is a key of the joint; ``force_types`` act on points or between bodies,
 and their name is the ``type`` of an entry of ``forces``.

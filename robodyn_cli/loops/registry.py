@@ -1,4 +1,4 @@
-"""The kinds of loop closure: one file and one line here for each, ``module:member``."""
+"""The kinds of loop closure: one line here for each, ``module:member``."""
 
 from __future__ import annotations
 

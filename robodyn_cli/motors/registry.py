@@ -1,4 +1,4 @@
-"""The kinds of motor and of gear: one file a kind, one line here, ``module:member``."""
+"""The kinds of motor and of gear: one line here for each, ``module:member``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The kinds of trajectory: one file and one line here for each, ``module:member``."""
+"""The kinds of trajectory: one line here for each, ``module:member``."""
 
 from __future__ import annotations
 
