@@ -22,7 +22,7 @@ import numpy as np
 from robodyn_cli import load_scene
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.over.numerics.trial import Budget, Reference, reference, solve
+from robodyn_cli.over.numerics.trial import Budget, TrialReference, reference, solve
 
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)
@@ -86,7 +86,7 @@ def measure(
                 yield judge(path.stem, method, setting, done, ref)
 
 
-def judge(scene: str, method: str, setting: float, done: Any, ref: Reference) -> Row:
+def judge(scene: str, method: str, setting: float, done: Any, ref: TrialReference) -> Row:
     """Return the row of a finished run."""
     report = done.result.summary["error_estimate"]
     count = len(ref.times)

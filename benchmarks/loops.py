@@ -29,7 +29,7 @@ from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
 from robodyn_cli.integrators.runtime.options import Grid, Options  # noqa: E402
 from robodyn_cli.motion.build import projected_motion  # noqa: E402
 from robodyn_cli.over.numerics.entries import LONGEST  # noqa: E402
-from robodyn_cli.over.numerics.trial import Reference, agreed  # noqa: E402
+from robodyn_cli.over.numerics.trial import TrialReference, agreed  # noqa: E402
 from robodyn_cli.over.numerics.work_precision import formulations, reference  # noqa: E402
 from robodyn_cli.ready.prepare import prepare  # noqa: E402
 
@@ -98,7 +98,7 @@ def measured(name: str, scene: Any, quick: bool) -> list[dict[str, Any]]:
     return rows
 
 
-def explicit_reference(system: Any, start: Any, duration: float) -> Reference:
+def explicit_reference(system: Any, start: Any, duration: float) -> TrialReference:
     """Return a reference for scenes that run into singular poses, up to shortly before the first one."""
     probe = Integrator(system, "dop853")
     probe.reset(0.0, start, Options(3e-14, 3e-14, max_steps=PROBE))

@@ -31,7 +31,7 @@ from suite_peers.case import SECONDS, Mechanism, Refused, Run, TooSlow  # noqa: 
 
 from robodyn_cli.over.numerics.stability_cases import CASES, Case  # noqa: E402
 from robodyn_cli.over.numerics.stability_suite import _spectrum  # noqa: E402
-from robodyn_cli.over.numerics.trial import INACCURATE, Budget, Reference, attempt, reference  # noqa: E402
+from robodyn_cli.over.numerics.trial import INACCURATE, Budget, TrialReference, attempt, reference  # noqa: E402
 
 ENGINES = {"mujoco": mujoco.runs, "exudyn": exudyn.runs, "scipy": scipy.runs}
 BUDGET = Budget(2_000_000, 20.0)
@@ -60,7 +60,7 @@ def outcome(run: Run, times: np.ndarray) -> tuple[dict[str, Any], np.ndarray | N
     return found, states if status == "stable" else None
 
 
-def judged(found: dict[str, Any], states: np.ndarray | None, ref: Reference) -> dict[str, Any]:
+def judged(found: dict[str, Any], states: np.ndarray | None, ref: TrialReference) -> dict[str, Any]:
     """Return a run with its error over the range of each quantity."""
     if states is None:
         return found

@@ -18,7 +18,7 @@ from PIL import Image
 
 from robodyn_cli.over.numerics.stability_cases import CASES
 from robodyn_cli.over.numerics.stability_suite import judge
-from robodyn_cli.over.numerics.trial import Reference
+from robodyn_cli.over.numerics.trial import TrialReference
 from robodyn_cli.summaries.stability import MethodTrial
 
 DOCS = Path(__file__).resolve().parent
@@ -58,7 +58,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
     for case in (c for c in CASES if c.name in cases):
         found = cases[case.name]
         trials = [MethodTrial(**t) for t in found["methods"].values()]
-        ref: Any = Reference if found["reference"] else None  # whether there is one is all that is asked
+        ref: Any = TrialReference if found["reference"] else None  # whether there is one is all that is asked
         complaints = judge(case, trials, ref)
         missed += bool(complaints)
         told = found["reference"]

@@ -10,14 +10,14 @@ import numpy as np
 from robodyn_cli.motors.drive import Train
 from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
 from robodyn_cli.motors.gear import Transmission
-from robodyn_cli.motors.kinds import Stepper
+from robodyn_cli.motors.kinds import StepperMotor
 from robodyn_cli.record import record
 from robodyn_cli.solve.quadrature import integrate, integrate_positive
 from robodyn_cli.spatial.algebra import Array
 
 
 @record
-class Samples:
+class CycleSamples:
     """Uniform samples in time, and integrals of what they are of.
 
     step : time between them [s]. breaks : where functions jump, in steps from the first sample (see ``quadrature``).
@@ -63,9 +63,9 @@ class Duty:
     breaks: tuple[float, ...] = ()
 
     @property
-    def samples(self) -> Samples:
+    def samples(self) -> CycleSamples:
         """Its samples."""
-        return Samples(float(self.times[1] - self.times[0]), self.breaks)
+        return CycleSamples(float(self.times[1] - self.times[0]), self.breaks)
 
     def thinned(self) -> Duty:
         """Return every second sample."""
@@ -75,7 +75,7 @@ class Duty:
 
 
 @record
-class Asked:
+class ShaftDuty:
     """What is asked of one motor's shaft, (..., T): speed [rad/s], acceleration [rad/s^2], torque into the gear [N m].
 
     inertia : what turns with the rotor, (..., 1) or a number [kg m^2]; the rotor's own is the motor's.
@@ -87,17 +87,17 @@ class Asked:
     inertia: Any
 
     @staticmethod
-    def by(train: Train, duty: Duty) -> Asked:
+    def by(train: Train, duty: Duty) -> ShaftDuty:
         """Return what a duty asks of each motor of a drive."""
         n, share = train.turns, duty.load / train.drive.count
         into = share if train.gear is None else train.gear.input_load(share, duty.speed)
-        return Asked(
+        return ShaftDuty(
             n * duty.speed, n * duty.acceleration, into / n, train.inertia - train.motor.rotor_inertia
         )
 
-    def only(self, rows: Any) -> Asked:
+    def only(self, rows: Any) -> ShaftDuty:
         """Return some rows of many."""
-        return Asked(self.speed[rows], self.acceleration[rows], self.torque[rows], self.inertia[rows])
+        return ShaftDuty(self.speed[rows], self.acceleration[rows], self.torque[rows], self.inertia[rows])
 
 
 @record
@@ -130,7 +130,7 @@ class MotorCycle:
         return found
 
 
-def motor_cycle(motor: Motor, supply: Supply, asked: Asked, samples: Samples) -> MotorCycle:
+def motor_cycle(motor: Motor, supply: Supply, asked: ShaftDuty, samples: CycleSamples) -> MotorCycle:
     """Return what a motor does in a cycle."""
     speed = asked.speed
     torque = asked.torque + (motor.rotor_inertia + asked.inertia) * asked.acceleration
@@ -140,12 +140,14 @@ def motor_cycle(motor: Motor, supply: Supply, asked: Asked, samples: Samples) ->
             motor, supply, motor.copper(current), samples,
             MotorCycle(speed, torque, current, motor.friction(speed) * speed),
         )  # fmt: skip
-    if isinstance(motor, Stepper) and motor.losses is not None:
+    if isinstance(motor, StepperMotor) and motor.losses is not None:
         return _heated(motor, supply, np.full_like(torque, motor.losses), samples, MotorCycle(speed, torque))
     return MotorCycle(speed, torque)
 
 
-def _heated(motor: Motor, supply: Supply, cold: Array, samples: Samples, cycle: MotorCycle) -> MotorCycle:
+def _heated(
+    motor: Motor, supply: Supply, cold: Array, samples: CycleSamples, cycle: MotorCycle
+) -> MotorCycle:
     """Return the cycle with losses of the winding and temperatures.
 
     The resistance is that at the mean temperature in the steady state, or at the largest that is allowed where the
@@ -212,7 +214,7 @@ def peak_use(curves: Curves, cycle: MotorCycle) -> Array:
 
 
 def motor_limits(
-    motor: Motor, supply: Supply, curves: Curves, cycle: MotorCycle, samples: Samples
+    motor: Motor, supply: Supply, curves: Curves, cycle: MotorCycle, samples: CycleSamples
 ) -> dict[str, Use]:
     """Return how much of each of its limits a motor uses, by name.
 
@@ -235,7 +237,7 @@ def motor_limits(
 
 
 def gear_limits(
-    gear: Transmission, load: Array, speed: Array, turns: Any, samples: Samples
+    gear: Transmission, load: Array, speed: Array, turns: Any, samples: CycleSamples
 ) -> dict[str, Use]:
     """Return how much of each of its limits a gear uses, by name.
 

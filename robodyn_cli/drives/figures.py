@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 import numpy as np
 
 from robodyn_cli.drives.cycle import (
-    Asked,
+    CycleSamples,
     Duty,
     MotorCycle,
-    Samples,
+    ShaftDuty,
     Use,
     motor_cycle,
     motor_limits,
@@ -54,7 +54,7 @@ def side_of(kind: type[AnySide], duty: Duty, torque: Array, speed: Array) -> Any
     )
 
 
-def electrical_of(cycle: MotorCycle, samples: Samples) -> Electrical | Absent:
+def electrical_of(cycle: MotorCycle, samples: CycleSamples) -> Electrical | Absent:
     """Return the figures of a motor whose current is known."""
     power = cycle.electrical
     if power is None or cycle.current is None or cycle.copper is None or cycle.friction is None:
@@ -83,7 +83,7 @@ class Evaluated:
     def of(train: Train, duty: Duty) -> Evaluated:
         """Return a drive in its duty cycle."""
         curves = train.curves
-        cycle = motor_cycle(train.motor, train.supply, Asked.by(train, duty), duty.samples)
+        cycle = motor_cycle(train.motor, train.supply, ShaftDuty.by(train, duty), duty.samples)
         uses = motor_limits(train.motor, train.supply, curves, cycle, duty.samples) | other_limits(
             train, duty
         )
@@ -92,7 +92,7 @@ class Evaluated:
     @property
     def gear_loss(self) -> float:
         """Energy that the gears lose in a cycle [J]."""
-        asked = Asked.by(self.train, self.duty)
+        asked = ShaftDuty.by(self.train, self.duty)
         into = asked.torque * asked.speed * self.train.drive.count
         lost = into - self.duty.load * self.duty.speed
         return self.duty.samples.integral(lost)

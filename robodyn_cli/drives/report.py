@@ -97,7 +97,7 @@ class Drives:
     @staticmethod
     def of(scene: Scene, problem: Problem, moved: Moved) -> Drives:
         """Return the drives of a scene along a motion."""
-        rest = AtRest.of(problem, moved)
+        rest = Standstill.of(problem, moved)
         found = {}
         for name, train in trains(scene).items():
             k = problem.model.v_names.index(name)
@@ -139,7 +139,7 @@ class Drives:
 
 
 @record
-class AtRest:
+class Standstill:
     """What the joints feel of the mechanism, (T, nv): inertia at each joint [kg m^2 or kg], rotors included, and the
     torque that holds each pose [N m or N]. None where data, payloads or the number of drives leave it open."""
 
@@ -147,7 +147,7 @@ class AtRest:
     hold: Array | None
 
     @staticmethod
-    def of(problem: Problem, moved: Moved) -> AtRest:
+    def of(problem: Problem, moved: Moved) -> Standstill:
         """Return them along a motion.
 
         With loops, the driven joints are the coordinates of the mechanism where they are as many as its degrees of
@@ -168,10 +168,10 @@ class AtRest:
         nv = problem.model.nv
         R = following(problem, arrays["psi"].reshape(len(moved.times), len(rows), nv))
         if R is None:
-            return AtRest(None, None)
+            return Standstill(None, None)
         M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
         inertia = None if M_t is None else np.einsum("tik,tij,tjk->tk", R, M_t, R)
-        return AtRest(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
+        return Standstill(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
 
 
 def following(problem: Problem, psi: Array) -> Array | None:

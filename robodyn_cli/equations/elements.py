@@ -163,11 +163,11 @@ def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[st
     found: dict[str, Scalar] = {}
     if not model.spans:
         return found
-    from robodyn_cli.forces.element import Line
+    from robodyn_cli.forces.element import LineOfAction
 
     for name, ends in model.spans.items():
         kinematics = PathKinematics(model, X, q, v, model.common_ancestor(ends[0].body, ends[1].body))
-        line = Line.of(tuple(kinematics.end(end) for end in ends))
+        line = LineOfAction.of(tuple(kinematics.end(end) for end in ends))
         found[name] = line.length if name.startswith("length(") else line.rate
     return found
 

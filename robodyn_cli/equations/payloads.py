@@ -8,7 +8,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, FixedFrame, RigidPart
-from robodyn_cli.model.parts import Payload
+from robodyn_cli.model.parts import CarriedMass
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Twist, Vector, cross, vector, zeros
 
@@ -18,7 +18,7 @@ def switched_problem(scene: sc.Scene) -> Problem:
     return Problem(scene, model=build_model(scene, switched=True))
 
 
-def own_motion(problem: Problem, payload: Payload) -> tuple[Vector, Scalar]:
+def own_motion(problem: Problem, payload: CarriedMass) -> tuple[Vector, Scalar]:
     """Return J^T I V (nv,) and V^T I V / 2 of a payload that moves with its given velocities V, at its place."""
     part = payload.part
     if part is None:
@@ -44,7 +44,7 @@ def relative_energies(problem: Problem) -> list[Scalar]:
     return found
 
 
-def _own_velocity(problem: Problem, payload: Payload, part: RigidPart) -> Twist:
+def _own_velocity(problem: Problem, payload: CarriedMass, part: RigidPart) -> Twist:
     """Return the given velocity of a payload as that of the body that is to hold it, in body coordinates."""
     to_body = problem.pose[payload.body].R.T @ problem.model.base.E
     w, v = (to_body @ vector(x) for x in (payload.spec.angular_velocity, payload.spec.velocity))

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from robodyn_cli.equations.control.control import Control
     from robodyn_cli.equations.elements import Elements
     from robodyn_cli.equations.joint_forces import JointForces
-    from robodyn_cli.equations.time_structure import Structure
+    from robodyn_cli.equations.time_structure import TimeStructure
     from robodyn_cli.model.model import Model
 
 
@@ -91,7 +91,7 @@ class Switching:
         return [(key, switch) for key, switch in self.switches if not is_of_time(switch, self.equations.t)]
 
     @cached_property
-    def time_structures(self) -> list[tuple[str, Structure]]:
+    def time_structures(self) -> list[tuple[str, TimeStructure]]:
         """Where the scene's formulas of time are not smooth or have short features, with the key of each."""
         if not self.formulas:
             return []

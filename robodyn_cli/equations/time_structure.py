@@ -38,7 +38,7 @@ APART = 1e-3  # by how much sides differ, over what the function does nearby, to
 
 
 @record
-class Structure:
+class TimeStructure:
     """points : times at which the value or the slope jumps [s]. edges : times between which the function changes on
     another scale [s].
 
@@ -64,11 +64,11 @@ def functions_of_time(outputs: Iterable[Scalar], t: Expr) -> list[Expr]:
     return [n for n in nodes if of_time[n.index] and n is not t and n.index not in used]
 
 
-def structure(function: Expr, t: Expr, duration: float) -> Structure:
+def structure(function: Expr, t: Expr, duration: float) -> TimeStructure:
     """Return where an expression of t alone is not smooth, or has features much shorter than ``duration`` [s]."""
     slope = jacobian([function], [t])[0].get(0, 0.0)
     if not isinstance(slope, Expr) and not _switches_inside(function):
-        return Structure((), ())
+        return TimeStructure((), ())
     span = _Span(function, t, duration)
     leaves: list[Array] = []
     points: list[Array] = []
@@ -97,7 +97,7 @@ def structure(function: Expr, t: Expr, duration: float) -> Structure:
     edges = np.array(_edges(ends, bent, doubtful, duration))
     # a step must not end where a quotient of two zeros has no value
     (there,) = _values([function], edges)
-    return Structure(tuple(found), tuple(edges[np.isfinite(there)].tolist()), resolved)
+    return TimeStructure(tuple(found), tuple(edges[np.isfinite(there)].tolist()), resolved)
 
 
 def _really_bent(function: Expr, low: Array, high: Array, span: float) -> Flags:
@@ -143,7 +143,7 @@ class _Span:
         return max(self.high - self.low, 1e-9 * size, 1e-300) if np.isfinite(size) else 1.0
 
 
-def beside(found: Structure, known: Collection[float], duration: float) -> list[float]:
+def beside(found: TimeStructure, known: Collection[float], duration: float) -> list[float]:
     """Return the times at which a step has to end for a structure, without those that are ``known`` more exactly."""
     near = FOUND_TO * duration
     points = [x for x in found.points if not any(abs(x - other) < near for other in known)]

@@ -7,7 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean, shown
-from robodyn_cli.expr.formula_tree import CONSTANTS, QUALIFIERS, SPANS, Name, Node, Num, fail, prefix
+from robodyn_cli.expr.formula_tree import CONSTANTS, QUALIFIERS, SPANS, FormulaNode, Name, Num, fail, prefix
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 
@@ -29,7 +29,7 @@ class Formula:
     degrees : whether ``deg`` is applied outside function arguments, so that the value is an angle.
     """
 
-    root: Node
+    root: FormulaNode
     text: str = dataclasses.field(compare=False)
     columns: Mapping[str, int] = dataclasses.field(default_factory=dict, compare=False, repr=False)
     degrees: bool = dataclasses.field(default=False, compare=False)
@@ -115,7 +115,7 @@ class Formula:
             hint = did_you_mean(name, [*options, *(joints if "q" in variables else ())])
             fail(self.text, column, f"{what}{hint}; allowed: {_listed(options)}", self.where)
 
-        def renamed(node: Node) -> Node:
+        def renamed(node: FormulaNode) -> FormulaNode:
             return Name(canonical.get(node.name, node.name)) if isinstance(node, Name) else node
 
         return dataclasses.replace(

@@ -24,10 +24,10 @@ from robodyn_cli.expr.formula_tree import (
     SWITCHING,
     Call,
     Chain,
+    FormulaNode,
     If,
     Name,
     Negative,
-    Node,
     Num,
     Power,
     fail,
@@ -84,7 +84,7 @@ class Parser:
         self.calls = 0
         self.switches = 0
 
-    def whole(self) -> Node:
+    def whole(self) -> FormulaNode:
         root = self.expression(0, 0)
         if self.token.kind != "end":
             self.unexpected(self.token)
@@ -115,7 +115,7 @@ class Parser:
             wanted = "an operator such as '*' is missing before it"
         self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
 
-    def fold(self, node: Node, token: _Token, *arguments: Node) -> Node:
+    def fold(self, node: FormulaNode, token: _Token, *arguments: FormulaNode) -> FormulaNode:
         """Return the node's number if its arguments are numbers, else the node."""
         if not all(isinstance(x, Num) for x in arguments):
             return node
@@ -127,7 +127,7 @@ class Parser:
             self.fail(token, f"{token.text!r} gives {number}; allowed: finite numbers")
         return Num(number)
 
-    def expression(self, binding: int, depth: int) -> Node:
+    def expression(self, binding: int, depth: int) -> FormulaNode:
         if depth > MAX_DEPTH:
             self.fail(self.token, f"nested more than {MAX_DEPTH} levels deep")
         left = self.operand(depth)
@@ -135,11 +135,11 @@ class Parser:
             left = self.operation(left, self.next(), depth)
         return left
 
-    def operation(self, left: Node, token: _Token, depth: int) -> Node:
+    def operation(self, left: FormulaNode, token: _Token, depth: int) -> FormulaNode:
         level = _BINDING[token.text]
         if level == _BINDING["^"]:
             right = self.expression(level, depth + 1)  # the same level again: a^b^c is a^(b^c)
-            node: Node = Power(left, right)
+            node: FormulaNode = Power(left, right)
         else:
             right = self.expression(level + 1, depth + 1)
             node = self.chain(left, token.text, right)
@@ -153,19 +153,19 @@ class Parser:
         return self.fold(node, token, left, right)
 
     @staticmethod
-    def chain(left: Node, op: str, right: Node) -> Chain:
+    def chain(left: FormulaNode, op: str, right: FormulaNode) -> Chain:
         if isinstance(left, Chain) and _BINDING[left.rest[0][0]] == _BINDING[op]:
             return Chain(left.first, (*left.rest, (op, right)))
         return Chain(left, ((op, right),))
 
-    def operand(self, depth: int) -> Node:
+    def operand(self, depth: int) -> FormulaNode:
         token = self.next()
         if token.kind == "sign" and token.text in ("+", "-"):
             operand = self.expression(_UNARY_BINDING, depth + 1)
             return operand if token.text == "+" else self.fold(Negative(operand), token, operand)
         return self.postfix(self.primary(token, depth), token)
 
-    def postfix(self, node: Node, token: _Token) -> Node:
+    def postfix(self, node: FormulaNode, token: _Token) -> FormulaNode:
         if self.token.text != "deg":
             return node
         self.next()
@@ -175,7 +175,7 @@ class Parser:
         degree = Num(_DEGREE)
         return self.fold(self.chain(node, "*", degree), token, node, degree)
 
-    def primary(self, token: _Token, depth: int) -> Node:
+    def primary(self, token: _Token, depth: int) -> FormulaNode:
         if token.kind == "number":
             number = float(token.text)
             if not math.isfinite(number):
@@ -203,7 +203,7 @@ class Parser:
             return Name(token.text)
         self.unexpected(token, "a number, a name or '(' is needed here")
 
-    def call(self, name: _Token, depth: int) -> Node:
+    def call(self, name: _Token, depth: int) -> FormulaNode:
         if name.text in SPANS:
             return self.span(name)
         if name.text != "if" and name.text not in FUNCTIONS:
@@ -216,7 +216,7 @@ class Parser:
         self.expect(")")
         return node
 
-    def span(self, function: _Token) -> Node:
+    def span(self, function: _Token) -> FormulaNode:
         """Return the name of a distance; its arguments are points."""
         points = []
         for sign in ("(", ","):
@@ -231,7 +231,7 @@ class Parser:
         self.names.setdefault(name, function.column)
         return Name(name)
 
-    def function(self, name: _Token, depth: int) -> Node:
+    def function(self, name: _Token, depth: int) -> FormulaNode:
         _, least, most = FUNCTIONS[name.text]
         arguments = []
         if self.token.text != ")":
@@ -246,7 +246,7 @@ class Parser:
             self.count_switches(name, max(1, len(arguments) - 1), arguments)
         return self.fold(Call(name.text, tuple(arguments)), name, *arguments)
 
-    def count_switches(self, token: _Token, count: int, arguments: Sequence[Node]) -> None:
+    def count_switches(self, token: _Token, count: int, arguments: Sequence[FormulaNode]) -> None:
         """Count the places where the formula jumps or bends; numbers alone have none."""
         if all(isinstance(x, Num) for x in arguments):
             return
@@ -255,7 +255,7 @@ class Parser:
             what = f"the formula switches at more than {MAX_SWITCHES} places ({', '.join(SWITCHING)}, if)"
             self.fail(token, f"{what}; give a course of many pieces as a table")
 
-    def conditional(self, name: _Token, depth: int) -> Node:
+    def conditional(self, name: _Token, depth: int) -> FormulaNode:
         left = self.expression(0, depth)
         comparison = self.token
         if comparison.text not in _COMPARISONS:

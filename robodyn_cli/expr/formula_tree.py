@@ -57,7 +57,7 @@ def prefix(where: str) -> str:
     return f"{where}: " if where else ""
 
 
-class Node:
+class FormulaNode:
     """One node of the tree."""
 
     __slots__ = ()
@@ -66,7 +66,7 @@ class Node:
         """Return the node's value with names taken from ``env``."""
         raise NotImplementedError
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         """Return the node with each name and each number replaced by what ``leaf`` gives, left to right.
 
         The number of an exponent stays: it decides of what kind a power is.
@@ -75,44 +75,44 @@ class Node:
 
 
 @record
-class Num(Node):
+class Num(FormulaNode):
     number: float
 
     def value(self, env: Mapping[str, Any]) -> Any:
         return self.number
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         return leaf(self)
 
 
 @record
-class Name(Node):
+class Name(FormulaNode):
     name: str
 
     def value(self, env: Mapping[str, Any]) -> Any:
         return env[self.name]
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         return leaf(self)
 
 
 @record
-class Negative(Node):
-    operand: Node
+class Negative(FormulaNode):
+    operand: FormulaNode
 
     def value(self, env: Mapping[str, Any]) -> Any:
         return -self.operand.value(env)
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         return Negative(self.operand.rebuilt(leaf))
 
 
 @record
-class Chain(Node):
+class Chain(FormulaNode):
     """Operations of one precedence from left to right; flat, so that a long sum is not a deep tree."""
 
-    first: Node
-    rest: tuple[tuple[str, Node], ...]
+    first: FormulaNode
+    rest: tuple[tuple[str, FormulaNode], ...]
 
     def value(self, env: Mapping[str, Any]) -> Any:
         result = self.first.value(env)
@@ -120,19 +120,19 @@ class Chain(Node):
             result = _BINARY[op](result, node.value(env))
         return result
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         return Chain(self.first.rebuilt(leaf), tuple((op, node.rebuilt(leaf)) for op, node in self.rest))
 
 
 @record
-class Power(Node):
-    base: Node
-    exponent: Node
+class Power(FormulaNode):
+    base: FormulaNode
+    exponent: FormulaNode
 
     def value(self, env: Mapping[str, Any]) -> Any:
         return fn.power(self.base.value(env), self.exponent.value(env))
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         exponent = self.exponent
         return Power(
             self.base.rebuilt(leaf), exponent if isinstance(exponent, Num) else exponent.rebuilt(leaf)
@@ -140,26 +140,26 @@ class Power(Node):
 
 
 @record
-class Call(Node):
+class Call(FormulaNode):
     function: str
-    arguments: tuple[Node, ...]
+    arguments: tuple[FormulaNode, ...]
 
     def value(self, env: Mapping[str, Any]) -> Any:
         return FUNCTIONS[self.function][0](*[x.value(env) for x in self.arguments])
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         return Call(self.function, tuple(x.rebuilt(leaf) for x in self.arguments))
 
 
 @record
-class If(Node):
+class If(FormulaNode):
     """``if(left < right, yes, no)``, or the same with ``<=``, ``>``, ``>=``."""
 
     comparison: str
-    left: Node
-    right: Node
-    yes: Node
-    no: Node
+    left: FormulaNode
+    right: FormulaNode
+    yes: FormulaNode
+    no: FormulaNode
 
     def value(self, env: Mapping[str, Any]) -> Any:
         difference = self.left.value(env) - self.right.value(env)
@@ -177,6 +177,6 @@ class If(Node):
         with np.errstate(all="ignore"):  # for the same reason, values of the other branch are discarded
             return fn.where(difference, yes.value(env), no.value(env))
 
-    def rebuilt(self, leaf: Callable[[Node], Node]) -> Node:
+    def rebuilt(self, leaf: Callable[[FormulaNode], FormulaNode]) -> FormulaNode:
         parts = [x.rebuilt(leaf) for x in (self.left, self.right, self.yes, self.no)]
         return If(self.comparison, *parts)

@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from robodyn_cli.fastest.limits import PLACES, Rows
-from robodyn_cli.fastest.reachability import FAR, Chain, fastest_through
+from robodyn_cli.fastest.reachability import FAR, PassChain, fastest_through
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
@@ -155,11 +155,11 @@ class Passes:
         return 0.5 * (mean + at[:-1] - at[1:])
 
     @property
-    def _chain(self) -> Chain:
+    def _chain(self) -> PassChain:
         """x0 + D u0 = m = x1 - D u1; with 2 D where u is constant, x0 + 2 D u0 = x1 and x1 - 2 D u1 = x0."""
         D = (self.D * np.where(self.even, 2.0, 1.0))[:, None]
         first, last = self.first, self.last
-        return Chain(
+        return PassChain(
             k0=1.0 - D * first.slope, low0=D * first.low, high0=D * first.high,
             k1=1.0 + D * last.slope, low1=-D * last.high, high1=-D * last.low,
             even=self.even,

@@ -31,7 +31,7 @@ ARRAYS = (*ROWS, "even", "low", "high", "x")
 
 
 @record
-class Chain:
+class PassChain:
     """The rows of K segments, each (K, n), and which segments are ``even`` (K,)."""
 
     k0: Array
@@ -43,7 +43,7 @@ class Chain:
     even: Array
 
 
-def fastest_through(chain: Chain, most: Array, start: float, end: float) -> Array | int:
+def fastest_through(chain: PassChain, most: Array, start: float, end: float) -> Array | int:
     """Return the largest x (K + 1,) from ``start`` to ``end`` with x <= ``most``, or the point that none can pass."""
     count, n = chain.k0.shape
     low, high = np.zeros(count + 1), np.minimum(most, FAR)

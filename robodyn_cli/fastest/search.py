@@ -84,7 +84,7 @@ GOOD = 0.4  # until this, divided by the square of the segments, is passed
 CHECKS = 8  # rounds of what the limits themselves ask for
 
 
-class Limits(Protocol):
+class GridLimits(Protocol):
     """The rows of a path on a grid (K + 1,); for forces that are not linear in x their tangents at x (K, 3).
 
     ``linear`` : whether the rows do not depend on x, once they have been asked for.
@@ -101,7 +101,7 @@ class Limits(Protocol):
 class Margins:
     """What is kept free of each limit in each segment, so that none is passed between the grid points."""
 
-    def __init__(self, s: Array, rows: Rows, profile: Profile, limits: Limits) -> None:
+    def __init__(self, s: Array, rows: Rows, profile: Profile, limits: GridLimits) -> None:
         self.s, self.rows, self.profile, self.limits = s, rows, profile, limits
         shape = (len(s) - 1, rows.A.shape[2])
         self.above, self.below, self.most = np.zeros(shape), np.zeros(shape), rows.most
@@ -160,7 +160,7 @@ class Fastest:
 
 
 @record
-class Found:
+class LeastTime:
     """A profile on a grid ``s`` (K + 1,), with the rows, and the passes over them, that it was found by."""
 
     s: Array
@@ -169,7 +169,9 @@ class Found:
     profile: Profile
 
 
-def fastest(length: float, intervals: int | None, tolerance: float, fixed: Array, limits: Limits) -> Fastest:
+def fastest(
+    length: float, intervals: int | None, tolerance: float, fixed: Array, limits: GridLimits
+) -> Fastest:
     """Return the fastest motion from rest to rest along a path, s from 0 to ``length``.
 
     Parameters
@@ -220,7 +222,7 @@ def _finished(margins: Margins, error: float, left: float) -> Fastest:
     return Fastest(s, law, error + max(law.duration - duration, 0.0), slowed)
 
 
-def _on(s: Array, limits: Limits, before: Found | None) -> Found:
+def _on(s: Array, limits: GridLimits, before: LeastTime | None) -> LeastTime:
     """Return the profile that keeps to the limits at the points of a grid; ``before`` : found on a coarser one."""
     if before is None:
         found = _under(s, limits(s, None), np.full((len(s) - 1, len(PLACES)), np.inf))
@@ -231,14 +233,14 @@ def _on(s: Array, limits: Limits, before: Found | None) -> Found:
     return _under(s, limits(s, x), x)
 
 
-def _under(s: Array, rows: Rows, x: Array) -> Found:
+def _under(s: Array, rows: Rows, x: Array) -> LeastTime:
     """Return the profile under rows; ``x`` (K, 3) : about what it will be."""
     zero = np.zeros((len(s) - 1, rows.A.shape[2]))
     passes = Passes(s, rows, (zero, zero), x)
-    return Found(s, rows, passes, passes.run())
+    return LeastTime(s, rows, passes, passes.run())
 
 
-def switches(found: Found) -> Array:
+def switches(found: LeastTime) -> Array:
     """Return where, inside of segments, speeding up goes over into braking."""
     s, passes, profile = found.s, found.passes, found.profile
     (a0, b0), (a1, b1) = passes.first.range(profile.x[:-1]), passes.last.range(profile.x[1:])

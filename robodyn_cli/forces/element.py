@@ -206,7 +206,7 @@ def opposite(ends: tuple[End, ...], wrench: Wrench) -> tuple[Action, ...]:
 
 
 @record
-class Line:
+class LineOfAction:
     """The line between two ends: length l [m], its rate [m/s], the vector from the first end to the second."""
 
     d: Vector
@@ -214,10 +214,10 @@ class Line:
     rate: Any
 
     @staticmethod
-    def of(ends: tuple[End, ...]) -> Line:
+    def of(ends: tuple[End, ...]) -> LineOfAction:
         d = ends[1].p - ends[0].p
         length = sqrt(dot(d, d))
-        return Line(d, length, dot(d, ends[1].v - ends[0].v) / length)
+        return LineOfAction(d, length, dot(d, ends[1].v - ends[0].v) / length)
 
     def pull(self, tension: Any) -> tuple[Action, ...]:
         """Return the actions of a tension [N], which pulls the ends together where it is positive."""

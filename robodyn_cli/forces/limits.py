@@ -15,7 +15,7 @@ BOUNDS = ("lower", "upper", "speed", "acceleration", "jerk", "effort")
 
 
 @record
-class Stop:
+class JointStop:
     """How a stop gives way: ``stiffness`` (with damping), or ``restitution`` of a rigid one."""
 
     stiffness: float | None = key(
@@ -91,8 +91,8 @@ class Limits(InJoint):
         unit="N m or N",
         doc="Largest torque or force of the drive, either way.",
     )
-    stop: Stop | None = key(
-        Section(Stop),
+    stop: JointStop | None = key(
+        Section(JointStop),
         default=None,
         doc="How stops at `lower` and `upper` give way; without it there are none.",
     )

@@ -11,7 +11,7 @@ from robodyn_cli.forces.element import (
     Effect,
     End,
     InJoint,
-    Line,
+    LineOfAction,
     Setting,
     along,
     between_key,
@@ -94,7 +94,7 @@ class LinearSpring(Between):
             # without a free length the force is linear in the distance and needs no direction
             d = ends[1].p - ends[0].p
             return Effect(along(d * k), 0.5 * k * dot(d, d))
-        line = Line.of(ends)
+        line = LineOfAction.of(ends)
         stretch = line.length - self.length
         loss = c * line.rate
         return Effect(line.pull(k * stretch + loss), 0.5 * k * stretch * stretch, -loss * line.rate)
@@ -176,7 +176,7 @@ class NonlinearSpring(Between):
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return forces, energy and power; the direction is lost where the points meet."""
-        line = Line.of(ends)
+        line = LineOfAction.of(ends)
         loss = (
             _table(self.damping.table, line.rate)
             if isinstance(self.damping, RateTable)
@@ -219,5 +219,5 @@ class ConstantForce(Between):
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return forces and energy; the direction is lost where the points meet."""
-        line = Line.of(ends)
+        line = LineOfAction.of(ends)
         return Effect(line.pull(self.force), self.force * line.length)

@@ -16,7 +16,7 @@ from robodyn_cli.loops.base import closure_of
 from robodyn_cli.observe.places import in_world
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.closure import rank
-from robodyn_cli.solve.guided import Guide, Place, Stuck
+from robodyn_cli.solve.guided import Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
@@ -122,7 +122,7 @@ def explain(
     )  # fmt: skip
 
 
-def _bifurcates(conditions: LoopConditions, last: Place) -> bool:
+def _bifurcates(conditions: LoopConditions, last: GuidedPlace) -> bool:
     """Tell whether the loops themselves lose rank, as fast as all conditions together do. At a dead point of the led
     joints they keep it.
     """
@@ -136,7 +136,7 @@ def _bifurcates(conditions: LoopConditions, last: Place) -> bool:
     return bool(s[independent - 1] < 10.0 * together[-1] and s[independent - 1] < 1e-2 * s[0])
 
 
-def _residuals(conditions: LoopConditions, places: Sequence[Place]) -> dict[str, float]:
+def _residuals(conditions: LoopConditions, places: Sequence[GuidedPlace]) -> dict[str, float]:
     """Return the largest residuals of position, velocity and acceleration conditions over the samples."""
     found = np.zeros(3)
     for place in places:

@@ -23,7 +23,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 if TYPE_CHECKING:
     from robodyn_cli.solve.inverse_kinematics import PointTask
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
-    from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, Together
+    from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, JointsTogether
 
 
 @record
@@ -105,14 +105,14 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     return Planned(times, found.motion, trajectory.point, target, axes, found.method, counters=counters)
 
 
-def _together(problem: Problem) -> Together:
+def _together(problem: Problem) -> JointsTogether:
     """Return the motion of the prescribed joints and of those that the trajectory leads."""
     from robodyn_cli.given.prescribed import check_prescribed, refuse_both
-    from robodyn_cli.trajectories.joint_space import Together
+    from robodyn_cli.trajectories.joint_space import JointsTogether
 
     refuse_both(problem.scene)
     check_prescribed(problem)
-    return Together(problem.scene.prescribed, problem.scene.trajectory)
+    return JointsTogether(problem.scene.prescribed, problem.scene.trajectory)
 
 
 def _refuse_some(model: Model, trajectory: JointSpaceTrajectory) -> None:

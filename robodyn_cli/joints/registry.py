@@ -10,7 +10,7 @@ joint_types: Registry[Joint] = Registry(
     {
         "revolute": "single_axis:Revolute",
         "prismatic": "single_axis:Prismatic",
-        "fixed": "single_axis:Fixed",
+        "fixed": "single_axis:FixedJoint",
         "helical": "single_axis:Helical",
         "cylindrical": "several_axes:Cylindrical",
         "universal": "several_axes:Universal",

@@ -10,7 +10,7 @@ from robodyn_cli.spatial.algebra import Transform, Vector, identity, matrix, rot
 from robodyn_cli.spatial.inertia import RigidInertia
 
 
-class Fixed(Joint):
+class FixedJoint(Joint):
     """Rigid attachment; the model merges such a link into its parent."""
 
     type = "fixed"

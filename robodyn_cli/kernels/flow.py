@@ -121,9 +121,9 @@ class Flow:
         self.place(block.end)
 
     @contextlib.contextmanager
-    def loop(self) -> Iterator[Loop]:
+    def loop(self) -> Iterator[LoopBlock]:
         """Emit a body that runs again and again until it is left."""
-        loop = Loop(self, self.label("loop"), self.label("left"))
+        loop = LoopBlock(self, self.label("loop"), self.label("left"))
         self.jump(loop.head)
         self.place(loop.head)
         yield loop
@@ -155,7 +155,7 @@ class Block:
         f.place(onward)
 
 
-class Loop(Block):
+class LoopBlock(Block):
     """A body that is repeated until it is left."""
 
     def __init__(self, f: Flow, head: str, end: str) -> None:

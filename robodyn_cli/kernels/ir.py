@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.kernels.flow import Block, Flow, Loop
+from robodyn_cli.kernels.flow import Block, Flow, LoopBlock
 from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
 
 RELAXED = "reassoc nsz arcp contract"
@@ -36,7 +36,7 @@ __all__ = [
     "Condition",
     "Function",
     "Int",
-    "Loop",
+    "LoopBlock",
     "Operand",
     "Value",
     "double_type",

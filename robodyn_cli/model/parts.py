@@ -55,7 +55,7 @@ SAME_TIME = 1e-13  # part by which a sample may be off the time of a change, by 
 
 
 @record
-class Payload:
+class CarriedMass:
     """A mass that a body picks up and releases.
 
     spec : its keys in the scene. body : what carries it. part : mass, centre of mass and inertia, None for nothing.
@@ -69,7 +69,7 @@ class Payload:
     place: int | None = None
 
 
-def changing(model: Model) -> tuple[Payload, ...]:
+def changing(model: Model) -> tuple[CarriedMass, ...]:
     """Return the payloads that parameters p switch, in their order."""
     return tuple(payload for payload in model.payloads if payload.place is not None)
 
@@ -84,14 +84,14 @@ def as_link(payload: sp.Payload) -> sc.Link:
     return sc.Link(name=payload.name, mass=payload.mass, com=payload.com, inertia=payload.inertia)
 
 
-def placed(payload: sp.Payload, frame: FixedFrame, part: RigidPart | None, place: int | None) -> Payload:
+def placed(payload: sp.Payload, frame: FixedFrame, part: RigidPart | None, place: int | None) -> CarriedMass:
     """Return a payload held at ``frame``, in whose axes the ``part`` is given; ``place`` of its parameter, if any."""
     if part is not None:
         part = dataclasses.replace(part, frame=Transform.from_pose(frame.R, frame.p))
-    return Payload(payload.name, payload, frame.body, part, place)
+    return CarriedMass(payload.name, payload, frame.body, part, place)
 
 
-def carried_part(payload: Payload, graph: Graph) -> RigidPart | None:
+def carried_part(payload: CarriedMass, graph: Graph) -> RigidPart | None:
     """Return what a payload adds to its body; None for nothing."""
     part = payload.part
     if part is None or payload.place is None:
@@ -100,7 +100,7 @@ def carried_part(payload: Payload, graph: Graph) -> RigidPart | None:
     return RigidPart(s * part.m, part.c, s * part.I_com, part.frame)
 
 
-def carried_at(payloads: Sequence[Payload], times: Array) -> Array:
+def carried_at(payloads: Sequence[CarriedMass], times: Array) -> Array:
     """Return the parameters (T, n) of payloads with known times, at times (T,): at a change those of before."""
     columns = [np.ones(len(times)) for _ in payloads]
     for column, payload in zip(columns, payloads):

@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.expr.fixed import Fixed, free, literal
 from robodyn_cli.expr.formula import Formula
-from robodyn_cli.expr.formula_tree import Node, Num
+from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.scene.types import Orientation, Scene
 from robodyn_cli.schema.fields import Direction, Vector, key_name
 
@@ -102,7 +102,7 @@ def numbers_at_places(scene: Scene) -> dict[str, float]:
             for field in dataclasses.fields(value):
                 visit(getattr(value, field.name))
 
-    def leaf(node: Node) -> Node:
+    def leaf(node: FormulaNode) -> FormulaNode:
         if isinstance(node, Num):
             visit(node.number)
         return node
@@ -159,7 +159,7 @@ def _is_attitude(kind: Any) -> bool:
 def _formula(formula: Formula, place: str, number: Callable[[float, str], float]) -> Formula:
     count = 0
 
-    def leaf(node: Node) -> Node:
+    def leaf(node: FormulaNode) -> FormulaNode:
         nonlocal count
         if not isinstance(node, Num) or isinstance(node.number, Fixed):
             return node

@@ -33,7 +33,7 @@ TIGHTEST = 3e-14  # tolerance
 
 
 @record
-class Outcome:
+class GainOutcome:
     """The result of a run with a pair of gains.
 
     drift : largest distance of the positions from the constraints, as the step that projection would take [rad, m].
@@ -109,25 +109,25 @@ class GainStudy:
         q, reference = (self.system.split(x)[0] for x in (states, self.reference[: len(states)]))
         return float(np.abs(q - reference).max(initial=0.0))
 
-    def outcome(self, alpha: float, beta: float) -> Outcome:
+    def outcome(self, alpha: float, beta: float) -> GainOutcome:
         """Run with a pair of gains."""
         try:
             x, steps, reached = self._run(self.system, (alpha, beta), self.options, 20 * LONGEST)
         except NumericalError:
-            return Outcome(alpha, beta, np.inf, np.inf, np.inf, 0)
+            return GainOutcome(alpha, beta, np.inf, np.inf, np.inf, 0)
         if reached < self.over:
-            return Outcome(alpha, beta, np.inf, np.inf, np.inf, steps)
+            return GainOutcome(alpha, beta, np.inf, np.inf, np.inf, steps)
         times = Grid.over(self.over, SAMPLES).times(0, SAMPLES)
         groups = self.system.groups(times, x, np.array([alpha, beta]))
         found = self._observe.evaluate(SAMPLES, groups)
         drift = float(np.abs(found["q"] - groups["q"]).max(initial=0.0))
-        return Outcome(
+        return GainOutcome(
             alpha, beta, drift, float(np.abs(found["eta"]).max(initial=0.0)), self._error(x), steps
         )
 
     def choose(self) -> Gains:
         """Return the smallest gains alpha = beta = c / h whose drift stays below the integration error."""
-        best: tuple[float, Outcome] | None = None
+        best: tuple[float, GainOutcome] | None = None
         for factor in FACTORS:
             found = self.outcome(factor / self.step, factor / self.step)
             if best is None or found.drift < best[1].drift:

@@ -15,7 +15,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.motion.method import choose
-from robodyn_cli.motion.motion import Choice, Motion, Watcher
+from robodyn_cli.motion.motion import MethodChoice, Motion, Watcher
 from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare
 from robodyn_cli.scene.types import Baumgarte, Ready, Scene
 from robodyn_cli.summaries.motion import Gains
@@ -146,10 +146,10 @@ def options_for(scene: Scene) -> Options:
     return Options(s.rtol, s.atol, s.step, longest, s.max_steps)
 
 
-def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> Choice:
+def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> MethodChoice:
     lacks = plan and not system.dynamics.any_size
     if lacks and unknown_among(system.rates):
-        return Choice(scene.simulate.integrator, "data are missing that the choice needs")
+        return MethodChoice(scene.simulate.integrator, "data are missing that the choice needs")
     start = system.join(setup.assembled.q, setup.assembled.v)
     return choose(scene, setup.problem, system, start, options_for(scene))
 

@@ -14,7 +14,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.driver import Supervisor
-from robodyn_cli.motion.motion import Choice
+from robodyn_cli.motion.motion import MethodChoice
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
@@ -49,7 +49,7 @@ def compare(decays: Any, durations: Any, cost: Cost) -> tuple[Rows, Array, Array
     return rows, trials, slow, fast
 
 
-def choose(scene: Scene, problem: Problem, system: System, start: Array, options: Options) -> Choice:
+def choose(scene: Scene, problem: Problem, system: System, start: Array, options: Options) -> MethodChoice:
     """Return the method that a scene asks for, or for ``auto`` the one that suits the motion.
 
     Stiff is what the default method finds stiff: where some mode decays thousands of times within the run, both
@@ -57,10 +57,10 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     """
     asked = scene.simulate.integrator
     if asked != "auto":
-        return Choice(asked, "asked for in simulate.integrator")
+        return MethodChoice(asked, "asked for in simulate.integrator")
     usual = "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
     if system.dynamics.any_size or not can_be_stiff(problem):
-        return Choice(DEFAULT, usual)
+        return MethodChoice(DEFAULT, usual)
     from robodyn_cli.motion.stiffness import cost_of, fastest_decay
 
     decay = fastest_decay(system, 0.0, start, system.parameters_at(0.0, system.split(start)[0]))
@@ -70,10 +70,10 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
 
     rows, *found = compare(np.array([decay]), np.array([scene.simulate.duration]), cost)
     if not len(rows):
-        return Choice(DEFAULT, usual, may_change=True)
+        return MethodChoice(DEFAULT, usual, may_change=True)
     trial, slow, fast = (float(x[0]) for x in found)
     if fast < slow:
-        return Choice(
+        return MethodChoice(
             STIFF,
             f"stiff: the fastest mode decays in {1 / decay:.1e} s; an implicit method with the exact "
             f"Jacobian needs {'far less work' if not np.isfinite(slow) else f'{fast / slow:.0%} of the work'} "
@@ -81,10 +81,10 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
             may_change=True,
         )
     reason = f"{usual}; stiffness was looked into (fastest decay {1 / decay:.1e} s)"
-    return Choice(DEFAULT, reason, may_change=True)
+    return MethodChoice(DEFAULT, reason, may_change=True)
 
 
-def supervisor_for(choice: Choice) -> Supervisor | None:
+def supervisor_for(choice: MethodChoice) -> Supervisor | None:
     """Return what may change the method on the way; None where the scene names a method, or nothing can damp."""
     if not choice.may_change:
         return None

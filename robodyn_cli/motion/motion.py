@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 @record
-class Choice:
+class MethodChoice:
     """A method and the reason for it, in words. may_change : whether the run may go on with another one."""
 
     method: str
@@ -137,7 +137,7 @@ class Motion:
     system: System
     watchers: tuple[Watcher, ...]
     options: Options
-    choice: Choice
+    choice: MethodChoice
     gains: Gains | None = None
     reactions: bool = False
 

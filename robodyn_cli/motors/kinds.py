@@ -89,7 +89,7 @@ class BrushlessMotor(Electric):
 
 
 @record
-class Stepper(WarmMotor):
+class StepperMotor(WarmMotor):
     """A stepper motor: beyond its pull-out torque it loses steps. Its currents are always the same.
 
     The losses are ``phases R I^2``, whatever the load. The maker's curve holds for one driver and voltage.

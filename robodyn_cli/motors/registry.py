@@ -9,7 +9,7 @@ motor_types: Registry[type] = Registry(
     {
         "dc": "kinds:DcMotor",
         "brushless": "kinds:BrushlessMotor",
-        "stepper": "kinds:Stepper",
+        "stepper": "kinds:StepperMotor",
         "envelope": "kinds:TorqueTable",
     },
 )

@@ -20,7 +20,7 @@ from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.observe.evaluation import SampleFunction
-    from robodyn_cli.observe.observe_rolled import RolledKernel
+    from robodyn_cli.observe.observe_rolled import ObservedRolled
     from robodyn_cli.observe.reactions import ReactionSamples
     from robodyn_cli.observe.singular_values import LeastNorm
 
@@ -112,12 +112,12 @@ def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Colu
 
 def _kernel(
     problem: Problem, system: System, outputs: Mapping[str, Sequence[Scalar]]
-) -> SampleKernel | RolledKernel:
+) -> SampleKernel | ObservedRolled:
     if not system.dynamics.any_size:
         return SampleKernel({name: list(entries) for name, entries in outputs.items()}, STATE_GROUPS)
-    from robodyn_cli.observe.observe_rolled import RolledKernel
+    from robodyn_cli.observe.observe_rolled import ObservedRolled
 
-    return RolledKernel(problem, system.dynamics, outputs)
+    return ObservedRolled(problem, system.dynamics, outputs)
 
 
 def _least_norm(problem: Problem, outputs: Mapping[str, Sequence[Scalar]]) -> LeastNorm:

@@ -13,7 +13,7 @@ from robodyn_cli.observe.evaluation import Outputs, SampleFunction
 from robodyn_cli.spatial.algebra import Array
 
 
-class RolledKernel:
+class ObservedRolled:
     """Observation of a long chain: accelerations by loops over its bodies, other outputs from expressions.
 
     outputs : these others. Their size grows with the length only; they are interpreted where that takes less time than

@@ -118,7 +118,7 @@ MATLAB_NAME = 63  # characters of a name that MATLAB takes
 
 
 @record
-class Column:
+class ExportColumn:
     """A column of a table: path and name in the result, units, meaning, values (K,)."""
 
     label: str
@@ -143,12 +143,12 @@ def export(result: Result, kind: str, directory: Path) -> list[Path]:
     return KINDS[kind](result, directory)
 
 
-def tables(result: Result) -> dict[str, list[Column]]:
+def tables(result: Result) -> dict[str, list[ExportColumn]]:
     """Return all datasets as tables by their first dimension, that of time as ``samples``.
 
     A column is called ``PATH.NAME``: ``q.theta1``, ``points/tip.x``, ``skeleton/crank.0.x``.
     """
-    found: dict[str, list[Column]] = {}
+    found: dict[str, list[ExportColumn]] = {}
     lengths: dict[str, int] = {}
     for path, variable in result.variables.items():
         if not variable.dims:
@@ -162,17 +162,17 @@ def tables(result: Result) -> dict[str, list[Column]]:
     return found
 
 
-def _columns(path: str, variable: Variable) -> list[Column]:
+def _columns(path: str, variable: Variable) -> list[ExportColumn]:
     data = variable.data
     if data.ndim == 1:
-        return [Column(path, variable.units, variable.long_name, data)]
+        return [ExportColumn(path, variable.units, variable.long_name, data)]
     names, units = column_names(variable), units_of(variable)
     columns = []
     for place in np.ndindex(*data.shape[1:]):
         *above, last = place
         label = ".".join([path, *(str(k) for k in above), names[last]])
         index = (slice(None), *place)
-        columns.append(Column(label, units[last], variable.long_name, data[index]))
+        columns.append(ExportColumn(label, units[last], variable.long_name, data[index]))
     return columns
 
 

@@ -17,7 +17,7 @@ ROBOTS = (
 
 
 @record
-class Robot:
+class StarterRobot:
     """A robot's scene as it is written here, its title, and the command that runs it."""
 
     name: str
@@ -31,7 +31,7 @@ class Robot:
         return self.scene.replace(f"{usage}{self.name}.yaml\n", f"{usage}{name}\n", 1)
 
 
-def find_robot(name: str) -> Robot:
+def find_robot(name: str) -> StarterRobot:
     """Return a robot of the collection.
 
     Raises
@@ -42,4 +42,4 @@ def find_robot(name: str) -> Robot:
         raise CapabilityError(unknown_name("robot", name, ROBOTS))
     text = (FOLDER / f"{name}.yaml").read_text(encoding="utf-8")
     title, command = (re.findall(rf"^{key}: (.+)$", text, re.MULTILINE)[0] for key in ("title", "command"))
-    return Robot(name, title, command, text)
+    return StarterRobot(name, title, command, text)

@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import CLOSED, Equations, Numbers, newton, rank
+from robodyn_cli.solve.closure import CLOSED, ClosureEquations, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
 
 ATTEMPTS = 24  # random starts
@@ -33,7 +33,7 @@ class Assembled:
 
 
 def assemble(
-    equations: Equations,
+    equations: ClosureEquations,
     given: dict[str, float],
     rates: dict[str, float],
     hold: Sequence[str] = (),

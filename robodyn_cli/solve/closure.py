@@ -93,7 +93,7 @@ def _size(bodies: int, lengths: Sequence[float]) -> float:
     return total if total > 0.0 else 1.0
 
 
-class Equations(Protocol):
+class ClosureEquations(Protocol):
     """The equations that assembly uses (satisfied by ``equations.problem.Problem``)."""
 
     model: Model
@@ -105,7 +105,7 @@ class Equations(Protocol):
 class Numbers:
     """eta (m,), Psi (m, nv) and eta_t (m,) as functions of numbers q (nq,) and t; the ``Conditions`` of assembly."""
 
-    def __init__(self, equations: Equations, parameters: Sequence[float]) -> None:
+    def __init__(self, equations: ClosureEquations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
         self.q_names = equations.model.q_names
         self.manifold = Manifold(equations.model)
@@ -188,7 +188,7 @@ PATIENCE = 16  # starts without anything new, for each branch found
 
 
 @record
-class Search:
+class ClosureSearch:
     """Configurations (nq,) in the order of discovery, the number of starts, and how many of them closed the loops."""
 
     found: list[Array]
@@ -220,7 +220,7 @@ def search(
     free: Sequence[int],
     signature: Callable[[Array], Array],
     accepted: Callable[[Array], bool],
-) -> Search:
+) -> ClosureSearch:
     """Return the configurations that close, in the order in which the starts lead to them.
 
     Parameters
@@ -243,4 +243,4 @@ def search(
                 last = count
         if count >= FEWEST and count - last > PATIENCE * (len(found) + 1):
             break
-    return Search(found, count, closed)
+    return ClosureSearch(found, count, closed)

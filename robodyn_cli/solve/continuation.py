@@ -32,7 +32,7 @@ LISTED = 200  # samples among which the worst target is sought
 
 
 @record
-class State:
+class PathState:
     """Joint positions, their rates and accelerations (nq,) at one time; U (m, r) and V^T (r, nv) of the Jacobian."""
 
     t: float
@@ -42,7 +42,7 @@ class State:
     U: Array
     Vt: Array
 
-    def on_branch_of(self, other: State) -> bool:
+    def on_branch_of(self, other: PathState) -> bool:
         """Tell whether the Jacobian keeps its orientation; it turns where a singular value passes zero.
 
         Singular values are never negative, so on the way through zero U or V^T changes sign instead. That is
@@ -51,7 +51,7 @@ class State:
         return bool(np.linalg.det(self.U.T @ other.U) * np.linalg.det(self.Vt @ other.Vt.T) > 0.0)
 
 
-class Follower:
+class PathFollower:
     """Continuation along one path."""
 
     def __init__(self, solver: PointSolver, target: Target, times: Array) -> None:
@@ -87,7 +87,7 @@ class Follower:
         q = np.empty((len(self.times), len(start)), order="F")
         q[0] = found.q
         now = self.state(self.times[0], found, self.sample(0))
-        before: State | None = None
+        before: PathState | None = None
         for k in range(1, len(self.times)):
             before, now = self.advance(before, now, k)
             q[k] = now.q
@@ -108,15 +108,15 @@ class Follower:
         target = self.target(np.array([t]))
         return target.values[0], target.rates[0], target.accelerations[0]
 
-    def state(self, t: float, found: Solution, target: tuple[Array, Array, Array]) -> State:
+    def state(self, t: float, found: Solution, target: tuple[Array, Array, Array]) -> PathState:
         """Return the state at a solution for a target."""
         rates = self.solver.rates(found.q[None], target[1][None], target[2][None], found.J[None])
         if not rates.measure[0] > SINGULAR:
             raise self.singular(t, found.q)
         qd, qdd = self.manifold.rates(found.q, rates.qd[0], rates.qdd[0])
-        return State(t, found.q, qd, qdd, rates.U[0], rates.Vt[0])
+        return PathState(t, found.q, qd, qdd, rates.U[0], rates.Vt[0])
 
-    def advance(self, before: State | None, now: State, k: int) -> tuple[State, State]:
+    def advance(self, before: PathState | None, now: PathState, k: int) -> tuple[PathState, PathState]:
         """Go on to sample k, in smaller steps where needed; return the last two states."""
         end = float(self.times[k])
         whole = end - now.t
@@ -138,8 +138,8 @@ class Follower:
                 h = 0.5 * (t - now.t)
 
     def step(
-        self, before: State | None, now: State, t: float, target: tuple[Array, Array, Array]
-    ) -> State | None:
+        self, before: PathState | None, now: PathState, t: float, target: tuple[Array, Array, Array]
+    ) -> PathState | None:
         """Return the state at time t, or None where the step is too long."""
         self.steps += 1
         h = t - now.t
@@ -165,7 +165,7 @@ class Follower:
         drift -= new.Vt.T @ (new.Vt @ drift)  # the part that would move the point
         return dataclasses.replace(new, q=self.manifold.integrate(new.q, drift))
 
-    def failure(self, now: State, t: float, p: Array, k: int) -> Exception:
+    def failure(self, now: PathState, t: float, p: Array, k: int) -> Exception:
         """Return the error that says why the motion cannot go on from ``now`` to the target p (k,) at time t <= t_k."""
         here = self.solver.solve(p, now.q)
         # rates grow beyond bounds just before the limit of the reach, so look a few samples ahead as well
@@ -195,7 +195,7 @@ class Follower:
         return Unreachable(self.times[first], left[0], self.times[listed[worst]], left[worst], nearest=False)
 
 
-def extrapolate(before: State | None, now: State, h: float) -> tuple[Array, float | None]:
+def extrapolate(before: PathState | None, now: PathState, h: float) -> tuple[Array, float | None]:
     """Return the positions (n,) extrapolated by h, and the error of the self-motion's step (None: unknown).
 
     With two states: the quintic through both, whose fifth derivative gives the error h^5 q^(5) / 720.

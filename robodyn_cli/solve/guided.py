@@ -33,7 +33,7 @@ class MotionConditions(Conditions, Protocol):
 
 
 @record
-class Place:
+class GuidedPlace:
     """Position, rates and accelerations at one time, with J scaled to its rows' and coordinates' sizes."""
 
     t: float
@@ -58,7 +58,11 @@ class Stuck(Exception):
     """
 
     def __init__(
-        self, last: Place | None, time: float, row: tuple[str, float] | None, weights: tuple[Array, Array]
+        self,
+        last: GuidedPlace | None,
+        time: float,
+        row: tuple[str, float] | None,
+        weights: tuple[Array, Array],
     ):
         super().__init__()
         self.last, self.time, self.row, self.weights = last, time, row, weights
@@ -102,15 +106,15 @@ class Guide:
                 break
         return q, J, size, float(np.abs(moved).max(initial=0.0))
 
-    def place(self, q: Array, J: Array, t: float) -> Place:
+    def place(self, q: Array, J: Array, t: float) -> GuidedPlace:
         """Return the place at a solution: rates, then accelerations."""
         c, b = self.conditions.rates(q, np.zeros(len(self.conditions.lengths)), t)
         v, *_ = np.linalg.lstsq(J, c, rcond=None)
         _, b = self.conditions.rates(q, v, t)
         a, *_ = np.linalg.lstsq(J, b, rcond=None)
-        return Place(t, q, v, a, self.scaled(J))
+        return GuidedPlace(t, q, v, a, self.scaled(J))
 
-    def start(self, q: Array, t: float) -> Place:
+    def start(self, q: Array, t: float) -> GuidedPlace:
         """Return the place at the start, near q.
 
         Raises
@@ -125,7 +129,7 @@ class Guide:
             raise self._stuck(here, q, J, t, 0.0)
         return here
 
-    def advance(self, now: Place, end: float) -> Place:
+    def advance(self, now: GuidedPlace, end: float) -> GuidedPlace:
         """Return the place at time ``end``, in steps short enough to stay on the branch.
 
         Raises
@@ -152,7 +156,7 @@ class Guide:
             else:
                 h = 0.5 * (t - now.t)
 
-    def _step(self, now: Place, t: float) -> Place | None:
+    def _step(self, now: GuidedPlace, t: float) -> GuidedPlace | None:
         h = t - now.t
         guess = self.conditions.step(now.q, h * now.v + 0.5 * h * h * now.a)
         q, J, residual, missed = self.solve(guess, t)
@@ -167,7 +171,7 @@ class Guide:
             return None
         return new
 
-    def _stuck(self, last: Place | None, q: Array, J: Array, t: float, residual: float) -> Stuck:
+    def _stuck(self, last: GuidedPlace | None, q: Array, J: Array, t: float, residual: float) -> Stuck:
         U, _, Vt = np.linalg.svd(self.scaled(J) if last is None or residual else last.J)
         weights = np.abs(U[:, J.shape[1] - 1]) if U.shape[0] >= J.shape[1] else np.abs(U[:, -1])
         row = None

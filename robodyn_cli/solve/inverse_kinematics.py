@@ -158,7 +158,7 @@ def target_of(
 
 
 @record
-class Found:
+class FollowedPath:
     """Joint motion that follows a path, the method (``analytic`` or ``newton``), its iterations and steps."""
 
     motion: JointMotion
@@ -167,7 +167,7 @@ class Found:
     steps: int = 0
 
 
-def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
+def follow_point(task: PointTask, times: Array, compile: Compile) -> FollowedPath:
     """Return the joint motion, at T times, that keeps a point on its path.
 
     Joints are continuous along the path, rates and accelerations exact (``J qd = pd``, ``J qdd = pdd - J-dot
@@ -195,7 +195,7 @@ def follow_point(task: PointTask, times: Array, compile: Compile) -> Found:
         if arm is not None and task.method == "analytic":
             branch = _branch(arm, ik, start, point, task.where)
             motion = planar_path.follow(arm, task.point_target, times, branch, start, ik.tolerance)
-            return Found(motion, "analytic")
+            return FollowedPath(motion, "analytic")
         if start is None and arm is not None and ik.branch is not None:
             start = planar_path.follow(
                 arm, task.point_target, times[:1], BRANCHES[ik.branch], None, ik.tolerance
@@ -226,10 +226,10 @@ def _moves_most(model: Model, failure: Singular) -> str:
     return f", least of all that of joint {model.joint_of(failure.joint)!r}"
 
 
-def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) -> Found:
+def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) -> FollowedPath:
     """Follow the path by Newton's method from one time to the next."""
     from robodyn_cli.model.manifold import Manifold
-    from robodyn_cli.solve.continuation import Follower
+    from robodyn_cli.solve.continuation import PathFollower
     from robodyn_cli.solve.newton import PointSolver
 
     ik = task.ik
@@ -243,12 +243,12 @@ def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) ->
             f"{task.where}no joint moves point {point!r}, so it cannot follow a trajectory",
             key="trajectory.point",
         )
-    follower = Follower(solver, task.asked, times)
+    follower = PathFollower(solver, task.asked, times)
     motion = follower.run(start)
     given = [task.model.q_names.index(name) for name in task.led.columns]
     if given:
         motion.q[:, given] = task.asked(times).values[:, -len(given) :]  # without the rounding of the steps
-    return Found(motion, "newton", solver.iterations, follower.steps)
+    return FollowedPath(motion, "newton", solver.iterations, follower.steps)
 
 
 def _check_options(task: PointTask) -> None:

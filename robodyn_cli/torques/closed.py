@@ -27,7 +27,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.program import InverseProgram, Loops, Sampled, expressions_of
+from robodyn_cli.torques.program import InverseProgram, LoopSamples, Sampled, expressions_of
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
 
@@ -165,7 +165,7 @@ class ClosedLoops(InverseProgram):
         # closures to a ground that moves do work at the rate -lambda eta_t
         work = (shared.multipliers * arrays["eta_t"]).sum(axis=1)[:, None]
         arrays["dissipation"] = arrays["dissipation"] - work
-        loops = Loops(psi, shared, planned.residuals, self.actuated, driven)
+        loops = LoopSamples(psi, shared, planned.residuals, self.actuated, driven)
         return Sampled(times, motion, p, terms, arrays, planned.counters, loops)
 
     def _losses(self, loads: Mapping[str, Array], tau: Array, a: Array, v: Array) -> Array:

@@ -30,7 +30,7 @@ RIGID = ("inertia", "coriolis", "gravity")
 
 
 @record
-class Loops:
+class LoopSamples:
     """The loops' part of an evaluated motion: Psi (T, m, nv), and how actuators and multipliers share the load.
 
     residual : largest of the loops by level. actuated : joints with an actuator. driven : their velocity coordinates.
@@ -56,7 +56,7 @@ class Sampled:
     terms: Mapping[str, Array]
     arrays: Mapping[str, Array]
     counters: Mapping[str, int]
-    loops: Loops | None = None
+    loops: LoopSamples | None = None
 
     @cached_property
     def tau(self) -> Array:

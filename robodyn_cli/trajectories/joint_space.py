@@ -76,7 +76,7 @@ class CourseTrajectory(JointSpaceTrajectory):
         return JointMotion(*(np.asfortranarray(self.course(times, k)[:, places]) for k in range(3)))
 
 
-class Together(JointSpaceTrajectory):
+class JointsTogether(JointSpaceTrajectory):
     """The motion of prescribed joints, and of those that a trajectory in joint space leads, if there is one."""
 
     def __init__(self, prescribed: Mapping[str, Any], trajectory: Any) -> None:

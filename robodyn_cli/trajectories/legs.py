@@ -16,7 +16,7 @@ from robodyn_cli.trajectories.course import Course
 
 
 @record
-class Law:
+class TimeLaw:
     """A time law: ``course`` (one function, from 0 to 1), and how long it speeds up and brakes [s].
 
     rests : whether the motion is at rest before and after it.
@@ -26,9 +26,11 @@ class Law:
     ramp: float
     rests: bool = True
 
-    def stretched(self, duration: float) -> Law:
+    def stretched(self, duration: float) -> TimeLaw:
         """Return the law in a longer time."""
-        return Law(self.course.stretched(duration), self.ramp * duration / self.course.duration, self.rests)
+        return TimeLaw(
+            self.course.stretched(duration), self.ramp * duration / self.course.duration, self.rests
+        )
 
 
 @record
@@ -46,7 +48,7 @@ class Scaling:
     tolerance: float | None
 
 
-def fastest(speed: float, acceleration: float, jerk: float = math.inf) -> Law:
+def fastest(speed: float, acceleration: float, jerk: float = math.inf) -> TimeLaw:
     """Return the law of least duration under limits [1/s, 1/s^2, 1/s^3]; an infinite one does not limit.
 
     Without a limit of the jerk it is a trapezoid of the speed, or a triangle where the way is short, else an S-curve of
@@ -64,7 +66,7 @@ def fastest(speed: float, acceleration: float, jerk: float = math.inf) -> Law:
         speed = acceleration * (ramp + constant)
     start = 2.0 * ramp + constant
     cruise = max(1.0 / speed - start, 0.0)
-    return Law(_assembled(acceleration, ramp, constant, cruise), start)
+    return TimeLaw(_assembled(acceleration, ramp, constant, cruise), start)
 
 
 def _until(speed: float, acceleration: float) -> float:
@@ -101,9 +103,9 @@ def _assembled(acceleration: float, ramp: float, constant: float, cruise: float)
     return Course(knots, [[[row[i]] for row in rows] for i in range(4 if ramp else 3)])
 
 
-def polynomial(coefficients: tuple[float, ...], duration: float) -> Law:
+def polynomial(coefficients: tuple[float, ...], duration: float) -> TimeLaw:
     """Return the polynomial in t / duration with these coefficients, which goes from 0 to 1."""
-    return Law(Course([0.0, 1.0], [[[c]] for c in coefficients]).stretched(duration), 0.5 * duration)
+    return TimeLaw(Course([0.0, 1.0], [[[c]] for c in coefficients]).stretched(duration), 0.5 * duration)
 
 
 MINIMUM_JERK = (0.0, 0.0, 0.0, 10.0, -15.0, 6.0)
@@ -118,7 +120,7 @@ ROUNDING = 1e-9  # of a limit, which sums of laws may pass by rounding
 class Leg:
     """One way: ``law`` from ``start`` on (None: nothing moves); ``end`` : of the stay behind it [s]."""
 
-    law: Law | None
+    law: TimeLaw | None
     start: float
     end: float
 
@@ -130,7 +132,7 @@ class Leg:
 
 
 def start_times(
-    laws: Sequence[tuple[Law | None, float]],
+    laws: Sequence[tuple[TimeLaw | None, float]],
     ways: Array,
     begin: float,
     blend: float,
@@ -158,7 +160,9 @@ def start_times(
     return legs
 
 
-def _longest_overlap(laws: tuple[Law, Law], ways: Array, most: float, limits: Sequence[Array]) -> float:
+def _longest_overlap(
+    laws: tuple[TimeLaw, TimeLaw], ways: Array, most: float, limits: Sequence[Array]
+) -> float:
     """Return the time for which two ways may overlap, up to ``most``, without passing limits."""
     first, second = laws
     end = first.course.duration

@@ -27,7 +27,7 @@ from robodyn_cli.trajectories.base import (
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
 from robodyn_cli.trajectories.led import with_attitudes
-from robodyn_cli.trajectories.legs import Law, Leg, fastest, start_times, superposed
+from robodyn_cli.trajectories.legs import Leg, TimeLaw, fastest, start_times, superposed
 
 BOUNDS = ("speed", "acceleration", "jerk")
 STILL = 1e-14  # rad or m: no way at all
@@ -167,7 +167,7 @@ class Moves(JointSpaceTrajectory):
         given = self._limits.get(name, {})
         return np.array([given.get(part, math.inf) for part in self._parts])
 
-    def _least(self, k: int, share: float = 1.0) -> Law | None:
+    def _least(self, k: int, share: float = 1.0) -> TimeLaw | None:
         """Return the fastest law of the k-th way, with a share of the jerk; None where nothing moves."""
         way = np.abs(self._ways[k])
         moving = way > STILL
@@ -184,7 +184,7 @@ class Moves(JointSpaceTrajectory):
         return min(found, key=lambda legs: legs[-1].end)
 
     def _timed(self, share: float) -> list[Leg]:
-        laws: list[tuple[Law | None, float]] = []
+        laws: list[tuple[TimeLaw | None, float]] = []
         for k, point in enumerate(self.points[1:]):
             law = self._least(k, share)
             if law is not None and point.duration is not None:

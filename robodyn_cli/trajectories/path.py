@@ -28,7 +28,7 @@ from robodyn_cli.spatial.orientation import orientation_problems, rotation_of
 from robodyn_cli.trajectories.base import Ik, Problems, SceneNames, TaskSpaceTrajectory, relative_key
 from robodyn_cli.trajectories.legs import polynomial
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
-from robodyn_cli.trajectories.task.chain import Plan, planned
+from robodyn_cli.trajectories.task.chain import ChainPlan, planned
 from robodyn_cli.trajectories.task.segments import PathProblem, segment_types
 from robodyn_cli.trajectories.task.stretch import LIMITS
 
@@ -152,7 +152,7 @@ class PathTrajectory(TaskSpaceTrajectory):
 
     # -- motion ---------------------------------------------------------------------------------------
     @cached_property
-    def plan(self) -> Plan:
+    def plan(self) -> ChainPlan:
         """The path from stop to stop, with its times.
 
         Raises

@@ -32,7 +32,7 @@ from robodyn_cli.works.state_text import state_overrides
 
 
 @record
-class State:
+class InfoState:
     """Positions by coordinate, and rates by velocity coordinate."""
 
     q: dict[str, float]
@@ -74,7 +74,7 @@ class Info:
 
     joints: list[dict[str, Any]]
     links: dict[str, Any]
-    state: State
+    state: InfoState
     mass_matrix: Array
     mass_matrix_singular_values: list[float] | None
     coriolis_matrix: Array
@@ -95,7 +95,7 @@ def info(path: Path, overrides: Sequence[str] = (), at: Sequence[str] = ()) -> R
     ------
     SceneError : the scene or the state cannot be read. Others as in ``prepare``.
     """
-    numbers = Numbers(prepare(scene_at(path, overrides, at)))
+    numbers = InfoNumbers(prepare(scene_at(path, overrides, at)))
     result = numbers.drawing()
     result.summarise(numbers.report())
     return result
@@ -138,7 +138,7 @@ def _neutral(scene: Scene, given: set[str]) -> Iterable[str]:
             yield f"{joint.name}={kind.neutral() if kind.names else 0}"
 
 
-class Numbers:
+class InfoNumbers:
     """A scene's equations at its initial state."""
 
     def __init__(self, setup: Setup) -> None:
@@ -179,7 +179,7 @@ class Numbers:
         return Info(
             joints=_joints(scene),
             links=_links(scene),
-            state=State(_named(model.q_names, self.q), _named(model.v_names, self.v)),
+            state=InfoState(_named(model.q_names, self.q), _named(model.v_names, self.v)),
             mass_matrix=M,
             mass_matrix_singular_values=singular_values(M),
             coriolis_matrix=self.array(coriolis(bodies, self.q, self.v, X)),

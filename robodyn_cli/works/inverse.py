@@ -31,7 +31,7 @@ from robodyn_cli.torques.checks import (
     joint_figures,
     path_error,
 )
-from robodyn_cli.torques.program import InverseProgram, Loops, Sampled
+from robodyn_cli.torques.program import InverseProgram, LoopSamples, Sampled
 
 if TYPE_CHECKING:
     from robodyn_cli.observe.reactions import Loads
@@ -241,6 +241,6 @@ def summarise(
     )
 
 
-def _mechanism(loops: Loops) -> LoadedMechanism:
+def _mechanism(loops: LoopSamples) -> LoadedMechanism:
     shared = loops.shared
     return LoadedMechanism(shared.freedom, list(loops.actuated), *shared.uniqueness)

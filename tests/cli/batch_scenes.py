@@ -12,7 +12,7 @@ from typing import Any
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
-from robodyn_cli.over.batch.entries import Entry, listed, load
+from robodyn_cli.over.batch.entries import BatchEntry, listed, load
 
 ROOT = Path(__file__).parents[2]
 
@@ -48,7 +48,7 @@ def arm(
     return path
 
 
-def loaded(paths: Sequence[Path], out: Path) -> list[Entry]:
+def loaded(paths: Sequence[Path], out: Path) -> list[BatchEntry]:
     """Return the scenes of a batch, loaded."""
     found = listed(paths)
     load(found, out)

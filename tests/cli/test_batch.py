@@ -16,7 +16,7 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.batch import entries as batch_entries
 from robodyn_cli.over.batch.batch import Batch
-from robodyn_cli.over.batch.entries import Entry, unique_names
+from robodyn_cli.over.batch.entries import BatchEntry, unique_names
 from robodyn_cli.over.batch.reports import junit, markdown, tally
 from robodyn_cli.over.batch.stored import gather
 from tests.cli.batch_scenes import ROOT, arm, loaded, robodyn, run
@@ -164,7 +164,7 @@ def test_scenes_of_the_same_name_do_not_share_a_directory(tmp_path: Path) -> Non
 # -- workers ---------------------------------------------------------------------------------------------
 
 
-def with_worker(tmp_path: Path, code: str, count: int = 3) -> list[Entry]:
+def with_worker(tmp_path: Path, code: str, count: int = 3) -> list[BatchEntry]:
     scenes = loaded([arm(tmp_path / f"s{k}.yaml", PASSES) for k in range(count)], tmp_path / "out")
 
     def worker(command: str, path: Path, directory: Path) -> list[str]:
@@ -217,8 +217,8 @@ def test_workers_end_with_the_batch(tmp_path: Path) -> None:
 
 
 def test_reports_of_odd_names_and_messages() -> None:
-    odd = Entry(Path("a|b<c>&\x00.yaml"), 'a|b<c>&"\x00', exit_code=70, message="x\x1b[0m | <y>\nz")
-    stopped = Entry(Path("d.yaml"), "d", stopped=True)
+    odd = BatchEntry(Path("a|b<c>&\x00.yaml"), 'a|b<c>&"\x00', exit_code=70, message="x\x1b[0m | <y>\nz")
+    stopped = BatchEntry(Path("d.yaml"), "d", stopped=True)
     case = ElementTree.fromstring(junit([odd, stopped]))[0][0]
     assert str(case.get("name")).startswith('a|b<c>&"')
     page = markdown([odd, stopped])

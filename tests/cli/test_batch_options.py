@@ -14,7 +14,7 @@ import pytest
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.over.batch import batch as batch_module
 from robodyn_cli.over.batch.batch import Batch
-from robodyn_cli.over.batch.entries import Entry
+from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.reports import junit
 from robodyn_cli.over.commands import execute, functions
 from robodyn_cli.results.hdf5 import read
@@ -166,11 +166,11 @@ def test_junit_is_what_its_readers_know() -> None:
     """Elements, attributes and children are those of the strictest schema; the sums add up."""
     failed = JudgedCriterion("lock.time", "1 +- 0.1", 2.0, False)
     done = [
-        Entry(Path("a.yaml"), "a", seconds=1.5),
-        Entry(Path("b.yaml"), "b", exit_code=1, criteria=[failed], unchanged=True),
-        Entry(Path("c.yaml"), "c", exit_code=70, message="x"),
-        Entry(Path("d.yaml"), "d", exit_code=2),
-        Entry(Path("e.yaml"), "e", stopped=True),
+        BatchEntry(Path("a.yaml"), "a", seconds=1.5),
+        BatchEntry(Path("b.yaml"), "b", exit_code=1, criteria=[failed], unchanged=True),
+        BatchEntry(Path("c.yaml"), "c", exit_code=70, message="x"),
+        BatchEntry(Path("d.yaml"), "d", exit_code=2),
+        BatchEntry(Path("e.yaml"), "e", stopped=True),
     ]
     root = ElementTree.fromstring(junit(done))
     assert root.tag == "testsuites"

@@ -14,7 +14,7 @@ from robodyn_cli.cli.app import run
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.over.crosscheck import crosscheck as module
 from robodyn_cli.over.crosscheck.crosscheck import ENGINES, crosscheck
-from robodyn_cli.over.crosscheck.engine import Engine
+from robodyn_cli.over.crosscheck.engine import PeerEngine
 from robodyn_cli.over.crosscheck.in_mujoco import KINDS as MUJOCO
 from robodyn_cli.over.crosscheck.in_pinocchio import KINDS as PINOCCHIO
 from robodyn_cli.scene.load import load_scene, load_scene_text
@@ -197,7 +197,7 @@ def test_engines_agree_on_the_parts() -> None:
     scene = load_scene_text(chain(["spherical", "universal", "planar"]))
     asked = module.translate(scene, True)
     one, other = (module._engine(name)(asked.model) for name in ENGINES)
-    assert isinstance(one, Engine) and isinstance(other, Engine)
+    assert isinstance(one, PeerEngine) and isinstance(other, PeerEngine)
     rng = np.random.default_rng(1)
     for _ in range(5):
         q, v, a = (

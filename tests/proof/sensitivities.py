@@ -18,7 +18,7 @@ import numpy as np
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.places import numbers_at_places
-from robodyn_cli.over.sensitivity.asked import Asked, prepare
+from robodyn_cli.over.sensitivity.asked import AskedSlopes, prepare
 from robodyn_cli.over.sensitivity.differences import differences
 from robodyn_cli.over.sensitivity.exact import exact_slopes
 from robodyn_cli.scene.load import Family, load_scene_text
@@ -88,7 +88,7 @@ def _outputs(command: str, scene: Scene, rng: np.random.Generator) -> list[str]:
     return [str(x) for x in rng.permutation(found)[:OUTPUTS]]
 
 
-def make(seed: int) -> tuple[str, Asked]:
+def make(seed: int) -> tuple[str, AskedSlopes]:
     """Return the family and the question of a seed.
 
     Raises

@@ -12,7 +12,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.ready.doors import along
 from robodyn_cli.scene import load_scene_text
-from robodyn_cli.solve.inverse_kinematics import Found, PointTask, follow_point
+from robodyn_cli.solve.inverse_kinematics import FollowedPath, PointTask, follow_point
 from tests.numeric import real
 
 STANDARD_2R = """\
@@ -46,7 +46,7 @@ def scene(robot: str, trajectory: str, rest: str = "") -> Any:
     )
 
 
-def follow(robot: str, trajectory: str, times: np.ndarray, rest: str = "") -> tuple[Found, Model, Any]:
+def follow(robot: str, trajectory: str, times: np.ndarray, rest: str = "") -> tuple[FollowedPath, Model, Any]:
     """Return what the inverse kinematics finds, the model and the scene."""
     s = along(scene(robot, trajectory, rest))
     model = build_model(s)
@@ -65,7 +65,7 @@ def forward(model: Model, point: str, q: np.ndarray) -> np.ndarray:
     return real(np.array(found))
 
 
-def miss(found: Found, model: Model, s: Any, times: np.ndarray) -> float:
+def miss(found: FollowedPath, model: Model, s: Any, times: np.ndarray) -> float:
     """Largest distance between the point and its target."""
     target = s.trajectory.target(times, s.parameters).p
     at = forward(model, s.trajectory.point, found.motion.q)[:, : target.shape[1]]

@@ -13,7 +13,7 @@ import pytest
 
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS, places
 from robodyn_cli.exit_codes import OF_STATUS
-from robodyn_cli.over.many.command import Command
+from robodyn_cli.over.many.command import BatchCommand
 from robodyn_cli.registry import Registry
 from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.scene.types import Scene
@@ -69,7 +69,7 @@ def is_plan(name: str, member: Any) -> None:
 
 
 def is_batch(name: str, member: Any) -> None:
-    assert issubclass(member, Command) and member().name == name
+    assert issubclass(member, BatchCommand) and member().name == name
 
 
 def is_slopes(name: str, member: Any) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.events import Event, EventFunction, Stopping
-from robodyn_cli.integrators.event_location.events import Found, Root, first_roots
+from robodyn_cli.integrators.event_location.events import LocatedRoots, Root, first_roots
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.memory import Status
@@ -401,7 +401,9 @@ def test_roots_are_found_to_the_last_digits(name: str, armed: float | None) -> N
 
 
 def test_what_dense_output_alone_has_seen_is_no_event() -> None:
-    assert first_roots([BOTH], lambda t: np.array([1.0]), np.array([1.0]), 0, (0.0, 0.25, 0.5)) == Found(0.5)
+    assert first_roots(
+        [BOTH], lambda t: np.array([1.0]), np.array([1.0]), 0, (0.0, 0.25, 0.5)
+    ) == LocatedRoots(0.5)
 
 
 def test_a_crossing_before_the_bracket_is_found() -> None:
@@ -411,7 +413,7 @@ def test_a_crossing_before_the_bracket_is_found() -> None:
 
 def test_an_event_that_stood_at_zero_happens_where_it_stood() -> None:
     found = first_roots([BOTH], lambda t: np.array([t]), np.array([-1.0]), 0, (0.0, 0.0, 0.5))
-    assert found == Found(0.0, (Root(0, 0.0, 0.0, 1.0),))
+    assert found == LocatedRoots(0.0, (Root(0, 0.0, 0.0, 1.0),))
 
 
 def test_where_the_motion_cannot_be_followed_the_search_stops_before() -> None:

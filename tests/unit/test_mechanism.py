@@ -20,7 +20,7 @@ from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.over.many.groups import Built, Structures
-from robodyn_cli.over.many.integrate import Batch
+from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.over.many.simulate import Simulate
 from robodyn_cli.over.many.start import _least_steps
@@ -397,7 +397,7 @@ def test_lanes_make_the_steps_of_the_scalar_loop(method: str) -> None:
     ((structure, _),) = Structures(mechanism.family, mechanism.keys, Simulate().structure).groups(values)
     assert structure is not None
     fleet = structure.fleet(method)
-    batch = Batch.of(structure, values, rng.uniform(-1, 1, (101, 2)), None, threads=2)
+    batch = RunBatch.of(structure, values, rng.uniform(-1, 1, (101, 2)), None, threads=2)
     if fleet.lanes == 1:
         pytest.skip("this processor has no vectors of doubles")
     found = batch.drive(method, batch.options)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from robodyn_cli.drives.cycle import Asked, Samples, motor_cycle
+from robodyn_cli.drives.cycle import CycleSamples, ShaftDuty, motor_cycle
 from robodyn_cli.errors import SceneError
 from robodyn_cli.motors.electric import Supply
 from robodyn_cli.motors.heat import Envelope, Thermal
@@ -441,14 +441,14 @@ def test_steady_losses_of_a_stepper_do_not_depend_on_its_load() -> None:
 def test_many_gears_at_once_are_each_alone() -> None:
     """The arrays of many cycles, as sizing has them, hold the cycle of each."""
     rng = np.random.default_rng(2)
-    asked = Asked(*rng.normal(size=(3, 4, 301)), rng.uniform(0, 1e-4, (4, 1)))
-    every = motor_cycle(DC, Supply(), asked, Samples(0.01))
+    asked = ShaftDuty(*rng.normal(size=(3, 4, 301)), rng.uniform(0, 1e-4, (4, 1)))
+    every = motor_cycle(DC, Supply(), asked, CycleSamples(0.01))
     for k in range(4):
         alone = motor_cycle(
             DC,
             Supply(),
-            Asked(asked.speed[k], asked.acceleration[k], asked.torque[k], asked.inertia[k, 0]),
-            Samples(0.01),
+            ShaftDuty(asked.speed[k], asked.acceleration[k], asked.torque[k], asked.inertia[k, 0]),
+            CycleSamples(0.01),
         )
         assert every.temperature is not None and alone.temperature is not None
         assert np.allclose(every.temperature[k], alone.temperature, rtol=1e-13)

@@ -14,7 +14,7 @@ from robodyn_cli.equations import problem as equations
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.fixed import Fixed, derived, literal, places
 from robodyn_cli.expr.formula import Formula
-from robodyn_cli.expr.formula_tree import Node, Num
+from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import Interpreter, evaluate
 from robodyn_cli.kernels.program import make_program
@@ -74,7 +74,7 @@ class Variation:
             return dataclasses.replace(x, **changed)
         return x
 
-    def leaf(self, node: Node, unit: str) -> Node:
+    def leaf(self, node: FormulaNode, unit: str) -> FormulaNode:
         return Num(node.number * self.factor(unit)) if isinstance(node, Num) else node
 
 

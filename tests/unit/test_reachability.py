@@ -6,22 +6,22 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from robodyn_cli.fastest.reachability import ROWS, Chain, fastest_through
+from robodyn_cli.fastest.reachability import ROWS, PassChain, fastest_through
 
 POINTS, ROWS_EACH = 7, 3
 
 
-def random_chain(rng: np.random.Generator) -> tuple[Chain, np.ndarray]:
+def random_chain(rng: np.random.Generator) -> tuple[PassChain, np.ndarray]:
     """Return a chain that x = 0 can be followed through, slopes of both signs, and limits of x."""
     shape = (POINTS - 1, ROWS_EACH)
     k0, k1 = rng.uniform(-0.5, 1.5, shape), rng.uniform(-0.5, 1.5, shape)
     bounds = [(-rng.uniform(0.1, 1.0, shape), rng.uniform(0.1, 1.0, shape)) for _ in range(2)]
     (low0, high0), (low1, high1) = bounds
-    chain = Chain(k0, low0, high0, k1, low1, high1, rng.uniform(size=POINTS - 1) < 0.4)
+    chain = PassChain(k0, low0, high0, k1, low1, high1, rng.uniform(size=POINTS - 1) < 0.4)
     return chain, np.append(rng.uniform(0.3, 3.0, POINTS - 1), 0.0)
 
 
-def inequalities(chain: Chain) -> tuple[np.ndarray, np.ndarray]:
+def inequalities(chain: PassChain) -> tuple[np.ndarray, np.ndarray]:
     """Return G, h of G (x, m) <= h for the points x (POINTS,) and the numbers m (POINTS - 1,) of the segments."""
     G, h = [], []
     for i, even in enumerate(chain.even):

@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 from robodyn_cli import sensitivity
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
-from robodyn_cli.over.sensitivity.asked import Asked, prepare
+from robodyn_cli.over.sensitivity.asked import AskedSlopes, prepare
 from robodyn_cli.over.sensitivity.differences import differences
 from robodyn_cli.over.sensitivity.exact import exact_slopes
 from robodyn_cli.over.sensitivity.motion.variational import NEW, nodes_of, transfers
@@ -61,19 +61,19 @@ simulate: {duration: 0.8, samples: 3, rtol: 1e-11, atol: 1e-13}
 """
 
 
-def asked(scene: str | Path, to: list[str], of: list[str], *overrides: str) -> Asked:
+def asked(scene: str | Path, to: list[str], of: list[str], *overrides: str) -> AskedSlopes:
     if isinstance(scene, Path):
         return prepare(Family(scene, overrides), to, of)
     return prepare(Family.of(load_scene_text(scene, overrides=overrides)), to, of)
 
 
-def exact(question: Asked) -> dict[tuple[str, str], Slope]:
+def exact(question: AskedSlopes) -> dict[tuple[str, str], Slope]:
     """Exact derivatives by output and key."""
     found, _ = exact_slopes(question)
     return {(name, question.task.keys[k]): slope for (name, k), slope in found.items()}
 
 
-def compare_with_differences(question: Asked, beyond: float = 3.0) -> None:
+def compare_with_differences(question: AskedSlopes, beyond: float = 3.0) -> None:
     """All derivatives are exact, and differ from central differences by no more than both say."""
     found, others = exact(question), differences(question, range(len(question.keys)), 1)
     for k, key in enumerate(question.task.keys):
@@ -252,7 +252,7 @@ def test_bodies_with_quaternions(scene: str) -> None:
     compare_with_differences_of(asked(path, to, rates, *settings))
 
 
-def compare_with_differences_of(question: Asked) -> None:
+def compare_with_differences_of(question: AskedSlopes) -> None:
     """As ``compare_with_differences``, where derivatives may be zero."""
     found = exact(question)
     for name, other in zip(question.task.outputs, differences(question, [0], 1)[0]):

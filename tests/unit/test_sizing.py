@@ -16,7 +16,7 @@ from robodyn_cli.motors.drive import Drive
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.size.responses import Responses
-from robodyn_cli.works.size.search import Search
+from robodyn_cli.works.size.search import DriveSearch
 from robodyn_cli.works.size.size import size
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -213,7 +213,7 @@ def test_nothing_is_cheaper_or_lighter_than_what_is_proven(by: str) -> None:
         text = random_scene(rng, joints, int(rng.integers(4, 7)), 3, 101)
         scene = load_scene_text(text)
         drives = {f"j{k}": Drive(motor="") for k in range(joints)}
-        search = Search.of(Responses.of(scene, drives), drives, scene.catalogue, by)
+        search = DriveSearch.of(Responses.of(scene, drives), drives, scene.catalogue, by)
         search.run()
         true = least_of_all(search, by)
         alone = (

@@ -14,7 +14,7 @@ import pytest
 
 from robodyn_cli.over.numerics.stability_cases import CASES, Case
 from robodyn_cli.over.numerics.stability_scenes import LECTURE_ARM, scene, slider
-from robodyn_cli.over.numerics.trial import Reference
+from robodyn_cli.over.numerics.trial import TrialReference
 
 ROOT = Path(__file__).parents[2]
 NAMED = {case.name: case for case in CASES}
@@ -126,7 +126,7 @@ def test_loops(peers: Any, engine: str) -> None:
 def test_what_a_run_is_called(peers: Any) -> None:
     times = np.linspace(0.0, 1.0, 3)
     right = np.ones((3, 2))
-    ref = Reference(times, right, np.ones(2), 1.0, 12.0, 1e-12, ("gauss", "dop853"))
+    ref = TrialReference(times, right, np.ones(2), 1.0, 12.0, 1e-12, ("gauss", "dop853"))
 
     def told(run: Any) -> str:
         return str(peers.shown(peers.judged(*peers.outcome(run, times), ref)))

@@ -215,6 +215,20 @@ def test_no_package_is_empty() -> None:
         assert any(x != path for x in path.parent.rglob("*.py")), f"{name_of(path.parent)} holds nothing"
 
 
+# -- names ----------------------------------------------------------------------------------------------------
+# classes whose name another class has too; this list only ever shrinks
+SHARED_NAMES = {
+    "Formula", "Joint", "JointLimits", "Latch", "Loaded", "Motion", "Name", "PointTask",
+}  # fmt: skip
+
+
+def test_one_name_of_a_class_means_one_thing() -> None:
+    classes = [
+        node.name for path in files() for node in ast.walk(tree_of(path)) if isinstance(node, ast.ClassDef)
+    ]
+    assert {name for name in classes if classes.count(name) > 1} == SHARED_NAMES
+
+
 # -- doors ----------------------------------------------------------------------------------------------------
 def test_scenes_are_made_ready_by_the_doors_alone() -> None:
     """What finds motions before the equations are built, and readies controllers, is imported by the doors only."""

@@ -13,11 +13,11 @@ import pytest
 from robodyn_cli.expr.statements import parse_variation
 from robodyn_cli.over.study.design import Design, make_design
 from robodyn_cli.over.study.report import report
-from robodyn_cli.over.study.row import Rows
+from robodyn_cli.over.study.row import RunRows
 from robodyn_cli.over.study.rows import BLOCK, REASONS_NAME, ROWS_NAME, RowFile
 from robodyn_cli.over.study.samples import strata
 from robodyn_cli.over.study.statistics import MOST, Moments, quantiles
-from robodyn_cli.over.study.study import Asked, Study, prepare
+from robodyn_cli.over.study.study import AskedStudy, Study, prepare
 from robodyn_cli.results.hdf5 import ResultWriter, read
 from robodyn_cli.scene.load import Family, load_scene_text
 from robodyn_cli.scene.nested_options import Correlation
@@ -40,7 +40,7 @@ simulate: {duration: 0.1, samples: 2}
 def study_of(**options: Any) -> Study:
     options["vary"] = {key: parse_variation(spec) for key, spec in options["vary"].items()}
     family = Family.of(load_scene_text(SLIDER))
-    return prepare(Asked(family, StudyOptions(of=("final.q.z",), **options)))
+    return prepare(AskedStudy(family, StudyOptions(of=("final.q.z",), **options)))
 
 
 def filled(file: RowFile, output: Any, codes: Any = None) -> None:
@@ -53,7 +53,7 @@ def filled(file: RowFile, output: Any, codes: Any = None) -> None:
         rows["errors"] = 1e-9
         rows["code"] = 0 if codes is None else codes(points.values)
         failed = np.flatnonzero(rows["code"]).tolist()
-        file.add(Rows(points.runs, rows, {int(points.runs[k]): f"run {points.runs[k]}" for k in failed}))
+        file.add(RunRows(points.runs, rows, {int(points.runs[k]): f"run {points.runs[k]}" for k in failed}))
 
 
 # -- points ---------------------------------------------------------------------------------------------

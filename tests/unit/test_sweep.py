@@ -30,7 +30,7 @@ from robodyn_cli.over.study.row import Task
 from robodyn_cli.over.study.rows import ROWS_NAME, RowFile
 from robodyn_cli.over.study.runs import run_here
 from robodyn_cli.over.study.statistics import influences, share, sobol
-from robodyn_cli.over.study.study import Asked, prepare
+from robodyn_cli.over.study.study import AskedStudy, prepare
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
 from robodyn_cli.scene.nested_options import Correlation
@@ -356,7 +356,7 @@ def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path, 
     fall.unlink()
     of = ("final.q.z", "energy_drift")  # a whole command gives the second
     options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=of)
-    study = prepare(Asked(family, options))
+    study = prepare(AskedStudy(family, options))
     with RowFile(tmp_path, study.task, study.design, study.rows_head) as file:
         for made in run_here(study.task, file, 2):
             file.add(made)

@@ -11,7 +11,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from robodyn_cli import load_scene_text, simulate
-from robodyn_cli.equations.time_structure import Structure, functions_of_time, structure
+from robodyn_cli.equations.time_structure import TimeStructure, functions_of_time, structure
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.expr.graph import Expr, Graph, reachable
@@ -34,7 +34,7 @@ simulate: {{duration: 10, samples: 101}}
 """
 
 
-def found(text: str, duration: float = 10.0) -> Structure:
+def found(text: str, duration: float = 10.0) -> TimeStructure:
     t = Graph().symbol("t", "t")
     function = parse(text).evaluate({"t": t})
     assert isinstance(function, Expr)
@@ -68,7 +68,7 @@ def test_jumps_and_kinks_are_found_where_they_are(text: str) -> None:
     ],
 )  # fmt: skip
 def test_smooth_functions_have_nothing_to_show(text: str) -> None:
-    assert found(text) == Structure((), ())
+    assert found(text) == TimeStructure((), ())
 
 
 @given(st.floats(0.5, 9.5), st.floats(1e-6, 1e-3))

@@ -11,7 +11,7 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, utf8
 
 if TYPE_CHECKING:
-    from robodyn_cli.robots.collection import Robot
+    from robodyn_cli.robots.collection import StarterRobot
     from robodyn_cli.scene.starters import Starter
 
 
@@ -59,13 +59,13 @@ def command(
     return 0
 
 
-def _robot(name: str) -> Robot | Starter:
+def _robot(name: str) -> StarterRobot | Starter:
     from robodyn_cli.robots.collection import find_robot
 
     return find_robot(name)
 
 
-def _starter(kind: str) -> Robot | Starter:
+def _starter(kind: str) -> StarterRobot | Starter:
     from robodyn_cli.scene.starters import find_starter
 
     return find_starter(kind)

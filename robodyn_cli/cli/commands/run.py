@@ -31,7 +31,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.exit_codes import worst
 
 if TYPE_CHECKING:
-    from robodyn_cli.over.batch.entries import Entry
+    from robodyn_cli.over.batch.entries import BatchEntry
     from robodyn_cli.report.registry import Drawings
 
 
@@ -81,7 +81,7 @@ def command(
     if update and baseline is None:
         raise CapabilityError("--update-baseline needs --baseline DIR: the directory of the stored results")
     start, console = time.perf_counter(), Console(as_json, quiet)
-    entries: list[Entry] = []
+    entries: list[BatchEntry] = []
     tidy_up_first()
     try:
         from robodyn_cli.kernels.cache import cache_directory
@@ -122,7 +122,7 @@ def _ends(drawn: Drawings | None) -> list[str]:
     return [f"{name}.{drawn.suffix}" for name in drawn.names or ("",)]
 
 
-def _tell(entry: Entry, widths: tuple[int, int], console: Console) -> None:
+def _tell(entry: BatchEntry, widths: tuple[int, int], console: Console) -> None:
     """Print how a scene ended; ``widths`` : of the columns of names and commands."""
     if entry.replaced is not None:
         console.note(f"robodyn: warning: {entry.directory} held results of another scene, {entry.replaced}")

@@ -72,7 +72,7 @@ def command(
     shared: SharedOptions,
 ) -> int:  # fmt: skip
     """Run the study; return 0 even where runs failed, 1 below the yield."""
-    from robodyn_cli.over.study.study import Asked, options_of, prepare
+    from robodyn_cli.over.study.study import AskedStudy, options_of, prepare
     from robodyn_cli.scene.load import Family
 
     if scheduler is not None and jobs is not None:
@@ -86,7 +86,7 @@ def command(
         seed=seed, of=tuple(of) if of else None, least_yield=least_yield,
     )  # fmt: skip
     with output(target, scene, console) as directory:
-        study = prepare(Asked(family, options, indices))
+        study = prepare(AskedStudy(family, options, indices))
         with begun(directory, console):
             maker = _maker(scheduler, jobs or cores(), console)
             result = _run(study, directory, maker, console, shared.drawings)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.control.equations import Equations
+from robodyn_cli.equations.control.equations import ControlledEquations
 from robodyn_cli.equations.control.model import Reference, reference_of, tracked_joints
 from robodyn_cli.equations.control.situation import At, Measured
 from robodyn_cli.equations.discontinuities import switches
@@ -63,7 +63,7 @@ class Control:
     problem : the equations of the mechanism, whose symbols t, q, v the law is built on.
     """
 
-    def __init__(self, problem: Equations) -> None:
+    def __init__(self, problem: ControlledEquations) -> None:
         self.problem, self.controller = problem, problem.scene.control
         self.joints: tuple[str, ...] = self.controller.joints
         model = problem.model

@@ -7,13 +7,13 @@ from typing import Any, Protocol
 
 from robodyn_cli.algorithms.kinematics import Pose
 from robodyn_cli.equations.constraints import Combination, Constraints, Dependence
-from robodyn_cli.equations.linear.residuals import Equations as Linearised
+from robodyn_cli.equations.linear.residuals import LinearisedEquations
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Transform, Values, Vector
 
 
-class Equations(Linearised, Protocol):
+class ControlledEquations(LinearisedEquations, Protocol):
     """The equations of a scene (satisfied by ``Problem``)."""
 
     scene: Scene
@@ -43,6 +43,6 @@ class Equations(Linearised, Protocol):
     def independent_rows(self) -> Constraints: ...
 
     @property
-    def of(self) -> Callable[..., Equations]:
+    def of(self) -> Callable[..., ControlledEquations]:
         """What gives the equations of another scene."""
         ...

@@ -16,7 +16,7 @@ from robodyn_cli.algorithms.constraints import DrivenJoints
 from robodyn_cli.algorithms.external import PathKinematics, path_torques
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.control.base import PointTask
-from robodyn_cli.equations.control.equations import Equations
+from robodyn_cli.equations.control.equations import ControlledEquations
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.equations.time_structure import beside, structure
 from robodyn_cli.errors import SceneError
@@ -62,7 +62,7 @@ def model_scene(scene: Scene) -> Scene:
     return dataclasses.replace(scene, control=None, torques={}, prescribed=prescribed, trajectory=None)
 
 
-def passive_forces(problem: Equations, friction: bool) -> Vector:
+def passive_forces(problem: ControlledEquations, friction: bool) -> Vector:
     """Return the torques (nv,) of springs, dampers and friction that a controller's model has.
 
     Losses of gears, which depend on the torque, are left out.
@@ -80,7 +80,7 @@ class ControllerModel:
     problem : the equations of the mechanism itself, whose columns the model has too. make : gives those of a scene.
     """
 
-    def __init__(self, problem: Equations, make: Callable[..., Equations]) -> None:
+    def __init__(self, problem: ControlledEquations, make: Callable[..., ControlledEquations]) -> None:
         self.controller = problem.scene.control
         scene = model_scene(problem.scene)
         motion = self.controller.reference
@@ -193,7 +193,7 @@ class ControllerModel:
         raise SceneError(f"{path}: control: {why}", file=path, key="control")
 
 
-def _same_rows(problem: Equations) -> dict[str, Any]:
+def _same_rows(problem: ControlledEquations) -> dict[str, Any]:
     """Return how the equations of the mechanism treat the rows of its loops, as arguments of its model."""
     if not problem.model.closures:
         return {}

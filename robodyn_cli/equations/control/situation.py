@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.control.base import PointTask
-from robodyn_cli.equations.control.equations import Equations
+from robodyn_cli.equations.control.equations import ControlledEquations
 from robodyn_cli.equations.control.model import ControllerModel, Reference
 from robodyn_cli.record import record
 from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
@@ -34,7 +34,7 @@ class At:
     """
 
     def __init__(
-        self, problem: Equations, seen: Measured, followed: Reference, states: Mapping[str, Any]
+        self, problem: ControlledEquations, seen: Measured, followed: Reference, states: Mapping[str, Any]
     ) -> None:
         self.problem, self.seen, self.followed = problem, seen, followed
         self.env = problem.environment

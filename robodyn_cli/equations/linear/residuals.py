@@ -23,7 +23,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, Matrix, Values, Vector, identity, zeros
 
 
-class Equations(Protocol):
+class LinearisedEquations(Protocol):
     """The equations of a mechanism (satisfied by ``Problem``)."""
 
     model: Model
@@ -42,7 +42,7 @@ class Equations(Protocol):
     def constraints(self) -> Constraints: ...
 
 
-def step_seeds(problem: Equations) -> dict[int, SparseRow]:
+def step_seeds(problem: LinearisedEquations) -> dict[int, SparseRow]:
     """Return the gradients of the position symbols by steps dq (nv,) along the joints' manifolds, by node.
 
     A step changes q by the rate that the velocity dq gives: the identity for joints with q-dot = v, half a product of
@@ -57,7 +57,7 @@ def step_seeds(problem: Equations) -> dict[int, SparseRow]:
     return seeds
 
 
-def by_steps(problem: Equations, entries: Values) -> Matrix:
+def by_steps(problem: LinearisedEquations, entries: Values) -> Matrix:
     """Return d entries / d q (n, nv) by steps along the joints' manifolds."""
     return dense(gradients(list(entries), step_seeds(problem)), problem.model.nv)
 
@@ -114,7 +114,7 @@ class Residuals:
     f : (nv,) as expressions of t, q and v. parameters : values of p.
     """
 
-    def __init__(self, problem: Equations, f: Vector, parameters: Sequence[float]) -> None:
+    def __init__(self, problem: LinearisedEquations, f: Vector, parameters: Sequence[float]) -> None:
         self.problem, self.f, self.parameters = problem, f, parameters
         self.rows = problem.constraints.rows
 
@@ -194,7 +194,7 @@ def evaluated(outputs: Mapping[str, Any], groups: Mapping[str, Array]) -> dict[s
     return found
 
 
-def _brackets(problem: Equations) -> tuple[Matrix, Matrix]:
+def _brackets(problem: LinearisedEquations) -> tuple[Matrix, Matrix]:
     """Return N (nq, nv) with q-dot = N v, and its bracket with the motion: d(N v)/dq N - d(N e_k)/dq (N v) in column k.
 
     A motion beside another one is q + N xi with a step xi (nv,). Then xi-dot = dv + K xi with N K = bracket: K vanishes

@@ -19,8 +19,8 @@ from robodyn_cli.solve.poses.steps import (
     CRITERION_STEP,
     MOST_STEP,
     TARGET,
-    Bounds,
     PoseTask,
+    StepBounds,
     criterion_step,
     damped_step,
     pose_rows,
@@ -63,7 +63,7 @@ class PoseEquations:
         p = graph.symbols([f"limit{k}" for k in range(2 * count)], PARAMETERS)
         self.lower, self.upper = p[:count], p[count:]
         place = dict(zip(limits.velocities, limits.places))
-        self.bounds = Bounds(
+        self.bounds = StepBounds(
             dict(zip(limits.velocities, self.lower)), dict(zip(limits.velocities, self.upper)), place
         )
         self.rows = self._scaled()

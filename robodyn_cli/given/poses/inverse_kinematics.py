@@ -17,7 +17,7 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.given.poses.criteria import Criterion, PositionLimits
 from robodyn_cli.given.poses.equations import PoseEquations
 from robodyn_cli.given.poses.targets import (
-    Asked,
+    PoseDemand,
     Poses,
     Way,
     check_choice,
@@ -136,7 +136,7 @@ class InverseKinematics(ThreadSafe):
 
     Parameters
     ----------
-    source : scene, or its equations. frame : a named point or frame, a link, or ``LINK.end``. asked : see ``Asked``.
+    source : scene or equations. frame : a named point or frame, a link, or ``LINK.end``. asked : see ``PoseDemand``.
 
     Raises
     ------
@@ -151,7 +151,7 @@ class InverseKinematics(ThreadSafe):
         place = find_frame(self.model, frame)
         if place.body == BASE:
             raise SceneError(f"{frame!r} is fixed to the base and cannot be brought anywhere")
-        options = Asked(**asked)
+        options = PoseDemand(**asked)
         self.task = options.task(place)
         self.limits = PositionLimits.of(scene, self.model, options.limits)
         self.equations = PoseEquations(problem, self.task, self.limits, Criterion(options.criterion))

@@ -22,7 +22,7 @@ SAME = 1e-6  # rad or m, for positions that count as one
 
 
 @record
-class Asked:
+class PoseDemand:
     """What is asked of a frame, and how its poses are sought.
 
     position : the components that are asked for, of ``xyz``. orientation : ``full``; ``axis``, the direction of

@@ -48,7 +48,7 @@ class Root:
 
 
 @record
-class Found:
+class LocatedRoots:
     """The time to go to, and the functions that change sign there (none: go there and search on)."""
 
     time: float
@@ -61,7 +61,7 @@ def first_roots(
     armed: Numbers,
     seen: int,
     times: tuple[float, float, float],
-) -> Found:
+) -> LocatedRoots:
     """Find the first sign change in a step, and all that coincide with it.
 
     Parameters
@@ -85,14 +85,14 @@ def first_roots(
                 root = _root(k, values, *bracket, event.is_discontinuity)
                 if root is None:
                     # no motion beyond the last time that still has the old sign
-                    return Found(_last_followed(k, values, a, float(before[k]), b))
+                    return LocatedRoots(_last_followed(k, values, a, float(before[k]), b))
                 roots.append(root)
         if roots:
             bound = min(r.high for r in roots) + 2.0 * resolution(start, high)
             together = tuple(r for r in roots if r.high <= bound)
-            return Found(max(r.high for r in together), together)
+            return LocatedRoots(max(r.high for r in together), together)
         before = [x if y == 0.0 else y for x, y in zip(before, after)]
-    return Found(high)
+    return LocatedRoots(high)
 
 
 def _root(index: int, values: Values, low: Point, high: Point, strict: bool = False) -> Root | None:

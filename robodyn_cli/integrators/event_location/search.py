@@ -29,7 +29,7 @@ def find_event(w: Writer, stepper: Stepper[Any], t: Value, h: Value, run: Exit) 
     """
     f = w.f
     with f.when(f.compare_int("ne", f.load_int(w.integer_at(IntegerSlot.WATCH)), 0)):
-        search = Search(w, stepper, t, h)
+        search = EventSearch(w, stepper, t, h)
         with f.loop() as windows:
             search.look()
             with f.when(search.has_crossing()):
@@ -44,7 +44,7 @@ def find_event(w: Writer, stepper: Stepper[Any], t: Value, h: Value, run: Exit) 
         search.arm()
 
 
-class Search:
+class EventSearch:
     """The search in one step; u in [-1, 0] is the place in it.
 
     base, span : the window. rows : ROW values of each function. ends : their values at the end of the step. first,

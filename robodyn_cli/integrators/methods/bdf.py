@@ -17,13 +17,13 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods import bdf_tables as tables
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import (
-    Attempt,
-    Controller,
+    StepAttempt,
+    StepController,
     mean_squares,
     tolerance,
 )
 from robodyn_cli.integrators.stepping.factors import derivatives_of, real_factors
-from robodyn_cli.integrators.stepping.newton import Limits, Rounds
+from robodyn_cli.integrators.stepping.newton import NewtonLimits, Rounds
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
@@ -32,7 +32,7 @@ from robodyn_cli.kernels.mathematics import rough_exp2
 from robodyn_cli.record import mutable_record
 
 ROWS = tables.ROWS
-LIMITS = Limits(rounds=5, converged=0.003, rounding=0.03, shorter=0.3)
+LIMITS = NewtonLimits(rounds=5, converged=0.003, rounding=0.03, shorter=0.3)
 SAFETY = 0.85
 HOLD = 1.2  # a step that could grow by less stays as it is
 JUMP = 10.0  # a state that differs from the history by more tolerances than this has been replaced
@@ -92,7 +92,7 @@ class BdfStepper(Stepper[Taken]):
         self.steady, self.next_order, self.next_steady = (f.int_slot() for _ in range(3))
         self.factor = f.slot()
         self.rounds = Rounds(w, LIMITS)
-        self.control = Controller(1.0, safety=SAFETY, floor=1e-10, least=0.2, most=10.0)
+        self.control = StepController(1.0, safety=SAFETY, floor=1e-10, least=0.2, most=10.0)
         # where the last run has come to its end there may be a discontinuity: begin anew
         t, end, last = w.get(DoubleSlot.T), w.get(DoubleSlot.T_END), self._head(END)
         arrived = f.compare("ole", f.abs(t - last), f.muladd(f.abs(last), 1e-15, 1e-300))
@@ -227,7 +227,7 @@ class BdfStepper(Stepper[Taken]):
         return p
 
     # -- the step -------------------------------------------------------------------------------------
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Taken]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Taken]:
         f, w, n = self.f, self.w, self.n
         k = self._load(self._begin(t, h, failed), h)
         mask, past = self._row(self.masks, k), self._row(self.histories, k)
@@ -245,7 +245,7 @@ class BdfStepper(Stepper[Taken]):
         square = self._norm(lambda c: self.d[c], k)
         self._choose_order(square, k)
         taken = Taken(k, f.load_int(self.next_order), f.load_int(self.next_steady))
-        return Attempt(square, taken, factor=f.load(self.factor))
+        return StepAttempt(square, taken, factor=f.load(self.factor))
 
     def _iterate(self, t: Value, h: Value, g: Value, failed: Block) -> None:
         """Solve for d by Newton's method; ``failed`` is left where it does not converge."""

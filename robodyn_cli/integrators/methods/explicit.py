@@ -12,7 +12,7 @@ from functools import partial
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
-from robodyn_cli.integrators.stepping.control import Attempt, Controller, mean_squares
+from robodyn_cli.integrators.stepping.control import StepAttempt, StepController, mean_squares
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array
@@ -189,11 +189,11 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
         self.K = [w.behind_dense(w.size * self.rows), *(w.array(2, 1) for _ in self.table.A[1:])]
         self.x = w.array(2, 1)
         self.known = w.integer_at(IntegerSlot.RATE_KNOWN)
-        self.control = Controller(
+        self.control = StepController(
             self.table.error_order, safety=SAFETY, floor=1e-10, least=0.2, most=10.0, gain=GAIN
         )
 
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Sequence[Array]]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Sequence[Array]]:
         f, w = self.f, self.w
         with f.when(f.compare_int("eq", f.load_int(self.known), 0)):
             w.rate(t, w.state, self.K[0])
@@ -204,7 +204,7 @@ class ExplicitStepper(Stepper[Sequence[Array]]):
         w.count(IntegerSlot.EVALUATIONS, self.table.stages - 1)
         for c in w.each(w.size):
             w.new[c] = f.muladd(h, self._sum(self.table.b, c), w.state[c])
-        return Attempt(self._error(h), self.K)
+        return StepAttempt(self._error(h), self.K)
 
     def _stage(self, t: Value, h: Value, i: int) -> None:
         f, w = self.f, self.w

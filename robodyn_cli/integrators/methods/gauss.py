@@ -22,7 +22,7 @@ from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.collocation_tables import dense_width, padded_width
 from robodyn_cli.integrators.methods.gauss_output import GaussOutput, StageRates
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
-from robodyn_cli.integrators.stepping.control import Attempt, Controller
+from robodyn_cli.integrators.stepping.control import StepAttempt, StepController
 from robodyn_cli.integrators.stepping.stepper import Method, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer, placement
 from robodyn_cli.kernels.arrays import Total
@@ -126,7 +126,7 @@ class GaussStepper(GaussOutput):
         self.steep = method.is_steep(w.system)
         if self.steep:
             self.edge, self.tops = w.array(1, 1), w.array(1, 1)
-        self.control = Controller(
+        self.control = StepController(
             order=2 * self.stages - 1,
             safety=SAFETY,
             floor=1e-14,
@@ -140,7 +140,7 @@ class GaussStepper(GaussOutput):
         )
 
     # -- the step -------------------------------------------------------------------------------------
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[StageRates]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[StageRates]:
         rms = self._rms()
         self._weigh(h, lambda j: rms[j])
         self._predict(t, h)
@@ -151,11 +151,11 @@ class GaussStepper(GaussOutput):
             square = self._error(t, h)
             with self.f.strict():
                 limit = BEST_RATIO / (self.w.get(DoubleSlot.CONTRACTION) + 1e-9)
-            return Attempt(square, kept, limit=limit)
+            return StepAttempt(square, kept, limit=limit)
         with self.f.strict():
             for j in self.w.each(self.w.rates):
                 self.sizes[j] = self._mean(self.guess[j])
-        return Attempt(None, kept)
+        return StepAttempt(None, kept)
 
     def _iterate(self, t: Value, h: Value, failed: Block) -> None:
         """Solve for the rates at the stages; ``failed`` is left where they do not converge."""

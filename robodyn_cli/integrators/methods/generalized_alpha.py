@@ -17,7 +17,7 @@ from __future__ import annotations
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
-from robodyn_cli.integrators.stepping.control import Attempt
+from robodyn_cli.integrators.stepping.control import StepAttempt
 from robodyn_cli.integrators.stepping.hermite import Ends, HermiteOutput, hermite_size
 from robodyn_cli.integrators.stepping.stepper import DERIVATIVES, Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
@@ -192,7 +192,7 @@ class AlphaStepper(Stepper[Solved]):
         return w.evaluate(self.program, t + h, self.x, a=nothing, l=nothing, g=g)["a"]
 
     # -- the step -------------------------------------------------------------------------------------
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Solved]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Solved]:
         f, w, s = self.f, self.w, self.w.system
         nv, nz = s.nv, s.nz
         self._begin(t, h)
@@ -221,7 +221,7 @@ class AlphaStepper(Stepper[Solved]):
         for k in range(s.size):
             w.new[k] = x0[k] + increments[k]
         rate0 = [*unknowns.gains[:nv], *rates]
-        return Attempt(f.load(self.outcome), Solved(x0, increments, rate0, fixed))
+        return StepAttempt(f.load(self.outcome), Solved(x0, increments, rate0, fixed))
 
     def _unknowns(self, h: Value, rates: list[Value], a: list[Value], fixed: list[Value]) -> Unknowns:
         f, w, s = self.f, self.w, self.w.system

@@ -16,8 +16,8 @@ from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.collocation_tables import radau_table
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
 from robodyn_cli.integrators.stepping.control import (
-    Attempt,
-    Controller,
+    StepAttempt,
+    StepController,
     mean_squares,
     tolerance,
 )
@@ -27,14 +27,14 @@ from robodyn_cli.integrators.stepping.factors import (
     complex_factors,
     derivatives_of,
 )
-from robodyn_cli.integrators.stepping.newton import Limits, Rounds
+from robodyn_cli.integrators.stepping.newton import NewtonLimits, Rounds
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total
 from robodyn_cli.kernels.ir import Block, Function, Int, Value
 
 ITERATIONS = 12
-LIMITS = Limits(ITERATIONS, converged=0.01, rounding=0.1, shorter=0.4, remembers=True)
+LIMITS = NewtonLimits(ITERATIONS, converged=0.01, rounding=0.1, shorter=0.4, remembers=True)
 SAFETY = 0.9
 
 
@@ -68,12 +68,12 @@ class RadauStepper(Stepper[Array]):
         self.rate0, self.error = w.array(2, 1), w.array(2, 1)
         self.square = f.slot()
         self.rounds = Rounds(w, LIMITS)
-        self.control = Controller(
+        self.control = StepController(
             self.stages + 1, safety=SAFETY, floor=1e-9, least=0.2, most=8.0, trend_safety=SAFETY
         )
 
     # -- the step -------------------------------------------------------------------------------------
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Array]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Array]:
         f, w, T = self.f, self.w, self.table
         wide = f.splat(1.0 / h, T.shifts)
         g = Complex(f.constant(list(T.g.real)) * wide, f.constant(list(T.g.imag)) * wide)
@@ -89,7 +89,7 @@ class RadauStepper(Stepper[Array]):
         most = 2.0 * ITERATIONS + 1.0
         with f.strict():
             scale = most / (f.to_double(f.load_int(self.rounds.done)) + most)
-        return Attempt(square, self.Z, scale=scale)
+        return StepAttempt(square, self.Z, scale=scale)
 
     def _iterate(self, factors: ComplexFactors, t: Value, h: Value, failed: Block) -> None:
         """Solve for the increments by simplified Newton iteration; ``failed`` is left where it does not converge."""

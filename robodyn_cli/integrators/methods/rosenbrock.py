@@ -9,7 +9,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.methods.rosenbrock_tables import RODAS5P, ROSENBROCK23, RosenbrockTable
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
-from robodyn_cli.integrators.stepping.control import Attempt, Controller, mean_squares
+from robodyn_cli.integrators.stepping.control import StepAttempt, StepController, mean_squares
 from robodyn_cli.integrators.stepping.factors import derivatives_of, real_factors
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
@@ -55,9 +55,9 @@ class RosenbrockStepper(Stepper[Stages]):
         self.table = method.table
         self.u = [w.array(2, 1) for _ in self.table.m]
         self.x, self.rates, self.increments, self.errors = (w.array(2, 1) for _ in range(4))
-        self.control = Controller(self.table.error_order, safety=SAFETY, floor=1e-10, least=0.2, most=6.0)
+        self.control = StepController(self.table.error_order, safety=SAFETY, floor=1e-10, least=0.2, most=6.0)
 
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Stages]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Stages]:
         f, w, T = self.f, self.w, self.table
         factors = real_factors(w, t, w.state, (1.0 / T.gamma) / h)
         w.count(IntegerSlot.EVALUATIONS, len(T.m) + 1)
@@ -80,7 +80,7 @@ class RosenbrockStepper(Stepper[Stages]):
             w.new[c] = w.state[c] + self.increments[c]
             self.errors[c] = self._sum(T.e, self.u, c)
         square = mean_squares(w, 1, lambda c: [self.errors[c]])[0]
-        return Attempt(square, Stages(self.increments, self.u))
+        return StepAttempt(square, Stages(self.increments, self.u))
 
     def _sum(
         self, weights: Sequence[float], u: Sequence[Array], c: Int | int, start: Value | None = None

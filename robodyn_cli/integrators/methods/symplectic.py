@@ -16,7 +16,7 @@ from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
-from robodyn_cli.integrators.stepping.control import Attempt
+from robodyn_cli.integrators.stepping.control import StepAttempt
 from robodyn_cli.integrators.stepping.hermite import Ends, HermiteOutput, hermite_size
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Writer
@@ -98,7 +98,7 @@ class CompositionStepper(Stepper[list[Value]]):
         self.x, self.rates = w.array(2, 1), w.array(1, 1)
         self.hermite = HermiteOutput(w)
 
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[list[Value]]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[list[Value]]:
         w = self.w
         x0 = [w.state[k] for k in range(w.system.size)]
         for k, x in enumerate(x0):
@@ -106,7 +106,7 @@ class CompositionStepper(Stepper[list[Value]]):
         self._flow(t, h)
         for k in range(len(x0)):
             w.new[k] = self.x[k]
-        return Attempt(None, x0)
+        return StepAttempt(None, x0)
 
     def _flow(self, t: Value, h: Value) -> None:
         """Take the state in ``x`` over a step of length h."""

@@ -36,14 +36,14 @@ WAIT = 0.1  # s between looks of the calling thread at interrupts
 
 
 @record
-class Limits:
+class FleetLimits:
     """Limits of single runs (N,): longest or fixed steps [s], numbers of steps; None: as in the options."""
 
     step: Array | None = None
     steps: Integers | None = None
 
 
-NO_LIMITS = Limits()
+NO_LIMITS = FleetLimits()
 
 
 @record
@@ -154,7 +154,7 @@ class Fleet:
         numbers: Array,
         ends: Array,
         options: Options,
-        limits: Limits = NO_LIMITS,
+        limits: FleetLimits = NO_LIMITS,
         sampling: Sampling = NO_SAMPLES,
     ) -> Runs:
         """Return runs from ``starts`` (N, nx) at t = 0 to ``ends`` (N,) [s]; limits : of single runs."""

@@ -331,7 +331,7 @@ class Integrator:
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""
-        from robodyn_cli.integrators.event_location.events import Found, Root, first_roots
+        from robodyn_cli.integrators.event_location.events import LocatedRoots, Root, first_roots
 
         engine, events = self.engine, self.system.events
         armed, lost = self.memory.armed.tolist(), [math.nan] * len(events)
@@ -373,7 +373,7 @@ class Integrator:
         if not found.roots and found.time <= start:
             # no motion leads there: take the step, so that its failure is reported
             self._go(high, -1, flush)
-            found = Found(high)
+            found = LocatedRoots(high)
         return found.time, found.roots
 
     def _go(self, time: float, last: int, flush: Callable[[], None]) -> None:

@@ -28,7 +28,7 @@ Kept = TypeVar("Kept")
 
 
 @mutable_record
-class Attempt(Generic[Kept]):
+class StepAttempt(Generic[Kept]):
     """Outcome of an attempted step.
 
     square : mean square of the error in units of the tolerance; None where none is estimated, so that every finite
@@ -46,7 +46,7 @@ class Attempt(Generic[Kept]):
 
 
 @record
-class Controller:
+class StepController:
     """The factor F of the next step from the error e of this one, which falls as h^p.
 
         F = safety e^(-1/p)
@@ -77,7 +77,7 @@ class Controller:
         """Return log2 of safety e^(-1/p)."""
         return log_error * (-1.0 / order) + math.log2(self.safety)
 
-    def factor(self, w: Writer, h: Value, attempt: Attempt[Any], size: Value) -> Value:
+    def factor(self, w: Writer, h: Value, attempt: StepAttempt[Any], size: Value) -> Value:
         """Return the factor of the next step after one of length h with this log2 of its error."""
         f = w.f
         last = w.get(DoubleSlot.LAST_ERROR)
@@ -106,11 +106,13 @@ class Controller:
         return f.select(w.rejected_before(), 1.0, most) if self.held else most
 
 
-FIXED = Controller(1.0, 1.0, 1.0, 1.0, 1.0)  # every step that is solved counts, and the next one is as long
+FIXED = StepController(
+    1.0, 1.0, 1.0, 1.0, 1.0
+)  # every step that is solved counts, and the next one is as long
 
 
 @mutable_record
-class Verdict:
+class StepVerdict:
     """The verdict on an attempted step.
 
     square : of the error over what is accepted; the step counts where it is below 1. factor : of the next step.
@@ -122,7 +124,9 @@ class Verdict:
     log_error: Value | None
 
 
-def judge(w: Writer, adaptive: bool, control: Controller, h: Value, attempt: Attempt[Any]) -> Verdict:
+def judge(
+    w: Writer, adaptive: bool, control: StepController, h: Value, attempt: StepAttempt[Any]
+) -> StepVerdict:
     """Emit the judgement of a step of length h."""
     f = w.f
     square = attempt.square
@@ -131,20 +135,20 @@ def judge(w: Writer, adaptive: bool, control: Controller, h: Value, attempt: Att
             finite = w.is_finite(w.new)
             square = f.select(finite, f.constant(0.0), float("nan"))
         if not adaptive:
-            return Verdict(square, f.constant(1.0), None)
+            return StepVerdict(square, f.constant(1.0), None)
         size = control.log_error(w, square)
         factor = attempt.factor if attempt.factor is not None else control.factor(w, h, attempt, size)
         kept = f.max(size, math.log2(LEAST_LAST))
-        return Verdict(square * (1.0 / control.accept**2), factor, kept)
+        return StepVerdict(square * (1.0 / control.accept**2), factor, kept)
 
 
-def remember(w: Writer, verdict: Verdict) -> None:
+def remember(w: Writer, verdict: StepVerdict) -> None:
     """Keep the error of an accepted step for the control of the next one."""
     if verdict.log_error is not None:
         w.put(DoubleSlot.LAST_ERROR, verdict.log_error)
 
 
-def shorter(w: Writer, verdict: Verdict, h: Value) -> Value:
+def shorter(w: Writer, verdict: StepVerdict, h: Value) -> Value:
     """Return the length with which a rejected step of length h is tried again."""
     f = w.f
     broken = f.compare("uno", verdict.square, 0.0)

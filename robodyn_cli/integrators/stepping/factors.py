@@ -27,7 +27,7 @@ from robodyn_cli.kernels.lower import LANES
 Number = TypeVar("Number", Value, Complex)
 
 
-class Numbers(Protocol[Number]):
+class FactorNumbers(Protocol[Number]):
     """Real or complex numbers in memory."""
 
     def __getitem__(self, k: Int | int) -> Number: ...
@@ -37,7 +37,7 @@ class Numbers(Protocol[Number]):
 class Field(Protocol[Number]):
     """The numbers that a matrix consists of."""
 
-    def room(self, count: int) -> Numbers[Number]:
+    def room(self, count: int) -> FactorNumbers[Number]:
         """Return memory of the run for so many numbers."""
 
     def number(self, x: Value | float) -> Number:
@@ -109,7 +109,7 @@ def joined(f: Function, x: Complex) -> Value:
     return f.shuffle(x.re, x.im, range(2 * width))
 
 
-class Jacobian:
+class JacobianInLoops:
     """J at a time and state, row by row for v-dot and z-dot; column n is df/dt."""
 
     def __init__(self, w: Writer, t: Value, x: Array) -> None:
@@ -145,8 +145,8 @@ class FactorsInLoops(Generic[Number]):
     def __init__(self, w: Writer, t: Value, x: Array, g: Number, field: Field[Number]) -> None:
         self.f, self.n = w.f, w.system.size
         self.field: Field[Number] = field
-        self.jacobian = Jacobian(w, t, x)
-        self.B: Numbers[Number] = field.room(self.n * self.n)
+        self.jacobian = JacobianInLoops(w, t, x)
+        self.B: FactorNumbers[Number] = field.room(self.n * self.n)
         self._assemble(w.system.nv, w.system.nz, g)
         self._eliminate()
 
@@ -174,7 +174,7 @@ class FactorsInLoops(Generic[Number]):
                 with f.when(self.field.is_nonzero(u)), f.count(n, start=below) as i:
                     B[column * n + i] = B[column * n + i] - B[k * n + i] * u
 
-    def solve(self, x: Numbers[Number]) -> None:
+    def solve(self, x: FactorNumbers[Number]) -> None:
         """Put (g E - J)^-1 x in the place of x."""
         f, n, B = self.f, self.n, self.B
         with f.count(n) as k:

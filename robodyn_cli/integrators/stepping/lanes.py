@@ -22,7 +22,7 @@ from robodyn_cli.integrators.stepping.loop import REJECTIONS, RESOLUTION, end_of
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
 from robodyn_cli.integrators.stepping.writer import LONG, Tables, Writer
 from robodyn_cli.kernels.arrays import Array
-from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Int, Loop, Value, module
+from robodyn_cli.kernels.ir import RELAXED, Condition, Function, Int, LoopBlock, Value, module
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import NUMBERS, Program
 
@@ -311,7 +311,7 @@ def _is_passed(f: Function) -> Condition:
     return located & f.compare_int("ne", bit, 0)
 
 
-def _write_passed_samples(f: Function, k: Int, stretches: Loop) -> None:
+def _write_passed_samples(f: Function, k: Int, stretches: LoopBlock) -> None:
     """Take the step up to the event again where samples lie in it: trial steps write none."""
     following = f.load_int(f.offset("%n", IntegerSlot.NEXT_SAMPLE))
     last = f.load_int(f.offset(row_of(f, "n", k), IntegerSlot.LAST_SAMPLE))

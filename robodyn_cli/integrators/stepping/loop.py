@@ -17,7 +17,7 @@ from robodyn_cli.integrators.event_location.locate_event import (
     trial_step_function,
 )
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
-from robodyn_cli.integrators.stepping.control import Verdict, judge, remember, shorter
+from robodyn_cli.integrators.stepping.control import StepVerdict, judge, remember, shorter
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
 from robodyn_cli.integrators.stepping.writer import Exit, Writer
 from robodyn_cli.kernels.arrays import Array
@@ -137,7 +137,7 @@ def step_over(w: Writer, t: Value, left: Value, adaptive: bool) -> Step:
         return Step(t, f.select(last, left, wanted), last)
 
 
-def _reject(w: Writer, adaptive: bool, step: Step, verdict: Verdict, failed: Block, run: Exit) -> None:
+def _reject(w: Writer, adaptive: bool, step: Step, verdict: StepVerdict, failed: Block, run: Exit) -> None:
     """Leave ``failed``, with a shorter step to try, unless the step counts; with a fixed step the run ends."""
     f = w.f
     with f.block() as counts:
@@ -211,7 +211,7 @@ def end_of(w: Writer, step: Step) -> tuple[Value, Value]:
         return reached, f.select(step.last, f.constant(0.0), rest)
 
 
-def _commit(w: Writer, step: Step, verdict: Verdict, adaptive: bool) -> None:
+def _commit(w: Writer, step: Step, verdict: StepVerdict, adaptive: bool) -> None:
     """Take the new state over."""
     f = w.f
     # a fixed step is as long again after one that had to be shorter

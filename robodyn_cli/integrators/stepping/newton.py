@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 
 from robodyn_cli.integrators.runtime.memory import DoubleSlot
 from robodyn_cli.integrators.stepping.writer import Writer
-from robodyn_cli.kernels.ir import Block, Loop, Value
+from robodyn_cli.kernels.ir import Block, LoopBlock, Value
 from robodyn_cli.record import record
 
 BEGUN = 1e300  # in place of the update before the first
@@ -18,7 +18,7 @@ BROKEN = 0.1  # factor of the next step where an update is not finite
 
 
 @record
-class Limits:
+class NewtonLimits:
     """What ends the rounds of a step; updates are in units of the tolerance.
 
     rounds : how many there may be. converged : what may be left, as far as the ratio r of two updates tells: the
@@ -37,7 +37,7 @@ class Limits:
 class Rounds:
     """The rounds of a method; ``done`` is the place of the number of rounds beyond the first."""
 
-    def __init__(self, w: Writer, limits: Limits) -> None:
+    def __init__(self, w: Writer, limits: NewtonLimits) -> None:
         self.w, self.limits = w, limits
         self.before, self.done = w.f.slot(), w.f.int_slot()
 
@@ -53,7 +53,7 @@ class Rounds:
         with f.loop() as loop:
             yield lambda update: self._judge(loop, update, h, failed)
 
-    def _judge(self, loop: Loop, update: Value, h: Value, failed: Block) -> None:
+    def _judge(self, loop: LoopBlock, update: Value, h: Value, failed: Block) -> None:
         """Emit the end of a round: the step is solved, or there is another round, or it is given up."""
         w, f, limits = self.w, self.w.f, self.limits
         with f.strict():

@@ -5,7 +5,7 @@ data. To add a method, write one file and one line in ``robodyn_cli/integration_
 
 1. ``attempt`` emits one step, leaves the new state in ``w.new`` and returns the error as it is, with NaN as NaN; how
    large the next step is to be follows from it in ``control``. What dense output needs of the step is handed on as a
-   value (``Attempt.kept``).
+   value (``StepAttempt.kept``).
 2. ``save_dense`` stores what dense output needs in ``%dense``; ``dense`` evaluates it at u in [-1, 0], where 0 is
    the end of the step.
 3. Whatever is done for each velocity goes through ``Writer.each`` and ``Writer.array``: straight-line code for a
@@ -24,7 +24,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import IntegrationMethod
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
-from robodyn_cli.integrators.stepping.control import FIXED, Attempt, Controller, Kept
+from robodyn_cli.integrators.stepping.control import FIXED, Kept, StepAttempt, StepController
 from robodyn_cli.integrators.stepping.writer import Tables, Writer, placement
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Value
@@ -128,14 +128,14 @@ class Method:
 class Stepper(Generic[Kept]):
     """Writes the steps of a method for one system; ``control`` : how the length of steps follows from errors."""
 
-    control: Controller = FIXED
+    control: StepController = FIXED
 
     def __init__(self, method: Method, w: Writer) -> None:
         self.method = method
         self.w = w
         self.f = w.f
 
-    def attempt(self, t: Value, h: Value, failed: Block) -> Attempt[Kept]:
+    def attempt(self, t: Value, h: Value, failed: Block) -> StepAttempt[Kept]:
         """Emit one attempted step from the state; may leave ``failed`` with the length to try next in ``%w``."""
         raise NotImplementedError
 

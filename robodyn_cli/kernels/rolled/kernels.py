@@ -18,7 +18,7 @@ from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.joints.base import Joint
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.rolled.loops import Header, Layout, Row, write_sample_kernel
+from robodyn_cli.kernels.rolled.loops import Header, TableLayout, TableRow, write_sample_kernel
 from robodyn_cli.kernels.rolled.recursion import constants_of, make_recursion, structure_of
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Array, Transform, Vector
@@ -58,7 +58,7 @@ class RolledPlan:
 
     recursion : the steps, shared with every model of the same kinds and structure.
     serial : every body hangs on the one before.
-    tables : 64-bit words, see ``Header`` and ``Row``. numbers : those in it that are needed.
+    tables : 64-bit words, see ``Header`` and ``TableRow``. numbers : those in it that are needed.
 
     Raises
     ------
@@ -95,20 +95,20 @@ class RolledPlan:
         slot = {parent: k for k, parent in enumerate(dict.fromkeys([BASE, *late]))}
         self.slots = 0 if self.serial else len(slot)
 
-        words = np.zeros(Header.SIZE + len(bodies) * Row.SIZE)
+        words = np.zeros(Header.SIZE + len(bodies) * TableRow.SIZE)
         header = words[: Header.SIZE]
         header.view(np.int64)[[Header.BODIES, Header.SLOTS]] = len(bodies), self.slots
         rest = Motion.at_rest(gravity)
         header[Header.BASE_MOTION : Header.BASE_MOTION + 9] = [*rest.w, *rest.wd, *rest.a]
-        rows = words[Header.SIZE :].reshape(len(bodies), Row.SIZE)
+        rows = words[Header.SIZE :].reshape(len(bodies), TableRow.SIZE)
         whole = rows.view(np.int64)
         needed = [self.recursion.constants_used(kind) for kind in range(len(kinds))]
         for k, (index, body) in enumerate(zip(order, bodies)):
-            whole[k, Row.KIND] = kind_of[k]
-            whole[k, Row.PARENT_SLOT] = -1 if body.parent == before[k] else slot[body.parent]
-            whole[k, Row.OWN_SLOT] = slot.get(index, -1)
-            whole[k, Row.Q], whole[k, Row.V] = body.q, body.v
-            rows[k, Row.CONSTANTS :] = _numbers(body, constants[k], needed[kind_of[k]])
+            whole[k, TableRow.KIND] = kind_of[k]
+            whole[k, TableRow.PARENT_SLOT] = -1 if body.parent == before[k] else slot[body.parent]
+            whole[k, TableRow.OWN_SLOT] = slot.get(index, -1)
+            whole[k, TableRow.Q], whole[k, TableRow.V] = body.q, body.v
+            rows[k, TableRow.CONSTANTS :] = _numbers(body, constants[k], needed[kind_of[k]])
         self.tables: Array = words
         self.numbers: tuple[Scalar, ...] = tuple(
             x for row, kind in zip(constants, kind_of) for k, x in enumerate(row) if k in needed[kind]
@@ -136,7 +136,7 @@ class RolledPlan:
 
     def scratch(self, width: int) -> Array:
         """Return aligned scratch memory for ``width`` lanes."""
-        return aligned_zeros(Layout(self.recursion).vectors(self.bodies, self.slots) * width)
+        return aligned_zeros(TableLayout(self.recursion).vectors(self.bodies, self.slots) * width)
 
 
 def _as_structure(joint: Any) -> Joint:

@@ -18,7 +18,15 @@ from typing import Any
 from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import lower
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.kernels.rolled.recursion import BODY_CONSTANTS, DOWN, UP, Place, Recursion, Step, Sweep
+from robodyn_cli.kernels.rolled.recursion import (
+    BODY_CONSTANTS,
+    DOWN,
+    UP,
+    BodyStep,
+    BodySweep,
+    Place,
+    Recursion,
+)
 
 ARGUMENTS = ("tables", "q", "v", "x", "out", "scratch")
 
@@ -32,7 +40,7 @@ class Header(enum.IntEnum):
     SIZE = 16
 
 
-class Row(enum.IntEnum):
+class TableRow(enum.IntEnum):
     """Words of a body's row."""
 
     KIND = 0
@@ -44,7 +52,7 @@ class Row(enum.IntEnum):
     SIZE = 5 + BODY_CONSTANTS
 
 
-class Layout:
+class TableLayout:
     """Places in scratch memory, in vectors: rows of bodies and branch slots; vanishing entries have none."""
 
     def __init__(self, recursion: Recursion) -> None:
@@ -83,7 +91,7 @@ def _used(program: Program) -> dict[str, set[int]]:
     return found
 
 
-class Loops:
+class BodyLoops:
     """Emits the sweeps of a recursion into a function with the arguments ``ARGUMENTS``.
 
     at : address of a column of samples, by array (``q``, ``v``, ``x``, ``out``) and number.
@@ -99,7 +107,7 @@ class Loops:
         self.width = width
         self.fused = fused
         self.at = at
-        self.layout = Layout(recursion)
+        self.layout = TableLayout(recursion)
         self.carry = {(name, k): f.slot(width) for name, places in recursion.carried.items() for k in places}
         self.bodies = f.load_int(f.offset("%tables", Header.BODIES))
         self.branches = f.offset("%scratch", self.bodies * (self.layout.row_size * width))
@@ -113,7 +121,7 @@ class Loops:
             moved = [place for place in self.carry if place[0] in names]
             self._begin(sweep, moved)
             with f.count(self.bodies, down=not sweep.outward) as i:
-                row = f.offset("%tables", i * int(Row.SIZE) + int(Header.SIZE))
+                row = f.offset("%tables", i * int(TableRow.SIZE) + int(Header.SIZE))
                 own = f.offset("%scratch", i * (self.layout.row_size * self.width))
                 self._arrive(sweep, moved, row)
                 self._body(sweep, row, own)
@@ -139,7 +147,7 @@ class Loops:
         self.f.store(self.f.lift(value, self.width), self.carry[place], 8 * self.width)
 
     # -- from body to body ----------------------------------------------------------------------------
-    def _begin(self, sweep: Sweep, moved: Sequence[Place]) -> None:
+    def _begin(self, sweep: BodySweep, moved: Sequence[Place]) -> None:
         """Set the carry to what the base gives, or to nothing, and the branch slots likewise."""
         f = self.f
         for name, k in moved:
@@ -154,24 +162,24 @@ class Loops:
                 for place in moved:
                     self._store(0.0, self._slot(s), self.layout.slot[place])
 
-    def _arrive(self, sweep: Sweep, moved: Sequence[Place], row: str) -> None:
+    def _arrive(self, sweep: BodySweep, moved: Sequence[Place], row: str) -> None:
         """Outward: take the parent's quantities from its slot. Inward: add what earlier children left."""
         if self.serial:
             return
         f = self.f
-        number = f.load_int(f.offset(row, Row.PARENT_SLOT if sweep.outward else Row.OWN_SLOT))
+        number = f.load_int(f.offset(row, TableRow.PARENT_SLOT if sweep.outward else TableRow.OWN_SLOT))
         with f.when(f.compare_int("sge", number, 0)):
             slot = self._slot(number)
             for place in moved:
                 value = self._load(slot, self.layout.slot[place])
                 self._store_carry(value if sweep.outward else self._load_carry(place) + value, place)
 
-    def _depart(self, sweep: Sweep, moved: Sequence[Place], row: str) -> None:
+    def _depart(self, sweep: BodySweep, moved: Sequence[Place], row: str) -> None:
         """Outward: leave a copy for later children. Inward: leave the parent's share where it is not next."""
         if self.serial:
             return
         f = self.f
-        number = f.load_int(f.offset(row, Row.OWN_SLOT if sweep.outward else Row.PARENT_SLOT))
+        number = f.load_int(f.offset(row, TableRow.OWN_SLOT if sweep.outward else TableRow.PARENT_SLOT))
         with f.when(f.compare_int("sge", number, 0)):
             slot = self._slot(number)
             for place in moved:
@@ -182,7 +190,7 @@ class Loops:
                 self._store(value, slot, self.layout.slot[place])
 
     # -- one body -------------------------------------------------------------------------------------
-    def _body(self, sweep: Sweep, row: str, own: str) -> None:
+    def _body(self, sweep: BodySweep, row: str, own: str) -> None:
         """Emit the step of the body's kind; no choice where there is one kind."""
         f = self.f
         if len(sweep.steps) == 1:
@@ -190,7 +198,7 @@ class Loops:
             return
         labels = [f.label("kind") for _ in sweep.steps]
         after = f.label("after")
-        kind = f.load_int(f.offset(row, Row.KIND))
+        kind = f.load_int(f.offset(row, TableRow.KIND))
         cases = " ".join(f"i64 {k}, label %{label}" for k, label in enumerate(labels))
         f.raw(f"switch i64 {kind.ref}, label %{labels[0]} [ {cases} ]")
         for step, label in zip(sweep.steps, labels):
@@ -199,10 +207,10 @@ class Loops:
             f.jump(after)
         f.place(after)
 
-    def _step(self, sweep: Sweep, step: Step, row: str, own: str) -> None:
+    def _step(self, sweep: BodySweep, step: BodyStep, row: str, own: str) -> None:
         f = self.f
-        columns = {"q": f.load_int(f.offset(row, Row.Q))}
-        columns["v"] = columns["x"] = columns["out"] = f.load_int(f.offset(row, Row.V))
+        columns = {"q": f.load_int(f.offset(row, TableRow.Q))}
+        columns["v"] = columns["x"] = columns["out"] = f.load_int(f.offset(row, TableRow.V))
         inputs: dict[str, list[Value]] = {}
         nothing = f.constant(0.0, self.width)
         for group, places in _used(step.program).items():
@@ -224,7 +232,7 @@ class Loops:
     def _input(self, group: str, k: int, row: str, own: str, columns: Mapping[str, Int]) -> Value:
         f = self.f
         if group == "p":
-            return f.splat(f.load(f.offset(row, Row.CONSTANTS + k)), self.width)
+            return f.splat(f.load(f.offset(row, TableRow.CONSTANTS + k)), self.width)
         if group in columns:
             return f.load(self.at(group, columns[group] + k), self.width)
         if group == "kept":
@@ -246,7 +254,7 @@ def write_sample_kernel(recursion: Recursion, serial: bool, lanes: int, fused: b
         f.prefetch(f.offset(address, BLOCKS_AHEAD * lanes), write=group == "out")
         return address
 
-    loops = Loops(f, recursion, serial, lanes, fused, at)
+    loops = BodyLoops(f, recursion, serial, lanes, fused, at)
     with f.blocks(samples, lanes) as t:
         f.store_int(t, start)
         loops.emit()
@@ -260,7 +268,7 @@ def rolled_function(f: Function, recursion: Recursion, serial: bool, width: int,
     Entry k of an array is the vector at k * width; vectors are aligned only as doubles. For a stepping loop:
     with ``width`` 1 it is a right-hand side, with more one for as many stages or members at once.
     """
-    Loops(f, recursion, serial, width, fused, lambda group, k: f.offset(f"%{group}", k * width)).emit()
+    BodyLoops(f, recursion, serial, width, fused, lambda group, k: f.offset(f"%{group}", k * width)).emit()
     f.ret()
     return f
 

@@ -219,7 +219,7 @@ BODY_GROUPS = ("p", "q", "v", "x", "kept", *QUANTITIES)
 
 
 @record
-class Step:
+class BodyStep:
     """One kind of body in one sweep. ``places`` are the entries that the program's outputs are, by group."""
 
     program: Program
@@ -227,11 +227,11 @@ class Step:
 
 
 @record
-class Sweep:
+class BodySweep:
     """One pass over the bodies. ``steps`` has one entry for each kind of body."""
 
     outward: bool
-    steps: tuple[Step, ...]
+    steps: tuple[BodyStep, ...]
 
 
 @record
@@ -242,7 +242,7 @@ class Recursion:
     kept : how many values a body keeps between sweeps.
     """
 
-    sweeps: tuple[Sweep, ...]
+    sweeps: tuple[BodySweep, ...]
     carried: dict[str, tuple[int, ...]]
     kept: int
 
@@ -312,7 +312,7 @@ def make_recursion(
         steps = []
         for j, stage in enumerate(stages):
             steps.append(_step(stage.drafts[number].outputs, needed[j], present))
-        sweeps.append(Sweep(draft.outward, tuple(steps)))
+        sweeps.append(BodySweep(draft.outward, tuple(steps)))
     carried = {
         name: tuple(k for k, x in enumerate(mask) if x and (name, k) in needed[0])
         for name, mask in present.items()
@@ -359,7 +359,9 @@ def _needed(stages: Sequence[BodyStage]) -> list[set[Place]]:
     return needed
 
 
-def _step(outputs: Mapping[Place, Scalar], needed: set[Place], present: Mapping[str, Sequence[bool]]) -> Step:
+def _step(
+    outputs: Mapping[Place, Scalar], needed: set[Place], present: Mapping[str, Sequence[bool]]
+) -> BodyStep:
     """Return a step with the outputs that are needed and can be other than zero."""
     values: dict[str, list[Scalar]] = {}
     places: dict[str, list[int]] = {}
@@ -367,4 +369,6 @@ def _step(outputs: Mapping[Place, Scalar], needed: set[Place], present: Mapping[
         if (group, k) in needed and (group not in present or present[group][k]):
             values.setdefault(group, []).append(value)
             places.setdefault(group, []).append(k)
-    return Step(make_program(dict(values), BODY_GROUPS), {group: tuple(ks) for group, ks in places.items()})
+    return BodyStep(
+        make_program(dict(values), BODY_GROUPS), {group: tuple(ks) for group, ks in places.items()}
+    )

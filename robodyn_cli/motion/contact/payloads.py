@@ -22,7 +22,7 @@ from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, EventKi
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
-from robodyn_cli.model.parts import Payload, changing
+from robodyn_cli.model.parts import CarriedMass, changing
 from robodyn_cli.motion.contact.impact import joined
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.observe.observe import potential_energy
@@ -44,7 +44,7 @@ class Change(EventFunction):
 
 
 @record
-class Step:
+class PayloadStep:
     """What gripping or releasing payloads does.
 
     before, after : v- and v+ (nv,). lost : energy that the impact takes [J]. gained : of the mechanism, with what it
@@ -170,7 +170,7 @@ class Payloads(Watcher):
         self.phase = phase
         return Jump(x, self._p(phase))
 
-    def _step(self, t: float, x: Array, phase: Sequence[str]) -> Step:
+    def _step(self, t: float, x: Array, phase: Sequence[str]) -> PayloadStep:
         """Return velocities and energies when the payloads come to new phases."""
         nv = self.problem.model.nv
         gripped = [k for k, old in enumerate(self.phase) if (old, phase[k]) == (WAITING, CARRIED)]
@@ -192,13 +192,13 @@ class Payloads(Watcher):
                 ) from error  # fmt: skip
         change = 0.5 * float(then @ after @ then - v @ before @ v)
         lost = float(old["own"][gripped].sum()) - change if gripped else 0.0
-        return Step(v, then, lost, change + float(new["potential"][0] - old["potential"][0]))
+        return PayloadStep(v, then, lost, change + float(new["potential"][0] - old["potential"][0]))
 
     def _numbers(self, t: float, x: Array, phase: Sequence[str]) -> dict[str, Array]:
         groups = self.system.groups(np.array([[t]]), x[None, :], self._p(phase))
         return {name: array[0] for name, array in self._kernel.evaluate(1, groups).items()}
 
-    def _note(self, t: float, k: int, phase: str, step: Step) -> None:
+    def _note(self, t: float, k: int, phase: str, step: PayloadStep) -> None:
         gripped = phase == CARRIED
         details: dict[str, Any] = {}
         if gripped:
@@ -231,7 +231,7 @@ def _functions(problem: Problem, owner: Payloads) -> list[Change]:
     return found
 
 
-def _outputs(problem: Problem, payloads: Sequence[Payload]) -> dict[str, list[Scalar]]:
+def _outputs(problem: Problem, payloads: Sequence[CarriedMass]) -> dict[str, list[Scalar]]:
     """Return M, Psi, the potential energy, and of each payload's own motion the generalised momentum and the energy."""
     own = [own_motion(problem, payload) for payload in payloads]
     found: dict[str, list[Scalar]] = {

@@ -30,7 +30,7 @@ DOUBLE = np.dtype("<f8")
 
 
 @record
-class Block:
+class JournalBlock:
     """Samples at times t (m,) with states x (m, nx), all with parameters p; what the run had done by then.
 
     noted : by the driver's watchers, in their order.
@@ -93,7 +93,7 @@ class Journal:
             with contextlib.suppress(OSError):
                 self._file.close()
 
-    def blocks(self) -> Iterator[Block]:
+    def blocks(self) -> Iterator[JournalBlock]:
         """Yield the blocks that were taken over."""
         if self.taken:
             with open(self.path, "rb") as file:
@@ -132,7 +132,7 @@ def _line(file: BinaryIO) -> dict[str, Any] | None:
     return None
 
 
-def _blocks(file: BinaryIO) -> Iterator[Block]:
+def _blocks(file: BinaryIO) -> Iterator[JournalBlock]:
     """Yield the whole blocks from here on."""
     while (head := _line(file)) is not None:
         m, n, k = head["shape"]
@@ -141,4 +141,4 @@ def _blocks(file: BinaryIO) -> Iterator[Block]:
             return
         t, x, p = np.split(np.frombuffer(data, DOUBLE).copy(), [m, m * (n + 1)])
         changes = tuple(MethodChange(*c) for c in head["changes"])
-        yield Block(t, x.reshape(m, n), p, Counters(*head["counters"]), changes, tuple(head["noted"]))
+        yield JournalBlock(t, x.reshape(m, n), p, Counters(*head["counters"]), changes, tuple(head["noted"]))

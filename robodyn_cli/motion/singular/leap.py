@@ -65,7 +65,7 @@ class BesidePose:
                 return f"joint {joint.name!r} sticks or lies on its stop there"
         return ""
 
-    def check(self, equations: Equations, leap: Leap, pose: float) -> None:
+    def check(self, equations: LeapEquations, leap: PoseLeap, pose: float) -> None:
         """Refuse a leap in which a function changes its sign.
 
         Raises
@@ -96,7 +96,7 @@ class NotSmooth(Exception):
 
 
 @record
-class State:
+class LeapState:
     """A moment of the motion: time [s], positions (nq,), velocities (nv,), further states (nz,) of the mechanism."""
 
     time: float
@@ -105,7 +105,7 @@ class State:
     z: Array
 
 
-class Equations:
+class LeapEquations:
     """The parts of the equations of motion as numbers, at many states at once."""
 
     def __init__(self, problem: Problem, work: bool = False) -> None:
@@ -197,14 +197,14 @@ class Bases:
 class Collocation:
     """One leap: from a state over ``length`` [s], n nodes."""
 
-    def __init__(self, equations: Equations, start: State, length: float, nodes: int) -> None:
+    def __init__(self, equations: LeapEquations, start: LeapState, length: float, nodes: int) -> None:
         self.equations, self.start, self.length, self.n = equations, start, length, nodes
         table = gauss_table(nodes)
         self.A, self.c = table.A[:nodes, :nodes], table.c[:nodes]
         self.times = start.time + length * self.c
 
     # -- the curve ------------------------------------------------------------------------------------
-    def guess(self, history: Sequence[State]) -> tuple[Array, Array, Bases]:
+    def guess(self, history: Sequence[LeapState]) -> tuple[Array, Array, Bases]:
         """Extrapolate from node to node, closing the loops at each: q (n, nq), v (n, nv) and the bases."""
         times = [s.time for s in history]
         known_q, known_v = [s.q for s in history], [s.v for s in history]
@@ -274,7 +274,7 @@ class Collocation:
             power = power - np.einsum("nr,nrm,nm->n", given, bases.combination, found["eta_t"])
         return power[:, None]
 
-    def solve(self, history: Sequence[State]) -> Leap:
+    def solve(self, history: Sequence[LeapState]) -> PoseLeap:
         """Return the leap.
 
         Raises
@@ -301,7 +301,7 @@ class Collocation:
             raise NotSmooth(f"the motion over the pose does not settle (change {change:.1g})")
         self.change = change
         v, qd, a, zd = self.rates(q, v, z, bases)
-        return Leap(s, h, *(self._series(x) for x in (qd, a, zd)))
+        return PoseLeap(s, h, *(self._series(x) for x in (qd, a, zd)))
 
     def _series(self, x: Array) -> Array:
         """Return the Legendre coefficients (n, k) of what has the values x (n, k) at the nodes."""
@@ -312,10 +312,10 @@ class Collocation:
 
 
 @record
-class Leap:
+class PoseLeap:
     """A motion over a pose: Legendre coefficients (n, ...) of q-dot, v-dot and z-dot over the step."""
 
-    start: State
+    start: LeapState
     length: float
     qd: Array
     a: Array
@@ -351,7 +351,7 @@ class Leap:
         return float(0.5 * self.length * np.abs(self.qd[-2:]).max() / n)
 
 
-def leap_rounding(equations: Equations, leap: Leap) -> float:
+def leap_rounding(equations: LeapEquations, leap: PoseLeap) -> float:
     """Return the rounding that the nodes close to the pose bring into v over a leap, by the last coefficients of v-dot.
 
     There the constraints are ill conditioned: rounding of v-dot is many times that of the motion, and does not fall

@@ -11,7 +11,15 @@ from collections.abc import Callable
 
 import numpy as np
 
-from robodyn_cli.motion.singular.leap import EPS, LOST, Collocation, Equations, Leap, NotSmooth, State
+from robodyn_cli.motion.singular.leap import (
+    EPS,
+    LOST,
+    Collocation,
+    LeapEquations,
+    LeapState,
+    NotSmooth,
+    PoseLeap,
+)
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -30,17 +38,17 @@ SMALL_ROW = 0.1  # part of the largest row of Psi below which a row is not scale
 
 
 @record
-class Pose:
+class PoseAhead:
     """A pose in which ``lost`` constraint directions vanish at ``time``, and the leap over it."""
 
     time: float
     lost: int
-    leap: Leap
+    leap: PoseLeap
 
     @property
-    def state(self) -> State:
+    def state(self) -> LeapState:
         """The state in the pose."""
-        return State(self.time, *(x[0] for x in self.leap.at(np.array([self.time]))))
+        return LeapState(self.time, *(x[0] for x in self.leap.at(np.array([self.time]))))
 
     @property
     def regular_until(self) -> float:
@@ -55,7 +63,7 @@ class Unresolved:
     regular_until : until when the motion could be integrated as usual [s].
     """
 
-    state: State
+    state: LeapState
     regular_until: float
     reason: str
 
@@ -64,7 +72,7 @@ class Unresolved:
         return self.state.time
 
 
-class Approach:
+class PoseApproach:
     """Follows a motion towards a possible loss of rank.
 
     Parameters
@@ -76,22 +84,22 @@ class Approach:
 
     def __init__(
         self,
-        equations: Equations,
-        advance: Callable[[float], State],
+        equations: LeapEquations,
+        advance: Callable[[float], LeapState],
         turning: Array,
         nodes: int,
         reach: float,
-        check: Callable[[Leap, float], None] = lambda leap, pose: None,
+        check: Callable[[PoseLeap, float], None] = lambda leap, pose: None,
     ) -> None:
         self.equations, self.advance, self.turning, self.check = equations, advance, turning, check
         self.nodes, self.reach = nodes, reach
 
-    def pose_ahead(self, state: State, end: float) -> Pose | Unresolved | None:
+    def pose_ahead(self, state: LeapState, end: float) -> PoseAhead | Unresolved | None:
         """Return the pose that the motion from ``state`` runs into before ``end``, None where it passes by.
 
         The approach itself may go beyond ``end`` by as much as a leap does.
         """
-        self.states: list[State] = [state]
+        self.states: list[LeapState] = [state]
         self.sigma: list[Array] = [self._sigma(state)]
         refusals, allowed, reason = 0, np.inf, ""
         predicted: float | None = np.inf
@@ -128,20 +136,20 @@ class Approach:
         q, v, z = (
             b + part * (b - a) for a, b in ((before.q, last.q), (before.v, last.v), (before.z, last.z))
         )
-        return Unresolved(State(time, q, v, z), last.time, reason)
+        return Unresolved(LeapState(time, q, v, z), last.time, reason)
 
-    def _first_step(self, state: State) -> float:
+    def _first_step(self, state: LeapState) -> float:
         """Return a step [s] that is short beside the way to the pose, which may be close after an impact."""
         speed = float(np.abs(state.v).max(initial=0.0))
         away = float(self.sigma[0][-1] / self.sigma[0][0])  # about as many radians
         return min(FIRST, 0.5 * away) / speed if speed > 0.0 else 1e-3
 
-    def _reach(self, state: State) -> float:
+    def _reach(self, state: LeapState) -> float:
         """Return the time in which the joints turn by ``reach`` [s]; without turning joints there is no bound."""
         speed = float(np.abs(state.v[self.turning]).max(initial=0.0))
         return self.reach / speed if speed > 0.0 else np.inf
 
-    def _sigma(self, state: State) -> Array:
+    def _sigma(self, state: LeapState) -> Array:
         return self.equations.singular_values(np.array([state.time]), state.q[None])[0]
 
     def _go_on(self, step: float) -> None:
@@ -166,7 +174,7 @@ class Approach:
         ahead = real[real > t[-1]]
         return float(ahead.min()) if len(ahead) else float(t[-1] + secant)
 
-    def _leap(self, here: State, predicted: float) -> Pose | None:
+    def _leap(self, here: LeapState, predicted: float) -> PoseAhead | None:
         """Return the pose and the leap centred on it.
 
         Raises
@@ -186,9 +194,9 @@ class Approach:
         if not lost:
             raise NotSmooth("the constraints keep their rank")
         self.check(leap, found)
-        return Pose(found, lost, leap)
+        return PoseAhead(found, lost, leap)
 
-    def _tried(self, here: State, length: float) -> Leap:
+    def _tried(self, here: LeapState, length: float) -> PoseLeap:
         leap = Collocation(self.equations, here, length, self.nodes).solve(self.states)
         size = 1.0 + float(np.abs(here.q).max())
         if not leap.tail <= TAIL * size:
@@ -203,7 +211,7 @@ class Approach:
             raise NotSmooth(f"the loops would open by {apart:.1g} rad or m in between")
         return leap
 
-    def _located(self, leap: Leap, centre: float) -> float:
+    def _located(self, leap: PoseLeap, centre: float) -> float:
         """Return where the smallest singular value of a leap has its V."""
         h = 0.05 * leap.length
         for _ in range(7):

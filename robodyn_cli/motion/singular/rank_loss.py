@@ -23,9 +23,9 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion, Watcher
-from robodyn_cli.motion.singular.leap import BesidePose, Equations, State, leap_rounding
-from robodyn_cli.motion.singular.leap import Leap as FoundLeap
-from robodyn_cli.motion.singular.pose_ahead import NODES, REACH, Approach, Pose, Unresolved
+from robodyn_cli.motion.singular.leap import BesidePose, LeapEquations, LeapState, leap_rounding
+from robodyn_cli.motion.singular.leap import PoseLeap as FoundLeap
+from robodyn_cli.motion.singular.pose_ahead import NODES, REACH, PoseAhead, PoseApproach, Unresolved
 from robodyn_cli.ready.singularity import classify, culprit, refuse_dependent_rows
 from robodyn_cli.spatial.algebra import Array
 
@@ -56,7 +56,7 @@ class PosesAhead(Watcher):
 
     def follow(self, motion: Motion) -> None:
         self.motion, self.end = motion, motion.scene.simulate.duration
-        self._equations: Equations | None = None
+        self._equations: LeapEquations | None = None
 
     def begin(self, t: float, x: Array, options: Options) -> Array:
         self.options = options
@@ -69,13 +69,13 @@ class PosesAhead(Watcher):
         return {f"{part} near a loss of rank": kernel for part, kernel in parts.items()}
 
     @property
-    def equations(self) -> Equations:
+    def equations(self) -> LeapEquations:
         """The equations of motion in parts, compiled when the first pose comes near."""
         if self._equations is None:
-            self._equations = Equations(self.problem, bool(self.motion.system.work_done_by))
+            self._equations = LeapEquations(self.problem, bool(self.motion.system.work_done_by))
         return self._equations
 
-    def ahead(self, event: Event) -> Pose | Unresolved | None:
+    def ahead(self, event: Event) -> PoseAhead | Unresolved | None:
         """Return the pose that the motion from an event runs into, None where it does not, or is still far.
 
         Raises
@@ -84,13 +84,13 @@ class PosesAhead(Watcher):
         """
         scout = self._scout(event)
 
-        def advance(time: float) -> State:
+        def advance(time: float) -> LeapState:
             scout.advance(time)
             return self._moment(scout.time, scout.state)
 
         turning = np.array([unit == "rad" for unit in self.problem.model.v_units])
         self.equations.in_contact(self._given(event))
-        approach = Approach(self.equations, advance, turning, self.nodes, self.reach, self.check)
+        approach = PoseApproach(self.equations, advance, turning, self.nodes, self.reach, self.check)
         try:
             found = approach.pose_ahead(self._moment(event.time, event.state), self.end)
         except NumericalError:
@@ -115,8 +115,8 @@ class PosesAhead(Watcher):
         scout.start(event.time, event.state)
         return scout
 
-    def _moment(self, time: float, state: Array) -> State:
-        return State(time, *self.motion.system.split(state))
+    def _moment(self, time: float, state: Array) -> LeapState:
+        return LeapState(time, *self.motion.system.split(state))
 
 
 class RankLoss(PosesAhead):
@@ -135,7 +135,7 @@ class RankLoss(PosesAhead):
         q = found.state.q
         kind = classify(self.problem, q, ())
         named = culprit(self.problem, q, range(self.problem.model.nv), found.time)
-        several = f" in {found.lost} directions" if isinstance(found, Pose) and found.lost > 1 else ""
+        several = f" in {found.lost} directions" if isinstance(found, PoseAhead) and found.lost > 1 else ""
         raise SingularConfigurationError(
             f"bifurcation at t = {found.time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank{several} "
             f"and lets joint {named.joint} go, so the multipliers are not unique and the motion may branch; set "
@@ -196,7 +196,7 @@ class Passage(PosesAhead):
         if found is None:
             return GO_ON
         held = self._beside.refuse_held(event.parameters)
-        if held and isinstance(found, Pose):
+        if held and isinstance(found, PoseAhead):
             found = Unresolved(found.state, found.regular_until, held)
         if isinstance(found, Unresolved):
             loops = ", ".join(self.problem.model.closures)

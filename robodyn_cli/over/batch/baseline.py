@@ -10,7 +10,7 @@ from pathlib import Path
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.exit_codes import FAILED, worst
-from robodyn_cli.over.batch.entries import Entry
+from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.reports import datasets_of
 from robodyn_cli.over.batch.trees import Compared, compare_stored, is_run
 from robodyn_cli.record import record
@@ -49,11 +49,11 @@ class Baseline:
                 f"--baseline: {self.directory} is where the results of this batch go (--out); name another directory"
             )
 
-    def place(self, entry: Entry) -> Path:
+    def place(self, entry: BatchEntry) -> Path:
         """Return the directory of a scene's stored result."""
         return self.directory / entry.name / entry.command
 
-    def judge(self, entry: Entry) -> None:
+    def judge(self, entry: BatchEntry) -> None:
         """Compare the result of a scene with the stored one; a difference is a failure unless it is to be replaced.
 
         A scene that ended in an error has no result to compare.
@@ -74,7 +74,7 @@ class Baseline:
             code = FAILED if found.verdict == "extra" else found.exit_code
             entry.exit_code = worst([entry.exit_code, code])
 
-    def _compare(self, directory: Path, entry: Entry) -> Compared | None:
+    def _compare(self, directory: Path, entry: BatchEntry) -> Compared | None:
         """Return how the result of a run compares; None where it is right that there are none."""
         place, name = self.place(entry), f"{entry.name}/{entry.command}"
         if entry.has_result and is_run(place):
@@ -89,7 +89,7 @@ class Baseline:
             )
         return None
 
-    def replace_old(self, entries: Sequence[Entry]) -> list[Entry]:
+    def replace_old(self, entries: Sequence[BatchEntry]) -> list[BatchEntry]:
         """Put the results of scenes that ended well in the place of stored ones that differ: all, or none.
 
         Returns
@@ -119,7 +119,7 @@ class Baseline:
         return changed
 
 
-def _copied(entry: Entry, place: Path) -> dict[Path, Path]:
+def _copied(entry: BatchEntry, place: Path) -> dict[Path, Path]:
     """Copy what a run left beside where it goes; return the copy by its target, nothing where the run left nothing."""
     if not entry.has_result:
         return {}
@@ -147,7 +147,7 @@ def _put(copies: Mapping[Path, Path], place: Path) -> None:
                 target.unlink(missing_ok=True)
 
 
-def note(entry: Entry) -> None:
+def note(entry: BatchEntry) -> None:
     """Store how a result compares in its summary, where reports find it; if it was not compared, nothing stands there.
 
     A result that is kept from an earlier batch may say how it compared then.

@@ -20,7 +20,7 @@ from robodyn_cli import exit_codes
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
 from robodyn_cli.over.batch.criteria import exit_code
-from robodyn_cli.over.batch.entries import Entry, finished, settle
+from robodyn_cli.over.batch.entries import BatchEntry, finished, settle
 from robodyn_cli.results.output_dir import SUMMARY_NAME, OutputDirectory
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.threads import single_thread
@@ -83,7 +83,7 @@ class Batch:
 
     def __init__(
         self,
-        scenes: Sequence[Entry],
+        scenes: Sequence[BatchEntry],
         jobs: int,
         worker: Callable[[str, Path, Path], list[str]],
         drawn: Sequence[str],
@@ -99,9 +99,9 @@ class Batch:
         self._lock = threading.Lock()
         self._running: set[subprocess.Popen[bytes]] = set()
         self._stopping = False
-        self._done: queue.Queue[Entry | BaseException] = queue.Queue()
+        self._done: queue.Queue[BatchEntry | BaseException] = queue.Queue()
 
-    def run(self) -> Iterator[Entry]:
+    def run(self) -> Iterator[BatchEntry]:
         """Yield each scene when it is done; interrupted, stop the workers."""
         waiting = iter(self.scenes)
         threads = [
@@ -117,7 +117,7 @@ class Batch:
         finally:
             self._stop()
 
-    def _next(self) -> Entry:
+    def _next(self) -> BatchEntry:
         """Wait for the next scene that is done."""
         while True:
             try:
@@ -129,7 +129,7 @@ class Batch:
                 raise entry
             return entry
 
-    def _serve(self, waiting: Iterator[Entry]) -> None:
+    def _serve(self, waiting: Iterator[BatchEntry]) -> None:
         while not self._stopping:
             with self._lock:
                 entry = next(waiting, None)
@@ -143,7 +143,7 @@ class Batch:
             if not self._stopping:
                 self._done.put(entry)
 
-    def _one(self, entry: Entry) -> None:
+    def _one(self, entry: BatchEntry) -> None:
         if entry.directory is None:
             return
         start = time.perf_counter()
@@ -168,14 +168,14 @@ class Batch:
             summary = {"status": "failed", "error": {"exit_code": code, "message": said}}
         settle(entry, code, summary)
 
-    def _work(self, entry: Entry) -> tuple[int, str, bytes, bool]:
+    def _work(self, entry: BatchEntry) -> tuple[int, str, bytes, bool]:
         """Return a worker's exit code, its last message, what it printed, and whether it ran out of time."""
         with tempfile.TemporaryFile() as printed:
             code, said, late = self._wait_for(entry, printed)
             printed.seek(0)
             return code, said, printed.read(), late
 
-    def _wait_for(self, entry: Entry, printed: IO[bytes]) -> tuple[int, str, bool]:
+    def _wait_for(self, entry: BatchEntry, printed: IO[bytes]) -> tuple[int, str, bool]:
         """Run a worker that prints into a file; return its exit code, last message, and whether it was too late."""
         with self._lock:
             if self._stopping:
@@ -204,7 +204,7 @@ class Batch:
         # a worker that ended by itself as its time ran out counts as it ended
         return code, said, clock.fired and code in (INTERNAL, INTERRUPTED)
 
-    def _start(self, entry: Entry, printed: IO[bytes]) -> subprocess.Popen[bytes]:
+    def _start(self, entry: BatchEntry, printed: IO[bytes]) -> subprocess.Popen[bytes]:
         """Start the worker of a scene."""
         assert entry.directory is not None
         environment = dict(os.environ)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 @mutable_record
-class Entry:
+class BatchEntry:
     """One scene of a batch and what became of it.
 
     ``stopped`` : not done, as all are at first. ``unchanged`` : an earlier result was kept. ``replaced`` : another
@@ -72,12 +72,12 @@ class Entry:
         return [*([self.message] if self.message else []), *found, *self.differences]
 
 
-def listed(paths: Sequence[Path]) -> list[Entry]:
+def listed(paths: Sequence[Path]) -> list[BatchEntry]:
     """Return the scenes of a batch, of which nothing is done yet."""
-    return [Entry(path, name, stopped=True) for path, name in zip(paths, unique_names(paths))]
+    return [BatchEntry(path, name, stopped=True) for path, name in zip(paths, unique_names(paths))]
 
 
-def load(entries: Sequence[Entry], out: Path, overrides: Sequence[str] = ()) -> None:
+def load(entries: Sequence[BatchEntry], out: Path, overrides: Sequence[str] = ()) -> None:
     """Load the scenes and give each its output directory; what is wrong with one is an error of its own.
 
     ``overrides`` are ``key.path=value`` texts, applied to every scene.
@@ -115,7 +115,7 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
     return names
 
 
-def finished(entry: Entry, drawn: Sequence[str]) -> dict[str, Any] | None:
+def finished(entry: BatchEntry, drawn: Sequence[str]) -> dict[str, Any] | None:
     """Return the summary of an earlier, whole result of the same scene and version, None if there is none.
 
     drawn : ends of names of drawings that it must have (``.png``, ``torques.svg``). A failed run is not finished,
@@ -148,7 +148,7 @@ def finished(entry: Entry, drawn: Sequence[str]) -> dict[str, Any] | None:
     return summary if same else None
 
 
-def settle(entry: Entry, code: int, summary: dict[str, Any]) -> None:
+def settle(entry: BatchEntry, code: int, summary: dict[str, Any]) -> None:
     """Judge a run by its exit code and the criteria of its scene."""
     assert entry.scene is not None
     error = summary.get("error")

@@ -13,7 +13,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 from robodyn_cli.exit_codes import worst
-from robodyn_cli.over.batch.entries import Entry
+from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.trees import Compared
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.compare import Comparison, Difference
@@ -32,12 +32,12 @@ from robodyn_cli.summaries.checks import (
 from robodyn_cli.summaries.facts import ABSENT
 
 
-def batch_of(entries: Sequence[Entry], exit_code: int) -> BatchReport:
+def batch_of(entries: Sequence[BatchEntry], exit_code: int) -> BatchReport:
     """Return how a batch ended."""
     return BatchReport(_status(exit_code), exit_code, [_scene(entry) for entry in entries])
 
 
-def _scene(entry: Entry) -> SceneReport:
+def _scene(entry: BatchEntry) -> SceneReport:
     return SceneReport(
         scene=str(entry.path),
         name=entry.name,
@@ -101,7 +101,7 @@ def trees_of(found: Sequence[Compared], rtol: float, atol: float) -> TreeReport:
 _NOT_XML = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def write_reports(entries: Sequence[Entry], junit_file: Path | None, markdown_file: Path | None) -> None:
+def write_reports(entries: Sequence[BatchEntry], junit_file: Path | None, markdown_file: Path | None) -> None:
     """Write the reports that are asked for."""
     if junit_file is not None:
         write_bytes(junit_file, junit(entries))
@@ -109,7 +109,7 @@ def write_reports(entries: Sequence[Entry], junit_file: Path | None, markdown_fi
         write_bytes(markdown_file, markdown(entries).encode(errors="backslashreplace"))
 
 
-def tally(entries: Sequence[Entry]) -> str:
+def tally(entries: Sequence[BatchEntry]) -> str:
     """Return ``9 scenes: 7 ok (2 unchanged), 1 failed, 1 error``."""
     count = {
         verdict: sum(e.verdict == verdict for e in entries)
@@ -121,7 +121,7 @@ def tally(entries: Sequence[Entry]) -> str:
     return f"{len(entries)} scene{'s' if len(entries) != 1 else ''}: {', '.join(parts)}{note}"
 
 
-def junit(entries: Sequence[Entry]) -> bytes:
+def junit(entries: Sequence[BatchEntry]) -> bytes:
     """Return a JUnit report: a test case a scene; criteria are failures, everything else that is wrong an error.
 
     Elements and attributes are those of the schema by which Jenkins' xUnit plugin checks reports (junit-10.xsd); the
@@ -167,7 +167,7 @@ def _clean(text: str) -> str:
     return _NOT_XML.sub("\N{REPLACEMENT CHARACTER}", text)
 
 
-def markdown(entries: Sequence[Entry]) -> str:
+def markdown(entries: Sequence[BatchEntry]) -> str:
     """Return a summary for people: a table of the scenes, what is wrong with them, and the criteria."""
     lines = ["# robodyn run", "", f"{tally(entries)}.", "", "| scene | command | result | exit code | time |"]
     lines += ["|---|---|---|---|---|"]

@@ -10,7 +10,7 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.over.commands import command_of, locks
-from robodyn_cli.over.crosscheck.engine import Engine
+from robodyn_cli.over.crosscheck.engine import PeerEngine
 from robodyn_cli.over.crosscheck.translation import Translation, translate
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
@@ -71,7 +71,7 @@ def compared_command(scene: Scene) -> str:
     return command
 
 
-def _engine(name: str) -> Callable[[Any], Engine]:
+def _engine(name: str) -> Callable[[Any], PeerEngine]:
     if name == "pinocchio":
         from robodyn_cli.over.crosscheck.in_pinocchio import InPinocchio
 
@@ -81,7 +81,7 @@ def _engine(name: str) -> Callable[[Any], Engine]:
     return InMujoco
 
 
-def _torques(asked: Translation, other: Engine) -> list[ComparedQuantity]:
+def _torques(asked: Translation, other: PeerEngine) -> list[ComparedQuantity]:
     """Compare the torques along the scene's trajectory.
 
     The engine's error is M (FD(ID(a)) - a): what its own two algorithms differ by.
@@ -105,7 +105,7 @@ def _torques(asked: Translation, other: Engine) -> list[ComparedQuantity]:
     return [_compare("tau", names, (found["tau"], theirs), t, (float(own), apart))]
 
 
-def _motion(asked: Translation, other: Engine) -> list[ComparedQuantity]:
+def _motion(asked: Translation, other: PeerEngine) -> list[ComparedQuantity]:
     """Compare the motion at the samples.
 
     The engine's accelerations are integrated twice by an explicit pair of order 8; the error of its answer is the
@@ -132,7 +132,7 @@ def _motion(asked: Translation, other: Engine) -> list[ComparedQuantity]:
     return compared
 
 
-def _integrated(asked: Translation, other: Engine, times: Array, start: Array, rtol: float) -> Array:
+def _integrated(asked: Translation, other: PeerEngine, times: Array, start: Array, rtol: float) -> Array:
     """Return states (T, nq + nv) at times (T,): q-dot = N(q) v, v-dot from the engine."""
     from scipy.integrate import solve_ivp
 
@@ -180,7 +180,7 @@ def _compare(
 
 
 # what is compared, and whether the engine integrates
-COMPARED: dict[str, tuple[bool, Callable[[Translation, Engine], list[ComparedQuantity]]]] = {
+COMPARED: dict[str, tuple[bool, Callable[[Translation, PeerEngine], list[ComparedQuantity]]]] = {
     "inverse": (False, _torques),
     "simulate": (True, _motion),
 }

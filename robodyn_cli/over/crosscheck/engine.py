@@ -21,7 +21,7 @@ MISSING = "{} is not installed, which --with {} needs: pip install 'robodyn[orac
 
 
 @record
-class Place:
+class PeerPlace:
     """A frame of the engine, all in base axes.
 
     p (3,) : position. R (3, 3) : axes. J (6, nv) : Jacobian, angular rows first. a (6,) : acceleration with v-dot = 0.
@@ -35,7 +35,7 @@ class Place:
     w: Array
 
 
-class Engine(ABC):
+class PeerEngine(ABC):
     """A mechanism in another engine.
 
     name, version : of the engine. size : nv. q_places, v_places : of its coordinates among ours.
@@ -61,7 +61,7 @@ class Engine(ABC):
         """Return M (nv, nv), rotors included."""
 
     @abstractmethod
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> Place:
+    def place(self, q: Array, v: Array, frame: FixedFrame) -> PeerPlace:
         """Return a frame fixed to a body."""
 
     def in_our_order(self, x: Array) -> Array:

@@ -12,8 +12,8 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.over.crosscheck.engine import (
     MISSING,
-    Engine,
-    Place,
+    PeerEngine,
+    PeerPlace,
     children,
     mass_properties,
     real,
@@ -33,7 +33,7 @@ KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
 VELOCITIES = {"hinge": 1, "slide": 1, "ball": 3}
 
 
-class InMujoco(Engine):
+class InMujoco(PeerEngine):
     """A tree in MuJoCo, without contacts and without constraints of its own.
 
     Raises
@@ -87,7 +87,7 @@ class InMujoco(Engine):
             self.mj.mj_mulM(self.model, self.data, M[k], unit[k])
         return self.in_our_order(self.in_our_order(M).T)
 
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> Place:
+    def place(self, q: Array, v: Array, frame: FixedFrame) -> PeerPlace:
         self._set(q, v)
         self.mj.mj_forward(self.model, self.data)
         body, data = self.body[frame.body], self.data
@@ -96,7 +96,7 @@ class InMujoco(Engine):
         J, rate = np.zeros((6, self.size)), np.zeros((6, self.size))
         self.mj.mj_jac(self.model, data, J[3:], J[:3], p, body)
         self.mj.mj_jacDot(self.model, data, rate[3:], rate[:3], p, body)
-        return Place(p, R @ real(frame.R), self.in_our_order(J), rate @ data.qvel, J[:3] @ data.qvel)
+        return PeerPlace(p, R @ real(frame.R), self.in_our_order(J), rate @ data.qvel, J[:3] @ data.qvel)
 
 
 def _numbers(x: Any) -> str:

@@ -11,8 +11,8 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.over.crosscheck.engine import (
     MISSING,
-    Engine,
-    Place,
+    PeerEngine,
+    PeerPlace,
     depth_first,
     mass_properties,
     real,
@@ -46,7 +46,7 @@ KINDS: dict[str, tuple[Callable[[Any, Any], Any], tuple[int, ...]]] = {
 }
 
 
-class InPinocchio(Engine):
+class InPinocchio(PeerEngine):
     """A tree in Pinocchio: recursive Newton-Euler, composite and articulated bodies, rotors as armature.
 
     Raises
@@ -99,7 +99,7 @@ class InPinocchio(Engine):
         M = np.array(self.pin.crba(self.model, self.data, *self._to(q)))
         return self.in_our_order(self.in_our_order(np.triu(M) + np.triu(M, 1).T).T)
 
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> Place:
+    def place(self, q: Array, v: Array, frame: FixedFrame) -> PeerPlace:
         pin, joint = self.pin, self.joint[frame.body]
         at = self.pin.SE3(real(frame.R), real(frame.p))
         here, rates = self._to(q, v)
@@ -111,7 +111,7 @@ class InPinocchio(Engine):
         J = pin.getFrameJacobian(self.model, self.data, joint, at, axes)
         velocity = pin.getFrameVelocity(self.model, self.data, joint, at, axes)
         drift = pin.getFrameClassicalAcceleration(self.model, self.data, joint, at, axes)
-        return Place(
+        return PeerPlace(
             pose.translation.copy(),
             pose.rotation.copy(),
             self.in_our_order(np.concatenate([J[3:], J[:3]])),

@@ -34,7 +34,7 @@ Own = TypeVar("Own", bound=Built)
 
 
 @record
-class Asked:
+class AskedRuns:
     """What is asked of runs.
 
     result : takes the rows; its outputs are the keys that are wanted. q, qd : initial states (N, nq), (N, nv) in place
@@ -48,7 +48,7 @@ class Asked:
     threads: int
 
 
-class Command(ABC, Generic[Own]):
+class BatchCommand(ABC, Generic[Own]):
     """A command for many runs. Without state: one object serves all.
 
     sampled : columns of what samples hold, ``q`` as positions and all others as rates.
@@ -66,7 +66,7 @@ class Command(ABC, Generic[Own]):
         """Tell whether compiled code gives this key of the summary."""
 
     @abstractmethod
-    def make(self, structure: Own, rows: Rows, asked: Asked) -> list[int]:
+    def make(self, structure: Own, rows: Rows, asked: AskedRuns) -> list[int]:
         """Make runs of one structure in compiled code; return those that are left to be made one by one."""
 
     @abstractmethod
@@ -207,7 +207,7 @@ class Making:
     command : what the runs do.
     """
 
-    def __init__(self, command: Command[Any], structures: Structures, asked: Asked) -> None:
+    def __init__(self, command: BatchCommand[Any], structures: Structures, asked: AskedRuns) -> None:
         self.command, self.structures, self.asked = command, structures, asked
 
     @property

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.integration_methods import DEFAULT, STIFF
-from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, Limits, Runs, Sampling
+from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, Status
 from robodyn_cli.integrators.runtime.options import JUDGED, Options, stride_of
 from robodyn_cli.motion.error.attempts import Attempt, First, Masks, integrate_again
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 @record
-class Batch:
+class RunBatch:
     """Runs of one structure, ready to be driven: rows of values (N, keys), their numbers, starts and ends [s]."""
 
     structure: Structure
@@ -48,7 +48,7 @@ class Batch:
     tables: dict[str, Array]  # of numbers (N, n), by method
 
     @staticmethod
-    def of(structure: Structure, values: Array, q: Array | None, qd: Array | None, threads: int) -> Batch:
+    def of(structure: Structure, values: Array, q: Array | None, qd: Array | None, threads: int) -> RunBatch:
         """Return the runs of rows of values; q, qd : initial states in place of the scene's."""
         numbers = structure.numbers(values)
         starts = starts_of(structure, values, numbers, q, qd)
@@ -56,16 +56,18 @@ class Batch:
         if ends is None:
             ends = np.full(len(values), structure.motion.scene.simulate.duration)
         states = starts.states(structure)
-        return Batch(structure, values, numbers, starts, states, ends, structure.motion.options, threads, {})
+        return RunBatch(
+            structure, values, numbers, starts, states, ends, structure.motion.options, threads, {}
+        )
 
-    def part(self, rows: Any) -> Batch:
+    def part(self, rows: Any) -> RunBatch:
         """Return some of the runs."""
         if len(rows) == len(self.values):
             return self
         numbers = self.structure.numbers(self.values[rows])
         starts = Starts(self.starts.q[rows], self.starts.v[rows], self.starts.sound[rows])
         tables = {method: table[rows] for method, table in self.tables.items()}
-        return Batch(
+        return RunBatch(
             self.structure, self.values[rows], numbers, starts, self.states[rows], self.ends[rows], self.options,
             self.threads, tables,
         )  # fmt: skip
@@ -74,7 +76,7 @@ class Batch:
         self,
         method: str,
         options: Options,
-        limits: Limits = NO_LIMITS,
+        limits: FleetLimits = NO_LIMITS,
         sampling: Sampling = NO_SAMPLES,
         watch: bool = True,
     ) -> Runs:
@@ -102,7 +104,7 @@ class Driven:
     second_steps: NDArray[np.int64] | None = None
 
 
-def method_of(batch: Batch) -> NDArray[np.str_]:
+def method_of(batch: RunBatch) -> NDArray[np.str_]:
     """Return the method of each run: what the scene asks for, or what ``choose`` would take."""
     choice, count = batch.structure.motion.choice, len(batch.values)
     found = np.full(count, DEFAULT if choice.may_change else choice.method, dtype="<U20")
@@ -110,7 +112,7 @@ def method_of(batch: Batch) -> NDArray[np.str_]:
         return found
 
     def cost(method: str, rows: NDArray[np.int64], trials: Array) -> Array:
-        limits = Limits(steps=np.full(len(rows), MOST))
+        limits = FleetLimits(steps=np.full(len(rows), MOST))
         runs = dataclasses.replace(batch.part(rows), ends=trials).drive(
             method, batch.options, limits, watch=False
         )
@@ -122,7 +124,7 @@ def method_of(batch: Batch) -> NDArray[np.str_]:
     return found
 
 
-def _decays(batch: Batch) -> Array:
+def _decays(batch: RunBatch) -> Array:
     """Return the fastest decays at the starts (N,) [1/s]."""
     system, x = batch.structure.motion.system, batch.states
     groups = {"t": [0.0], "q": x.T[: system.nq], "v": x.T[system.nq : system.nq + system.nv],
@@ -132,17 +134,17 @@ def _decays(batch: Batch) -> Array:
     return found
 
 
-def first_run(batch: Batch, method: str, sampling: Sampling = NO_SAMPLES) -> Runs:
+def first_run(batch: RunBatch, method: str, sampling: Sampling = NO_SAMPLES) -> Runs:
     """Make the runs of a batch by one method, as far as it is sure to be the one."""
     motion = batch.structure.motion
     most = np.full(len(batch.values), batch.options.max_steps)
     if motion.choice.may_change:
         # more steps: ``StiffnessWatch`` would think about another method
         most = np.minimum(most, FIRST_LOOK + WORTH)
-    return batch.drive(method, batch.options, Limits(steps=most), sampling)
+    return batch.drive(method, batch.options, FleetLimits(steps=most), sampling)
 
 
-def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
+def integrate(batch: RunBatch, method: str, samples: int = 0) -> Driven:
     """Make the runs of a batch by one method, and estimate their errors by a second integration."""
     if not batch.structure.motion.scene.simulate.error_estimate:
         runs = first_run(batch, method, Sampling(samples))
@@ -170,7 +172,7 @@ def integrate(batch: Batch, method: str, samples: int = 0) -> Driven:
     return Driven(dataclasses.replace(runs, out=runs.out[:, :, asked]), trusted, errors, second_steps=steps)
 
 
-def _samplings(batch: Batch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
+def _samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
     """Return which samples are taken, and which of them are asked for (so many) and judged: those of single runs.
 
     Runs in lanes, which take steps of their own up to each sample, are judged by as few as may be.
@@ -185,7 +187,7 @@ def _samplings(batch: Batch, method: str, samples: int) -> tuple[Sampling, slice
     return Sampling(int(count / stride), batch.ends / count * stride), slice(0), slice(None)
 
 
-def _trusted(batch: Batch, runs: Runs) -> Masks:
+def _trusted(batch: RunBatch, runs: Runs) -> Masks:
     """Tell which runs came to their end, and look as they should."""
     trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
     if is_judged_by_energy(batch.structure.motion):
@@ -194,7 +196,7 @@ def _trusted(batch: Batch, runs: Runs) -> Masks:
 
 
 def second_runs(
-    batch: Batch, first: First, arrived: Callable[[Runs], Masks], sampling: Sampling = NO_SAMPLES
+    batch: RunBatch, first: First, arrived: Callable[[Runs], Masks], sampling: Sampling = NO_SAMPLES
 ) -> tuple[Runs, Masks]:
     """Make runs once more, more accurately; return them, and which came to their end.
 
@@ -207,7 +209,7 @@ def second_runs(
         nonlocal found
         rows = attempt.rows
         own = sampling if sampling.step is None else Sampling(sampling.count, sampling.step[rows])
-        limits = Limits(attempt.step, attempt.most)
+        limits = FleetLimits(attempt.step, attempt.most)
         runs = batch.part(rows).drive(first.method, attempt.options, limits, own)
         if len(rows) == len(done):
             found = runs
@@ -222,7 +224,7 @@ def second_runs(
     return found, done
 
 
-def _keeps_energy(batch: Batch, runs: Runs) -> Masks:
+def _keeps_energy(batch: RunBatch, runs: Runs) -> Masks:
     """Tell in which runs the energy at the end is that at the start and the work, as far as tolerances explain.
 
     A stricter form of ``energy_out_of_balance``, which looks at samples: what it refuses, ``simulate`` judges.

@@ -14,7 +14,7 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.over.many.command import Asked, Command, ManyRuns, Rows
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
 from robodyn_cli.over.many.groups import Built, first_of, table_rows
 from robodyn_cli.over.many.keys import NUMBER, Key, settings
 from robodyn_cli.results.result import Result
@@ -83,7 +83,7 @@ def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) 
     return first_of(reasons)
 
 
-class Inverse(Command[InverseStructure]):
+class InverseRuns(BatchCommand[InverseStructure]):
     """Torques of the scene's trajectory; ends are the ends of the motion."""
 
     name = "inverse"
@@ -106,7 +106,7 @@ class Inverse(Command[InverseStructure]):
     @np.errstate(
         all="ignore"
     )  # runs with numbers that are not finite are left to ``inverse``, which names them
-    def make(self, structure: InverseStructure, rows: Rows, asked: Asked) -> list[int]:
+    def make(self, structure: InverseStructure, rows: Rows, asked: AskedRuns) -> list[int]:
         samples = asked.samples or structure.program.problem.scene.inverse.samples
         planned = structure.planned(samples)
         tables = table_rows(structure.tables, structure.numbers(asked.result.values[rows]))
@@ -118,7 +118,7 @@ class Inverse(Command[InverseStructure]):
         return left
 
     def _evaluate(
-        self, structure: InverseStructure, planned: Planned, tables: Array, rows: Rows, asked: Asked
+        self, structure: InverseStructure, planned: Planned, tables: Array, rows: Rows, asked: AskedRuns
     ) -> list[int]:
         """Keep the runs with rows of tables; return those that are left to be made one by one."""
         result, motion, times = asked.result, planned.motion, planned.times

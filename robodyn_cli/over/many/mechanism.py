@@ -22,7 +22,7 @@ from robodyn_cli.works.functions.model import ModelFunctions
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from robodyn_cli.over.many.command import Command, Making
+    from robodyn_cli.over.many.command import BatchCommand, Making
 
 Values = Mapping[str, Any] | Any
 Start = tuple[Array | None, Array | None]
@@ -134,17 +134,17 @@ class Mechanism(ModelFunctions):
         ------
         CapabilityError : arrays of shapes that do not fit, or fewer than two samples.
         """
-        from robodyn_cli.over.many.inverse import Inverse
+        from robodyn_cli.over.many.inverse import InverseRuns
 
         count = self.scene.inverse.samples if samples is None else samples
         if count < 2:
             raise CapabilityError(f"samples: {count}; allowed: 2 or more")
-        return self._make(Inverse(), values, (None, None), of, count, None)
+        return self._make(InverseRuns(), values, (None, None), of, count, None)
 
     @one_at_a_time
     def _make(
         self,
-        command: Command[Any],
+        command: BatchCommand[Any],
         values: Values,
         start: Start,
         of: Sequence[str],
@@ -163,7 +163,7 @@ class Mechanism(ModelFunctions):
 
     @one_at_a_time
     def compiled(
-        self, command: Command[Any], rows: Array, of: Sequence[str], threads: int
+        self, command: BatchCommand[Any], rows: Array, of: Sequence[str], threads: int
     ) -> tuple[ManyRuns, NDArray[np.int64]]:
         """Return runs with rows of values (N, keys), and the numbers of those that are left to the command itself."""
         result = ManyRuns.empty(self._key_names, rows, (self.q_names, self.qd_names), of)
@@ -191,10 +191,10 @@ class Mechanism(ModelFunctions):
         return [key.name for key in self.keys]
 
     def _making(
-        self, command: Command[Any], result: ManyRuns, start: Start, samples: int, threads: int
+        self, command: BatchCommand[Any], result: ManyRuns, start: Start, samples: int, threads: int
     ) -> tuple[Making, NDArray[np.int64]]:
         """Return what makes the runs, and the numbers of those whose values are allowed."""
-        from robodyn_cli.over.many.command import Asked, Making
+        from robodyn_cli.over.many.command import AskedRuns, Making
 
         refused = self._allowed.refusals(result.values)
         for row, error in refused.items():
@@ -202,7 +202,7 @@ class Mechanism(ModelFunctions):
         allowed = np.array([k for k in range(len(result)) if k not in refused], dtype=np.int64)
         if command.name not in self._structures:
             self._structures[command.name] = Structures(self.family, self.keys, command.structure)
-        asked = Asked(result, *start, samples, threads)
+        asked = AskedRuns(result, *start, samples, threads)
         return Making(command, self._structures[command.name], asked), allowed
 
     def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:

@@ -17,9 +17,9 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error.attempts import First, Masks
 from robodyn_cli.motion.error.estimate import time_errors
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.over.many.command import Asked, Command, ManyRuns, Rows, number_of
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.groups import first_of
-from robodyn_cli.over.many.integrate import Batch, Driven, first_run, integrate, method_of, second_runs
+from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, integrate, method_of, second_runs
 from robodyn_cli.over.many.keys import Key
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
@@ -36,7 +36,7 @@ SECOND_STEPS = "error_estimate.steps"
 COUNTERS = ("counters.steps", "counters.rejected", "counters.evaluations")
 
 
-class MotionCommand(Command[Structure]):
+class MotionCommand(BatchCommand[Structure]):
     """A command that integrates motions."""
 
     @abstractmethod
@@ -52,7 +52,7 @@ class MotionCommand(Command[Structure]):
         """Tell whether ``output`` gives this key of the summary."""
 
     @abstractmethod
-    def drive(self, batch: Batch, method: str, samples: int) -> Driven:
+    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
         """Make the runs of a batch."""
 
     @abstractmethod
@@ -72,9 +72,9 @@ class MotionCommand(Command[Structure]):
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
 
-    def make(self, structure: Structure, rows: Rows, asked: Asked) -> list[int]:
+    def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
         own_q, own_qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
-        batch = Batch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
+        batch = RunBatch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
         found = method_of(batch)
         left: list[int] = []
         for method in dict.fromkeys(found.tolist()):
@@ -85,7 +85,7 @@ class MotionCommand(Command[Structure]):
             left += rows[chosen[~driven.trusted]].tolist()
         return left
 
-    def _keep(self, batch: Batch, driven: Driven, rows: Rows, asked: Asked) -> None:
+    def _keep(self, batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
         """Write those runs of a batch that can be trusted into the result."""
         result, system, good = asked.result, batch.structure.motion.system, driven.trusted
         runs, to = driven.runs, rows[driven.trusted]
@@ -115,7 +115,7 @@ class MotionCommand(Command[Structure]):
         return self.output(key, result, rows)
 
 
-def _keep_samples(batch: Batch, driven: Driven, rows: Rows, asked: Asked) -> None:
+def _keep_samples(batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
     samples, good = asked.result.samples, driven.trusted
     states = np.concatenate([batch.states[:, None], driven.runs.out.transpose(0, 2, 1)], axis=1)[good]
     share = np.arange(asked.samples) / max(asked.samples - 1, 1)
@@ -146,7 +146,7 @@ class Simulate(MotionCommand):
     def gives(self, key: str) -> bool:
         return key == "final.time" or key.startswith(("final.q.", "final.qd.")) or key in ERRORS
 
-    def drive(self, batch: Batch, method: str, samples: int) -> Driven:
+    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
         return integrate(batch, method, samples)
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
@@ -207,7 +207,7 @@ class Deploy(MotionCommand):
     def gives(self, key: str) -> bool:
         return key in (LOCK_TIME, LOCK_ERROR) or key.startswith(("lock.angles.", "lock.rates."))
 
-    def drive(self, batch: Batch, method: str, samples: int) -> Driven:
+    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
         motion, count = batch.structure.motion, len(batch.values)
         functions = batch.structure.fleet(method).system.events
         dead = np.array([e.kind is EventKind.DEAD_POINT for e in functions])
@@ -237,7 +237,7 @@ class Deploy(MotionCommand):
         return Driven(runs, trusted, time_errors=errors, second_steps=steps)
 
     @staticmethod
-    def _is_regular(batch: Batch, q: Array, columns: tuple[int, ...]) -> Masks:
+    def _is_regular(batch: RunBatch, q: Array, columns: tuple[int, ...]) -> Masks:
         """Tell at which positions Psi of the loops is far from losing rank, in these coordinates or in all."""
         psi = batch.structure.psi_of_loops
         inputs = {"q": list(q.T), "t": [0.0], "p": []}

@@ -69,7 +69,7 @@ def starts_of(
                 rows[name][:, k] = given[name][column]
     if not motion.problem.constraints.rows:
         return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
-    starts = _Closing(structure, numbers, given["q"], given["qd"]).close(rows["q"], rows["qd"])
+    starts = _ManyClosing(structure, numbers, given["q"], given["qd"]).close(rows["q"], rows["qd"])
     if q is None and qd is None:
         # a run that is the structure's own starts where that does, to the bit
         alike = (values == structure.row).all(axis=1)
@@ -96,7 +96,7 @@ def _given(
     return found
 
 
-class _Closing:
+class _ManyClosing:
     """The loops of a structure for many runs: eta (N, m) and Psi (N, m, nv) at positions of their own."""
 
     def __init__(

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.over.numerics.spectrum import Spectrum
-from robodyn_cli.over.numerics.trial import Budget, Reference, Solution, ran_out, solve, step_of
+from robodyn_cli.over.numerics.trial import Budget, TrialReference, TrialSolution, ran_out, solve, step_of
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -21,7 +21,7 @@ LEAST_SECONDS = 2.0
 CROSSINGS = 4  # passes through the middle that make a motion an oscillation
 
 
-def period(ref: Reference | None, spectrum: Spectrum | None, duration: float) -> Period:
+def period(ref: TrialReference | None, spectrum: Spectrum | None, duration: float) -> Period:
     """Return the period of a motion: the longest that its quantities show, else that of its slowest mode."""
     if ref is not None and len(ref.times) > 8:
         found = []
@@ -120,7 +120,7 @@ def growths(scene: Scene, methods: Sequence[str], duration: float, budget: Budge
     return found
 
 
-def _growth(method: str, done: Solution) -> Growth:
+def _growth(method: str, done: TrialSolution) -> Growth:
     status = "ok"
     if done.error is not None:
         status = "too_slow" if ran_out(done.error) else "stopped"

@@ -23,7 +23,7 @@ from robodyn_cli.motion.build import build_motion, watched_system
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.method import LARGEST
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.over.numerics.trial import Deadline, Reference, ran_out, tight
+from robodyn_cli.over.numerics.trial import Deadline, TrialReference, ran_out, tight
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.types import Baumgarte, Scene
 from robodyn_cli.spatial.algebra import Array
@@ -160,7 +160,7 @@ class StepEnds:
         return None
 
 
-def instants(scene: Scene, ref: Reference, nq: int, nv: int) -> tuple[Array, Array, Array]:
+def instants(scene: Scene, ref: TrialReference, nq: int, nv: int) -> tuple[Array, Array, Array]:
     """Return times (T,), q (T, nq) and v (T, nv) of the reference at equal distances and where steps end."""
     count = EVENLY if nv <= LONG_CHAIN else FEW
     places = np.unique(np.linspace(0, len(ref.times) - 1, count).round().astype(int))
@@ -176,7 +176,7 @@ def instants(scene: Scene, ref: Reference, nq: int, nv: int) -> tuple[Array, Arr
     return times[order], np.concatenate([q, more_q])[order], np.concatenate([v, more_v])[order]
 
 
-def step_ends(scene: Scene, ref: Reference, most: int) -> tuple[Array, Array, Array]:
+def step_ends(scene: Scene, ref: TrialReference, most: int) -> tuple[Array, Array, Array]:
     """Return times, q and v where steps of the reference's method end, ``most`` at most.
 
     Raises

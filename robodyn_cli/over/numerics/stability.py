@@ -22,7 +22,7 @@ from robodyn_cli.over.numerics.entries import instants
 from robodyn_cli.over.numerics.spectrum import Spectrum, spectrum
 from robodyn_cli.over.numerics.trial import (
     Budget,
-    Reference,
+    TrialReference,
     attempts,
     methods_tried,
     reference,
@@ -127,7 +127,9 @@ def started(scene: Scene, watch: Stopwatch) -> tuple[Ready, Setup]:
     return ready, prepare(ready, watch)
 
 
-def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Reference | None, Spectrum | None]:
+def find_reference(
+    scene: Scene, setup: Setup, effort: Effort
+) -> tuple[TrialReference | None, Spectrum | None]:
     """Return the reference solution, and the spectrum at the start, which decides by which methods."""
     first = at_start(setup)
     stiff = first is not None and first.fastest_decay * scene.simulate.duration > STIFF
@@ -135,7 +137,11 @@ def find_reference(scene: Scene, setup: Setup, effort: Effort) -> tuple[Referenc
 
 
 def follow_energy(
-    scene: Scene, ref: Reference | None, found: Spectrum | None, trials: Sequence[MethodTrial], effort: Effort
+    scene: Scene,
+    ref: TrialReference | None,
+    found: Spectrum | None,
+    trials: Sequence[MethodTrial],
+    effort: Effort,
 ) -> EnergyGrowth:
     """Follow the energy over many periods: one method of each family, the scene's, and what ``auto`` chose."""
     long = period(ref, found, scene.simulate.duration)
@@ -168,7 +174,7 @@ def eigenvalues(setup: Setup, times: Array, q: Array, v: Array) -> Spectrum | No
     return found if len(found.times) else None
 
 
-def along(setup: Setup, ref: Reference | None) -> Spectrum | None:
+def along(setup: Setup, ref: TrialReference | None) -> Spectrum | None:
     """Return the spectrum along the reference solution."""
     if ref is None:
         return None

@@ -11,7 +11,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.over.numerics.spectrum import Spectrum
 from robodyn_cli.over.numerics.stability import STIFF, along, at_start
 from robodyn_cli.over.numerics.stability_cases import CASES, Case
-from robodyn_cli.over.numerics.trial import Budget, Reference, attempts, methods_tried, reference
+from robodyn_cli.over.numerics.trial import Budget, TrialReference, attempts, methods_tried, reference
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
@@ -32,7 +32,7 @@ class Verdict:
 
     case: Case
     scene: str
-    reference: Reference | None
+    reference: TrialReference | None
     spectrum: Spectrum | None
     trials: list[MethodTrial]
     complaints: list[str]
@@ -146,7 +146,7 @@ def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
     return found, found is not None and found.fastest_decay * scene.simulate.duration > STIFF
 
 
-def judge(case: Case, trials: Sequence[MethodTrial], ref: Reference | None) -> list[str]:
+def judge(case: Case, trials: Sequence[MethodTrial], ref: TrialReference | None) -> list[str]:
     """Return what is not as it should be, in words."""
     complaints = []
     auto = next(t for t in trials if t.method == "auto")

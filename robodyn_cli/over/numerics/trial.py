@@ -63,7 +63,7 @@ def ran_out(error: RobodynError) -> bool:
 
 
 @mutable_record
-class Solution:
+class TrialSolution:
     """Samples (T, n) of q and qd that a run came to, and the error that ended it before its time."""
 
     result: Result | None
@@ -91,7 +91,7 @@ def step_of(s: SimulateOptions, method: str) -> float | None:
     return 1e-3 * s.duration if fixed and s.step is None else s.step
 
 
-def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
+def solve(scene: Scene, budget: Budget, **options: Any) -> TrialSolution:
     """Simulate a scene with other options of ``simulate``; what stops it comes back instead of being raised."""
     steps = min(budget.steps, int(options.pop("max_steps", budget.steps)))
     changed = dataclasses.replace(scene.simulate, samples=SAMPLES, max_steps=steps, **options)
@@ -99,15 +99,15 @@ def solve(scene: Scene, budget: Budget, **options: Any) -> Solution:
     began = time.perf_counter()
     try:
         result = simulate(dataclasses.replace(scene, simulate=changed), progress=Deadline(budget.seconds))
-        return Solution(result, None, time.perf_counter() - began)
+        return TrialSolution(result, None, time.perf_counter() - began)
     except RobodynError as error:
-        return Solution(
+        return TrialSolution(
             error.result if isinstance(error.result, Result) else None, error, time.perf_counter() - began
         )
 
 
 @record
-class Reference:
+class TrialReference:
     """A solution that two methods at tight tolerance agree on.
 
     times (T,), states (T, n) as far as they agree; scale (n,) : range of each quantity. until [s] : how far that
@@ -138,7 +138,7 @@ def agreed(
     scale: Array,
     bound: float,
     methods: tuple[str, str],
-) -> Reference | None:
+) -> TrialReference | None:
     """Return states x (T, n) as far as another run's y agree within ``bound`` of the scale, None where they do not."""
     apart = np.abs(x - y)
     relative = np.maximum.accumulate(np.max(apart / scale, axis=1))
@@ -148,15 +148,15 @@ def agreed(
     count = int(good[-1]) + 1
     digits = -float(np.log10(max(relative[count - 1], 1e-16)))
     largest = float(apart[:count].max())
-    return Reference(times[:count], x[:count], scale, float(times[count - 1]), digits, largest, methods)
+    return TrialReference(times[:count], x[:count], scale, float(times[count - 1]), digits, largest, methods)
 
 
-def _proper_end(solution: Solution) -> bool:
+def _proper_end(solution: TrialSolution) -> bool:
     """Tell whether a run came to its end, or to that of its motion."""
     return solution.error is None or isinstance(solution.error, SingularConfigurationError)
 
 
-def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | None:
+def reference(scene: Scene, budget: Budget, stiff: bool = False) -> TrialReference | None:
     """Return the reference, or None where no two runs get through at tight tolerance.
 
     Two methods, explicit ones last where the scene is ``stiff``; where only one gets through, itself at two
@@ -175,10 +175,10 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> Reference | 
     return None if found is None else dataclasses.replace(found, ends_early=ends_early)
 
 
-def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[str, Solution]]:
+def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[str, TrialSolution]]:
     """Return the first two of the methods that get through at tight tolerance, or one at two tolerances."""
 
-    def run(name: str, looser: float) -> Solution | None:
+    def run(name: str, looser: float) -> TrialSolution | None:
         tolerance = looser * tight(name)
         one = solve(
             scene, budget, integrator=name, rtol=tolerance, atol=tolerance, step=None, error_estimate=False
@@ -186,7 +186,7 @@ def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[
         through = one.result is not None and len(one.times) > 1 and _proper_end(one)
         return one if through else None
 
-    found: list[tuple[str, Solution]] = []
+    found: list[tuple[str, TrialSolution]] = []
     for name in order:
         if (one := run(name, 1.0)) is not None:
             found.append((name, one))
@@ -207,7 +207,7 @@ def ranges(states: Array, positions: int) -> Array:
     return np.maximum(spread, 1e-12)
 
 
-def attempt(scene: Scene, method: str, ref: Reference | None, budget: Budget) -> MethodTrial:
+def attempt(scene: Scene, method: str, ref: TrialReference | None, budget: Budget) -> MethodTrial:
     """Run one method at the settings of the scene and judge it."""
     done = solve(scene, budget, integrator=method)
     trial = MethodTrial(method, seconds=done.seconds)
@@ -239,7 +239,7 @@ def _status(error: RobodynError) -> str:
     return "too_slow" if ran_out(error) else "diverged"
 
 
-def judge(trial: MethodTrial, done: Solution, ref: Reference | None) -> MethodTrial:
+def judge(trial: MethodTrial, done: TrialSolution, ref: TrialReference | None) -> MethodTrial:
     """Fill in error and status of a run that got through, as far as the reference goes."""
     if ref is None:
         trial.message = trial.message or "no reference to compare this result with"
@@ -269,7 +269,9 @@ def methods_tried(quick: bool) -> list[str]:
     return ["auto", *(name for name in registry if not quick or name in REPRESENTATIVES)]
 
 
-def attempts(scene: Scene, ref: Reference | None, budget: Budget, names: Sequence[str]) -> list[MethodTrial]:
+def attempts(
+    scene: Scene, ref: TrialReference | None, budget: Budget, names: Sequence[str]
+) -> list[MethodTrial]:
     """Run these methods."""
     # what auto does is judged, so a busy machine must not make it slow
     patient = dataclasses.replace(budget, steps=20 * budget.steps, seconds=max(budget.seconds, 60.0))

@@ -27,7 +27,7 @@ from robodyn_cli.over.numerics.entries import (
 )
 from robodyn_cli.over.numerics.lock_precision import judge_lock, lock_reference, locks
 from robodyn_cli.over.numerics.sensitivity import Sensitivity, motion_at, sensitivity
-from robodyn_cli.over.numerics.trial import SAMPLES, Reference, agreed
+from robodyn_cli.over.numerics.trial import SAMPLES, TrialReference, agreed
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -63,7 +63,7 @@ def two_references(motion: Motion, grid: Grid) -> list[tuple[str, Array]]:
     return found
 
 
-def reference(motion: Motion, duration: float) -> tuple[Reference, Sensitivity]:
+def reference(motion: Motion, duration: float) -> tuple[TrialReference, Sensitivity]:
     """Return the reference solution over the part of the duration on which two methods agree, and how a small change of
     the start grows over that part.
 
@@ -119,7 +119,7 @@ def formulations(
     return {**found, "none": in_formulation(motion, "none")}, gains
 
 
-def judge_motion(driver: Driver, entry: TimedRun, motion: Motion, ref: Reference) -> None:
+def judge_motion(driver: Driver, entry: TimedRun, motion: Motion, ref: TrialReference) -> None:
     """Run over the comparable time; fill in the largest error."""
     grid = Grid.over(ref.until, len(ref.times))
     states = driver.samples(ref.until, grid, watch=bool(motion.watchers))

@@ -21,7 +21,7 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.observe import observed
 from robodyn_cli.over.plan.plane import at_samples, in_steps
-from robodyn_cli.over.plan.terms import Equations, Ledger, Term
+from robodyn_cli.over.plan.terms import Ledger, PlanEquations, Term
 from robodyn_cli.over.plan.text import listed
 from robodyn_cli.over.plan.variants import (
     general_drives,
@@ -94,7 +94,7 @@ class Forward:
         return [solver(self.problem), integrator, *methods[taken.method].choices(self.system)]
 
     # -- terms ----------------------------------------------------------------------------------------
-    def terms(self, e: Equations) -> Iterator[Term]:
+    def terms(self, e: PlanEquations) -> Iterator[Term]:
         """Yield the solution for the accelerations, drives, stabilisation, work, events and samples."""
         p = self.problem
         given = [*(p.applied - p.bias), *p.psi.flat, *p.constraints.gamma]
@@ -122,7 +122,7 @@ class Forward:
         again = "a second, tighter integration by the same code"
         yield Term("error estimate", wanted, again if wanted else "simulate.error_estimate is false")
 
-    def _drives(self, e: Equations) -> Iterator[Term]:
+    def _drives(self, e: PlanEquations) -> Iterator[Term]:
         here, driven, given = e.here, self.problem.scene.torques, self.problem.scene.prescribed
         yield e.either(
             "actuator torques", driven, f"given for {listed(driven)}", "no joint has one",
@@ -136,7 +136,7 @@ class Forward:
         reason = "the rates depend on t" if timed else "nothing depends on t explicitly"
         yield Term("time as an input", timed, reason)
 
-    def _stabilisation(self, e: Equations) -> Iterator[Term]:
+    def _stabilisation(self, e: PlanEquations) -> Iterator[Term]:
         """Yield projection, or what takes its place, and Baumgarte's terms."""
         if not self.problem.constraints.rows:
             yield Term("stabilisation of constraints", False, "there are none, so nothing can drift")
@@ -158,7 +158,7 @@ class Forward:
             "Baumgarte's terms", damped, "asked for in simulate.stabilisation", why_not, variant, variant
         )
 
-    def _redundant_rows(self, e: Equations) -> Iterator[Term]:
+    def _redundant_rows(self, e: PlanEquations) -> Iterator[Term]:
         if not self.redundant:
             return
         reason = f"{listed(self.redundant)} follow from the other rows in every pose"
@@ -178,7 +178,7 @@ class Forward:
         joints = [b.joint_name for b in self.problem.model.bodies if b.joint.quasi]
         return Term(name, True, f"of {listed(joints)}, once a step", program.operations)
 
-    def _work(self, e: Equations) -> Term:
+    def _work(self, e: PlanEquations) -> Term:
         doers = self.system.work_done_by
         problem = self.problem if doers else general_drives(e.here).problem()
         work, without = (count_operations(self.outputs(problem, work)) for work in (True, False))

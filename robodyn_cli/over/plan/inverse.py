@@ -17,7 +17,7 @@ from robodyn_cli.kernels.crossover import CROSSOVER
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.over.plan.plane import at_samples
-from robodyn_cli.over.plan.terms import Equations, Ledger, Term
+from robodyn_cli.over.plan.terms import Ledger, PlanEquations, Term
 from robodyn_cli.over.plan.text import listed, plural
 from robodyn_cli.scene import types as sc
 from robodyn_cli.summaries.checks import Kernel, LoopCosts
@@ -26,7 +26,7 @@ from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.works.inverse import program_of
 
 
-class Inverse:
+class InversePlan:
     """The programs of inverse dynamics of one scene."""
 
     inner = "torques"
@@ -85,7 +85,7 @@ class Inverse:
             found.append(Decision("shape of the torque kernel", self.torques.shape, reason))
         return found
 
-    def terms(self, e: Equations) -> Iterator[Term]:
+    def terms(self, e: PlanEquations) -> Iterator[Term]:
         """Yield the stages around the torques."""
         program, model = self.program, self.program.problem.model
         less = dataclasses.replace(e.here, accelerations=False)

@@ -23,7 +23,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.commands import command_of
 from robodyn_cli.over.plan.plane import Plane
-from robodyn_cli.over.plan.terms import MECHANISM, Equations, Ledger, Term
+from robodyn_cli.over.plan.terms import MECHANISM, Ledger, PlanEquations, Term
 from robodyn_cli.over.plan.text import idle_constants, plural, render, unknown_data
 from robodyn_cli.over.plan.variants import Variant, general
 from robodyn_cli.registry import Registry
@@ -53,7 +53,7 @@ class Subject(Protocol):
     def outputs(self, problem: Problem) -> list[Scalar]:
         """Return the expressions of the command's inner loop, for this problem or a variant of it."""
 
-    def terms(self, e: Equations) -> Iterator[Term]:
+    def terms(self, e: PlanEquations) -> Iterator[Term]:
         """Yield the terms of the command beside those of the mechanism: its stages, and the work around the inner
         loop."""
 
@@ -102,7 +102,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     missing = list(dict.fromkeys([*needed, *missing]))
     ledger, everything = _ledger(subject, count_operations(outputs))
     idle = _idle(subject) if ledger.counted else []
-    equations = Equations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
+    equations = PlanEquations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
     for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
         ledger.enter(term)
     found = PlanReport(

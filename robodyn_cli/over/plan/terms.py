@@ -40,7 +40,7 @@ class Term:
 
 
 @record
-class Equations:
+class PlanEquations:
     """The input of the terms: the equations as the command builds them, and ``here``, the same as a variant.
 
     idle : given data without effect. spare : data neither given nor needed.
@@ -78,7 +78,7 @@ class Equations:
 Terms = Iterator[Term]
 
 
-def velocity_terms(e: Equations) -> Terms:
+def velocity_terms(e: PlanEquations) -> Terms:
     name = "centrifugal and Coriolis forces"
     if any(is_nonzero(x) for x in e.problem.rigid_terms()["coriolis"]):
         yield e.kept(
@@ -91,7 +91,7 @@ def velocity_terms(e: Equations) -> Terms:
     yield Term(name, False, f"they vanish identically: {why}", pair)
 
 
-def gravity(e: Equations) -> Terms:
+def gravity(e: PlanEquations) -> Terms:
     g = e.plane.gravity
     general = variants.general_gravity(e.here)
     if not any(is_nonzero(x) for x in e.problem.rigid_terms().get("gravity", ())):
@@ -106,7 +106,7 @@ def gravity(e: Equations) -> Terms:
         yield e.left_out("gravity in other directions", reason, general)
 
 
-def rotors(e: Equations) -> Terms:
+def rotors(e: PlanEquations) -> Terms:
     names = e.joints(lambda b: any(is_nonzero(x) for x in b.rotors))
     why = f"rotors of {listed(names)}: reflected by the square of the gear ratio, constant on the diagonal"
     without = e.here.with_bodies(armature=lambda b: 0.0)
@@ -114,13 +114,13 @@ def rotors(e: Equations) -> Terms:
     yield e.either("rotor inertia", names, why, "no rotor has inertia", without, general)
 
 
-def gears(e: Equations) -> Terms:
+def gears(e: PlanEquations) -> Terms:
     names = e.joints(lambda b: any(x != 1.0 for x in b.gear_ratios))
     why = f"ratios of {listed(names)} are folded into inertia and friction beforehand"
     yield Term("gears", bool(names), why if names else "every motor turns with its joint")
 
 
-def joint_directions(e: Equations) -> Terms:
+def joint_directions(e: PlanEquations) -> Terms:
     general = variants.general_directions(e.here)
     if e.plane.normal is not None:
         yield e.left_out("motion out of the plane", e.plane.reason(), general)
@@ -133,7 +133,7 @@ def joint_directions(e: Equations) -> Terms:
         yield e.left_out("oblique directions of joints", reason, general)
 
 
-def lever_arms(e: Equations) -> Terms:
+def lever_arms(e: PlanEquations) -> Terms:
     components = [float(x) for b in e.model.bodies for x in b.X_tree.r]
     zero = components.count(0.0)
     if zero:
@@ -149,7 +149,7 @@ def lever_arms(e: Equations) -> Terms:
         yield e.kept("lever arms between joints", reason, without)
 
 
-def inertia(e: Equations) -> Terms:
+def inertia(e: PlanEquations) -> Terms:
     name, reason = (
         "full inertia of bodies",
         "in the plane a body has its mass, a centre of mass in it and one moment",
@@ -165,7 +165,7 @@ def inertia(e: Equations) -> Terms:
     yield e.left_out(name, "; ".join([reason, *notes]), variants.general_inertia(e.here))
 
 
-def fixed_links(e: Equations) -> Terms:
+def fixed_links(e: PlanEquations) -> Terms:
     """Links on fixed joints are merged into their parents; counted in h(q, qd) only."""
     names = [joint.name for joint in e.here.scene.robot.joints if joint.type == "fixed"]
     if names:
@@ -175,7 +175,7 @@ def fixed_links(e: Equations) -> Terms:
         yield Term("links on fixed joints", False, why, max(0, work))
 
 
-def loops(e: Equations) -> Terms:
+def loops(e: PlanEquations) -> Terms:
     """Loop closures and the rows that vanish; where there are many, all in one entry."""
     names = [loop.name for loop in e.model.loops]
     for group in [[name] for name in names] if len(names) <= LOOPS else [names]:
@@ -198,14 +198,14 @@ def loops(e: Equations) -> Terms:
             )
 
 
-def couplers(e: Equations) -> Terms:
+def couplers(e: PlanEquations) -> Terms:
     names = e.model.couplers
     why = f"{listed(names)}: a row each, between joint coordinates"
     without = e.here.with_scene(couplers=())
     yield e.either("couplers", names, why, "no joint coordinates are coupled", without, e.here)
 
 
-def joint_elements(e: Equations) -> Terms:
+def joint_elements(e: PlanEquations) -> Terms:
     """Friction, springs, dampers, stops in the joints: every kind in the registry."""
     known = {element.kind for element in variants.ELEMENTS}
     more = [variants.Element(f"joint forces: {kind}", kind) for kind in joint_forces if kind not in known]
@@ -216,7 +216,7 @@ def joint_elements(e: Equations) -> Terms:
         yield e.either(part.name, names, why, part.nothing, variants.without_element(e.here, part), general)
 
 
-def elements(e: Equations) -> Terms:
+def elements(e: PlanEquations) -> Terms:
     """Forces on points and between bodies, kind by kind."""
     forces = e.model.forces
     for kind in dict.fromkeys(force.element.type for force in forces):

@@ -18,7 +18,7 @@ from robodyn_cli.equations.constraints import Constraints, Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.forces.friction import CoulombPair, Friction
-from robodyn_cli.forces.limits import Limits, Stop
+from robodyn_cli.forces.limits import JointStop, Limits
 from robodyn_cli.forces.springs import Damper, LinearSpring, Spring
 from robodyn_cli.loops.pairs import RevoluteLoop
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Body, FixedFrame, Force, JointForce, Loop, Model
@@ -198,7 +198,7 @@ ELEMENTS = (
     Element("gear losses", "gear", "no gear has an efficiency"),
     Element(
         "joint stops", "limits", "no joint has any",
-        general=lambda s: Limits(s.one(), s.one(), stop=Stop(stiffness=s.one(), damping=s.one())),
+        general=lambda s: Limits(s.one(), s.one(), stop=JointStop(stiffness=s.one(), damping=s.one())),
     ),
 )  # fmt: skip
 

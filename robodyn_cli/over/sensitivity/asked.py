@@ -11,7 +11,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
-from robodyn_cli.over.study.row import Rows, Task
+from robodyn_cli.over.study.row import RunRows, Task
 from robodyn_cli.over.study.study import run_nominal, units_of_keys
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
@@ -23,7 +23,7 @@ NEARBY = 1e-3  # part of a key's value by which it is changed to see whether the
 
 
 @record
-class Asked:
+class AskedSlopes:
     """Derivatives that make sense to ask for.
 
     task : the command, the keys and the outputs. keys : what each key is. values : of the keys, in SI units. nominal :
@@ -33,7 +33,7 @@ class Asked:
     task: Task
     keys: tuple[Key, ...]
     values: tuple[float, ...]
-    nominal: Rows
+    nominal: RunRows
     units: tuple[str, ...]
     output_units: tuple[str, ...]
 
@@ -79,7 +79,7 @@ class Asked:
         return numbers_at_places(self.scene)
 
 
-def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> Asked:
+def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes:
     """Check what is asked for, and run the scene once as it stands.
 
     Raises
@@ -108,7 +108,7 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> Asked:
             f"{family.path}: the scene as it stands fails, so nothing has a derivative: {reason}"
         )
     model = build_model(scene)
-    return Asked(
+    return AskedSlopes(
         task, tuple(key for key, _ in found), tuple(value for _, value in found), nominal,
         tuple(_unit(family, key, model) for key, _ in found),
         tuple(units_of_keys(task, model).values()),

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.over.many.structure import times_vary
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.slope import DIFFERENCES, Slope
 from robodyn_cli.over.study.row import Points, Task
 from robodyn_cli.over.study.runs import run_points
@@ -32,7 +32,7 @@ SIDES = (1.0, -1.0)
 IN_FORMULA = "a number of a formula varies in exact derivatives only; make it one of `parameters`"
 
 
-def differences(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+def differences(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
     """Return the derivatives of all outputs by some keys, which are named by their numbers."""
     in_formulas = [k for k in keys if "#" in asked.task.keys[k]]  # no option sets them
     found = {
@@ -46,7 +46,7 @@ def differences(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[
     return found
 
 
-def _together(asked: Asked, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
+def _together(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
     """Return the derivatives by some keys, from runs of one study."""
     task = Task(
         asked.task.family, asked.task.command, tuple(asked.task.keys[k] for k in keys), asked.task.outputs

@@ -17,7 +17,7 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.keys import NUMBER, STRUCTURE, Key
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.motion.end import Ending, MotionSlopes
 from robodyn_cli.over.sensitivity.motion.variational import programs_of
 from robodyn_cli.over.sensitivity.slope import EXACT, Slope
@@ -28,7 +28,7 @@ from robodyn_cli.tools.stopwatch import Stopwatch
 
 Programs = Sequence[Program]
 Found = dict[str, list[Slope]]  # by output, a derivative for each key
-Work = Callable[[Asked, Sequence[int]], Found]  # of keys by their numbers
+Work = Callable[[AskedSlopes, Sequence[int]], Found]  # of keys by their numbers
 FOLLOWS = 1e-2  # part of a small change of a number by which its derivatives may miss it
 ROUNDING = 1e-11  # of numbers that are computed, far below NEARBY
 NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equations are compared
@@ -36,7 +36,7 @@ NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equ
 works: Registry[Work] = Registry("robodyn_cli", places("slopes"))
 
 
-def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, str]]:
+def exact_slopes(asked: AskedSlopes) -> tuple[dict[tuple[str, int], Slope], dict[int, str]]:
     """Return exact derivatives by output and number of the key, and for keys without any the reason."""
     why = {k: reason for k, key in enumerate(asked.keys) if (reason := _obstacle(asked, key))}
     work = works.get(asked.task.command)
@@ -60,7 +60,7 @@ def exact_slopes(asked: Asked) -> tuple[dict[tuple[str, int], Slope], dict[int, 
     return found, why
 
 
-def _obstacle(asked: Asked, key: Key) -> str:
+def _obstacle(asked: AskedSlopes, key: Key) -> str:
     """Return why a key has no exact derivatives; nothing where it may have them."""
     if key.name.partition(".")[0] in COMMANDS[asked.task.command].given:
         return ""
@@ -69,7 +69,7 @@ def _obstacle(asked: Asked, key: Key) -> str:
     return ""
 
 
-def refuse_structure(asked: Asked, numbers: Sequence[int], own: Programs, other: Programs) -> None:
+def refuse_structure(asked: AskedSlopes, numbers: Sequence[int], own: Programs, other: Programs) -> None:
     """Refuse keys whose values are part of the code, or of numbers that do not know it: derivatives would not see them.
 
     Parameters
@@ -109,7 +109,7 @@ class Direct(Protocol):
 
 
 def compared(
-    kind: Callable[[Asked, Scene, Sequence[int]], Direct], asked: Asked, numbers: Sequence[int]
+    kind: Callable[[AskedSlopes, Scene, Sequence[int]], Direct], asked: AskedSlopes, numbers: Sequence[int]
 ) -> Found:
     """Return the derivatives of a command without any integration, by keys that are no structure."""
     found = kind(asked, asked.scene, numbers)
@@ -118,7 +118,7 @@ def compared(
     return found.slopes()
 
 
-def simulate(asked: Asked, numbers: Sequence[int]) -> Found:
+def simulate(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     """Return the derivatives of the end of a simulation by some keys.
 
     Raises
@@ -139,7 +139,7 @@ def simulate(asked: Asked, numbers: Sequence[int]) -> Found:
     return _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
 
 
-def deploy(asked: Asked, numbers: Sequence[int]) -> Found:
+def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     """Return the derivatives of a lock by some keys.
 
     Raises

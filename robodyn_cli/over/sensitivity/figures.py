@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.over.batch.criteria import lookup_number
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import NARROWER, extrapolated
 from robodyn_cli.over.sensitivity.slope import EXACT, Slope
 from robodyn_cli.results.summary import as_keys
@@ -34,7 +34,7 @@ Give = Callable[[int, float, int], Any]
 
 
 def slopes_along(
-    asked: Asked, numbers: Sequence[int], give: Give, arrays: Sequence[tuple[Array, Array]]
+    asked: AskedSlopes, numbers: Sequence[int], give: Give, arrays: Sequence[tuple[Array, Array]]
 ) -> dict[str, list[Slope]]:
     """Return the derivatives of those outputs that a summary record has, by some keys.
 

@@ -19,11 +19,11 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.over.sensitivity.gradients import MotionGradients
-from robodyn_cli.over.sensitivity.led import Course, Led
+from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -39,7 +39,7 @@ from robodyn_cli.works.inverse import at_rest, program_of
 
 
 @record
-class Figures:
+class InverseFigures:
     """The keys of the summary of ``inverse`` that are figures of its samples."""
 
     termination: Termination
@@ -48,7 +48,7 @@ class Figures:
     drives: dict[str, DriveFigures] | Absent = ABSENT
 
 
-def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+def slopes(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     """Return the derivatives of the figures of ``inverse`` by some keys.
 
     Raises
@@ -66,7 +66,7 @@ class InverseSlopes:
     CapabilityError : they cannot be computed exactly.
     """
 
-    def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
+    def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
         if scene.trajectory is not None and not scene.trajectory.in_time:
             raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
@@ -74,7 +74,7 @@ class InverseSlopes:
         self.problem = self.program.problem
         _refuse(self.program)
         self.samples = scene.inverse.samples
-        self.led = Led(asked, scene, numbers, self._course)
+        self.led = LedSlopes(asked, scene, numbers, self._course)
         self.loads = ReactionSamples(self.problem, self.samples) if scene.outputs.reactions else None
         self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
 
@@ -140,12 +140,12 @@ class InverseSlopes:
         return tau, lam
 
     @staticmethod
-    def _course(scene: Scene) -> Course:
+    def _course(scene: Scene) -> LedCourse:
         program = program_of(scene)
         lead = program.lead if isinstance(program, ClosedLoops) else None
-        return Course.of(program.problem, program.times(scene.inverse.samples), lead)
+        return LedCourse.of(program.problem, program.times(scene.inverse.samples), lead)
 
-    def _figures(self, k: int, step: float, every: int) -> Figures:
+    def _figures(self, k: int, step: float, every: int) -> InverseFigures:
         """Return the figures for a key changed by so much, along the derivatives of the samples."""
         sampled, moved = self.sampled, self.moved
         motion, part = sampled.motion, every_second(len(sampled.times), every)
@@ -154,7 +154,7 @@ class InverseSlopes:
         times = (sampled.times + step * moved["t"][:, 0, k])[part]
         motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
-        found = Figures(
+        found = InverseFigures(
             Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem, sampled)
         )
         if self.loads is not None:

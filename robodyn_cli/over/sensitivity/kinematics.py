@@ -11,11 +11,11 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
 from robodyn_cli.over.sensitivity.gradients import MotionGradients
-from robodyn_cli.over.sensitivity.led import Course, Led
+from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -23,7 +23,7 @@ from robodyn_cli.summaries.mechanism import KinematicsSummary
 from robodyn_cli.works.kinematics import leading, outputs, plan, problem_of, report, summarise
 
 
-def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+def slopes(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     """Return the derivatives of the figures of ``kinematics`` by some keys.
 
     Raises
@@ -41,11 +41,11 @@ class KinematicsSlopes:
     CapabilityError : they cannot be computed exactly.
     """
 
-    def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
+    def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
         if scene.trajectory is not None and not scene.trajectory.in_time:
             raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
-        self.led = Led(asked, scene, numbers, _course)
+        self.led = LedSlopes(asked, scene, numbers, _course)
         self.problem = self.led.course.problem
         self.gradients = MotionGradients(self.problem, outputs(self.problem), self.led.places)
 
@@ -100,7 +100,7 @@ class KinematicsSlopes:
         return summarise(self.problem, planned, result, None)
 
 
-def _course(scene: Scene) -> Course:
+def _course(scene: Scene) -> LedCourse:
     problem = problem_of(scene)
     lead, times = leading(problem)
-    return Course.of(problem, times, lead)
+    return LedCourse.of(problem, times, lead)

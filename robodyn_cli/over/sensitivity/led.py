@@ -20,7 +20,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of
 from robodyn_cli.given.motion import plan_motion
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import NARROWER, extrapolated
 from robodyn_cli.over.sensitivity.gradients import MotionGradients
 from robodyn_cli.record import record
@@ -36,7 +36,7 @@ JUMPS = 1e-5  # error of a derivative, of the largest one, beyond which what is 
 Arrays = Sequence[Array]
 
 
-def given_changes(asked: Asked, numbers: Sequence[int], give: Callable[[Scene], Arrays]) -> list[Array]:
+def given_changes(asked: AskedSlopes, numbers: Sequence[int], give: Callable[[Scene], Arrays]) -> list[Array]:
     """Return the derivatives (..., K) of arrays that a scene gives, by some of the keys.
 
     Parameters
@@ -60,7 +60,7 @@ def given_changes(asked: Asked, numbers: Sequence[int], give: Callable[[Scene], 
     return found
 
 
-def _slopes(asked: Asked, k: int, give: Callable[[Scene], Arrays]) -> list[Array]:
+def _slopes(asked: AskedSlopes, k: int, give: Callable[[Scene], Arrays]) -> list[Array]:
     """Return the derivatives of arrays by one key."""
     found = []
     parts = [WIDEST / NARROWER**level for level in range(LEVELS)]
@@ -82,7 +82,7 @@ def _alike(one: Arrays, two: Arrays) -> bool:
 
 
 @record
-class Course:
+class LedCourse:
     """What a scene asks of its motion at times (T,): of the joints or the point that lead, or of all joints."""
 
     problem: Problem
@@ -90,10 +90,10 @@ class Course:
     lead: Lead | None
 
     @staticmethod
-    def of(problem: Problem, times: Array, lead: Lead | None) -> Course:
+    def of(problem: Problem, times: Array, lead: Lead | None) -> LedCourse:
         """Return it; without a ``lead`` the trajectory leads an open chain, a point of it or all joints."""
         point = lead is None and isinstance(problem.scene.trajectory, TaskSpaceTrajectory)
-        return Course(problem, times, lead_of(problem) if point else lead)
+        return LedCourse(problem, times, lead_of(problem) if point else lead)
 
     @property
     def arrays(self) -> list[Array]:
@@ -104,7 +104,7 @@ class Course:
         return [self.times, found.q, found.qd, found.qdd]
 
 
-class Led:
+class LedSlopes:
     """The derivatives of the motion that a scene asks for, by some keys, which are named by their numbers.
 
     Parameters
@@ -117,7 +117,11 @@ class Led:
     """
 
     def __init__(
-        self, asked: Asked, scene: Scene, numbers: Sequence[int], course_of: Callable[[Scene], Course]
+        self,
+        asked: AskedSlopes,
+        scene: Scene,
+        numbers: Sequence[int],
+        course_of: Callable[[Scene], LedCourse],
     ) -> None:
         self.asked, self.numbers, self.course_of = asked, numbers, course_of
         self.course = course_of(scene)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import differences
 from robodyn_cli.over.sensitivity.exact import exact_slopes
 from robodyn_cli.over.sensitivity.slope import DIFFERENCES, Slope, is_time_of_sample
@@ -22,12 +22,12 @@ JUMPS = Slope(
 class Sensitivities:
     """All derivatives (outputs, keys), and why those by differences are not exact, by the number of the key."""
 
-    asked: Asked
+    asked: AskedSlopes
     slopes: tuple[tuple[Slope, ...], ...]
     obstacles: dict[int, str]
 
 
-def sensitivities(asked: Asked, jobs: int = 1) -> Sensitivities:
+def sensitivities(asked: AskedSlopes, jobs: int = 1) -> Sensitivities:
     """Return the derivatives of all outputs by all keys.
 
     Parameters

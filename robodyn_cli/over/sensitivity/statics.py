@@ -22,7 +22,7 @@ from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led, veloc
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
-from robodyn_cli.over.sensitivity.asked import Asked
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.figures import slopes_along
 from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients
@@ -42,7 +42,7 @@ INDIFFERENT = 1e-9  # part of the largest stiffness below which a configuration 
 
 
 @record
-class Figures:
+class StaticsFigures:
     """The keys of the summary of ``statics`` that follow from the configuration."""
 
     configuration: dict[str, float]
@@ -61,7 +61,7 @@ class Rest:
     changes: dict[str, Array]
 
 
-def slopes(asked: Asked, numbers: Sequence[int]) -> Found:
+def slopes(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     """Return the derivatives of the figures of ``statics`` by some keys.
 
     Raises
@@ -79,7 +79,7 @@ class StaticsSlopes:
     CapabilityError : they cannot be computed exactly.
     """
 
-    def __init__(self, asked: Asked, scene: Scene, numbers: Sequence[int]) -> None:
+    def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
         self.asked, self.numbers = asked, numbers
         self.problem = problem = problem_of(scene)
         self.balances = scene.statics.find == "balance"
@@ -187,7 +187,7 @@ class StaticsSlopes:
         dtau = np.stack([change[0] for change, _ in pairs], axis=1)
         return Rest({"tau": shared.tau[0], "lam": lam}, {"q": dq, "tau": dtau, "lam": dlam})
 
-    def _figures(self, k: int, step: float, every: int) -> Figures:
+    def _figures(self, k: int, step: float, every: int) -> StaticsFigures:
         """Return the figures for a key changed by so much, to first order."""
         problem, rest = self.problem, self.rest
         there = {name: x + step * rest.changes[name][:, k] for name, x in rest.values.items()}
@@ -199,7 +199,7 @@ class StaticsSlopes:
         if self.loads is not None:
             data = {path: there[path][None] for path in self.loads.names}
             reactions = PeakLoads(ABSENT, ABSENT, largest_loads(data, self.loads.names))
-        return Figures(
+        return StaticsFigures(
             dict(zip(problem.model.q_names, there["q"].tolist())),
             dict(zip(problem.model.v_names, there["tau"].tolist())),
             multipliers or ABSENT,

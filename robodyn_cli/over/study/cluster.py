@@ -19,9 +19,9 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError, OutputError
 from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.over.study.compiled import LARGEST_BLOCK, Compiled, suits
-from robodyn_cli.over.study.row import Points, Rows, Task, killed
+from robodyn_cli.over.study.row import Points, RunRows, Task, killed
 from robodyn_cli.over.study.rows import RowFile
-from robodyn_cli.over.study.runs import Source, Waiting, run_points
+from robodyn_cli.over.study.runs import SceneSource, Waiting, run_points
 from robodyn_cli.record import record
 from robodyn_cli.version import __version__
 
@@ -56,7 +56,7 @@ class Host:
 class Chunk:
     """What a task gives: rows, the time that it took [s], where it was made."""
 
-    rows: Rows
+    rows: RunRows
     seconds: float
     host: Host
 
@@ -150,7 +150,7 @@ class Cluster:
     ) -> None:
         self._client.close()
 
-    def run(self, task: Task, file: RowFile) -> Iterator[Rows]:
+    def run(self, task: Task, file: RowFile) -> Iterator[RunRows]:
         """Yield the rows of all missing runs, in the order in which they are done."""
         missing, suspects = file.missing(), Waiting()
         size, most = FIRST_CHUNK, LARGEST_BLOCK
@@ -158,7 +158,7 @@ class Cluster:
         while flying or missing.left or suspects.left:
             with self._answering():
                 # a run that may have killed its worker goes alone: what waits there beside it would be suspected too
-                source: Source = suspects if suspects.left else missing
+                source: SceneSource = suspects if suspects.left else missing
                 room = 1 if suspects.left else PER_WORKER * max(1, self._workers())
                 while source.left and len(flying) < room:
                     points = source.take(size)

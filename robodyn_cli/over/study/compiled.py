@@ -11,9 +11,9 @@ import numpy as np
 from robodyn_cli.commands import COMMANDS, places
 from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE
-from robodyn_cli.over.many.command import Command, ManyRuns
+from robodyn_cli.over.many.command import BatchCommand, ManyRuns
 from robodyn_cli.over.many.mechanism import Mechanism
-from robodyn_cli.over.study.row import Points, Rows, Task
+from robodyn_cli.over.study.row import Points, RunRows, Task
 from robodyn_cli.over.study.rows import Missing
 from robodyn_cli.registry import Registry
 from robodyn_cli.spatial.algebra import Array
@@ -22,7 +22,7 @@ FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
 STATUS = "status"
 
-commands: Registry[Command[Any]] = Registry("robodyn_cli", places("batch"), made=True)
+commands: Registry[BatchCommand[Any]] = Registry("robodyn_cli", places("batch"), made=True)
 
 
 def suits(task: Task) -> bool:
@@ -41,7 +41,7 @@ class Compiled:
         expected = (key for key in task.family.own.expect if self._command.is_plain(key))
         self._of = tuple(dict.fromkeys([*task.outputs, *expected]))
 
-    def make(self, points: Points) -> Rows:
+    def make(self, points: Points) -> RunRows:
         """Return the rows of those runs that could be made; the others are left to be made one by one."""
         task = self.task
         runs, left = self._mechanism.compiled(self._command, points.values, self._of, self.threads)
@@ -52,9 +52,9 @@ class Compiled:
         rows["holds"] = _holds(task.family.own.expect, runs, COMMANDS[task.command].good)
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
-        return Rows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
+        return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
 
-    def blocks(self, missing: Missing) -> Iterator[Rows]:
+    def blocks(self, missing: Missing) -> Iterator[RunRows]:
         """Yield the rows of all missing runs that could be made, a block at a time."""
         size = FIRST_BLOCK
         while len(points := missing.take(size)):

@@ -33,7 +33,7 @@ def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) ->
         _store(study, first, rows, writer)
     result = Result("sweep", study.scene.title or study.task.command, "ok", study.scene.text)
     result.attributes[DIGEST] = study.digest
-    found = Found(study, file)
+    found = StudyFindings(study, file)
     options, sampled = study.asked.options, found.sampled
     summary = StudySummary(
         runs=len(file),
@@ -70,7 +70,7 @@ def _store(study: Study, first: int, rows: NDArray[Any], writer: ResultWriter) -
                   long_name="1 where all that the scene expects holds")  # fmt: skip
 
 
-class Found:
+class StudyFindings:
     """What the rows of a study say together.
 
     failures : numbers of runs by exit code. held : how many hold what the scene expects. sample : the rows of ``MOST``

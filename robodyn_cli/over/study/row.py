@@ -40,7 +40,7 @@ class Task:
 
 
 @record
-class Rows:
+class RunRows:
     """What some runs of a study gave.
 
     runs : their numbers (n,). rows : what they gave (n,), see ``Task.layout``. reasons : why those failed that did, by
@@ -55,10 +55,10 @@ class Rows:
         return len(self.runs)
 
 
-def joined(parts: Sequence[Rows]) -> Rows:
+def joined(parts: Sequence[RunRows]) -> RunRows:
     """Return the rows of several parts as one."""
     reasons = {run: reason for part in parts for run, reason in part.reasons.items()}
-    return Rows(np.concatenate([p.runs for p in parts]), np.concatenate([p.rows for p in parts]), reasons)
+    return RunRows(np.concatenate([p.runs for p in parts]), np.concatenate([p.rows for p in parts]), reasons)
 
 
 @record
@@ -76,9 +76,9 @@ class Points:
         return Points(self.runs[which], self.values[which])
 
 
-def killed(points: Points, task: Task) -> Rows:
+def killed(points: Points, task: Task) -> RunRows:
     """Return the row of a run with which its process died."""
     row = np.zeros(1, task.layout)
     row["values"], row["code"], row["done"] = points.values, INTERNAL, True
     row["outputs"] = row["errors"] = np.nan
-    return Rows(points.runs, row, {int(points.runs[0]): "the process of this run was ended from outside"})
+    return RunRows(points.runs, row, {int(points.runs[0]): "the process of this run was ended from outside"})

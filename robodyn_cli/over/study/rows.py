@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.over.study.design import Design
-from robodyn_cli.over.study.row import Points, Rows, Runs, Task
+from robodyn_cli.over.study.row import Points, RunRows, Runs, Task
 from robodyn_cli.results.atomic import discard, output_errors, write_bytes
 from robodyn_cli.spatial.algebra import Array
 
@@ -113,7 +113,7 @@ class RowFile:
             self._file.seek(first * size)
             return np.frombuffer(self._file.read((last - first) * size), self.layout)
 
-    def add(self, made: Rows) -> None:
+    def add(self, made: RunRows) -> None:
         """Write rows; they are in the files when this returns."""
         for code in np.unique(made.rows["code"][made.rows["code"] != 0]).tolist():
             run = int(made.runs[made.rows["code"] == code].min())
@@ -150,7 +150,7 @@ class RowFile:
             which = known.find(self.design.rows(first, first + len(rows))[runs])
             there = which >= 0
             if there.any():
-                self.add(Rows(first + runs[there], earlier[which[there]], {}))
+                self.add(RunRows(first + runs[there], earlier[which[there]], {}))
 
     def missing(self) -> Missing:
         """Return the runs that are still to be made."""

@@ -21,7 +21,7 @@ from robodyn_cli.over.commands import execute
 from robodyn_cli.over.many.command import ended, error_of, number_of
 from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.study.compiled import Compiled, suits
-from robodyn_cli.over.study.row import Points, Rows, Task, joined, killed
+from robodyn_cli.over.study.row import Points, RunRows, Task, joined, killed
 from robodyn_cli.over.study.rows import RowFile
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.progress import no_progress
@@ -32,12 +32,12 @@ LONGEST_CHUNK = 64  # runs that a process is given at a time
 SECONDS_OF_CHUNK = 0.5  # about
 
 
-def make_alone(task: Task, points: Points) -> Rows:
+def make_alone(task: Task, points: Points) -> RunRows:
     """Return what whole commands give, one after another."""
     return joined([make_one(task, int(run), values)[0] for run, values in zip(points.runs, points.values)])
 
 
-def make_one(task: Task, run: int, values: Array) -> tuple[Rows, Mapping[str, Any]]:
+def make_one(task: Task, run: int, values: Array) -> tuple[RunRows, Mapping[str, Any]]:
     """Return what a run with these values gives, and its summary; whatever ends it is part of its row."""
     words, holds = settings(task.keys, values), False
     found = ended(lambda: execute(task.command, task.family.scene(words), no_progress, Stopwatch()))
@@ -50,7 +50,7 @@ def make_one(task: Task, run: int, values: Array) -> tuple[Rows, Mapping[str, An
     row["values"], row["code"], row["holds"], row["done"] = values, found.code, holds, True
     row["outputs"] = [number_of(found.summary, key) for key in task.outputs]
     row["errors"] = [error_of(found.summary, key) for key in task.outputs]
-    return Rows(np.array([run]), row, {run: found.reason} if found.code else {}), found.summary
+    return RunRows(np.array([run]), row, {run: found.reason} if found.code else {}), found.summary
 
 
 # -- side by side ---------------------------------------------------------------------------------------
@@ -64,7 +64,7 @@ def _begin(task: Task) -> None:
     _task = task
 
 
-def _run_chunk(points: Points) -> tuple[Rows, float]:
+def _run_chunk(points: Points) -> tuple[RunRows, float]:
     """Return what runs give, and the time that one took [s]."""
     assert _task is not None
     start = time.perf_counter()
@@ -72,7 +72,7 @@ def _run_chunk(points: Points) -> tuple[Rows, float]:
     return made, (time.perf_counter() - start) / len(points)
 
 
-def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
+def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[RunRows]:
     """Yield the rows of all missing runs, some at a time, in the order in which they are done.
 
     The caller puts them into the file.
@@ -87,7 +87,7 @@ def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[Rows]:
     yield from _one_by_one(task, file.missing(), jobs)
 
 
-def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> Rows:
+def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> RunRows:
     """Return the rows of runs that are few enough for memory.
 
     jobs : as for ``run_here``. compiled : code of the task that is there already.
@@ -100,7 +100,7 @@ def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None 
     return joined(parts)
 
 
-def _one_by_one(task: Task, missing: Source, jobs: int) -> Iterator[Rows]:
+def _one_by_one(task: Task, missing: SceneSource, jobs: int) -> Iterator[RunRows]:
     """Yield the rows of runs that are whole commands."""
     if jobs == 1 or missing.left < FEWEST_IN_PROCESSES:
         while missing.left:
@@ -116,7 +116,7 @@ def _one_by_one(task: Task, missing: Source, jobs: int) -> Iterator[Rows]:
             suspects = Waiting((yield from _in_processes(task, missing, jobs)))
 
 
-class Source(Protocol):
+class SceneSource(Protocol):
     """Where runs are taken from; ``left`` are there."""
 
     @property
@@ -145,11 +145,11 @@ class Waiting:
         return self._queue.popleft()
 
 
-def _in_processes(task: Task, source: Source, jobs: int) -> Generator[Rows, None, list[Points]]:
+def _in_processes(task: Task, source: SceneSource, jobs: int) -> Generator[RunRows, None, list[Points]]:
     """Run what a source has in processes; return the runs that were lost with a process."""
     alone = jobs == 1
     size = 1
-    flying: dict[futures.Future[tuple[Rows, float]], Points] = {}
+    flying: dict[futures.Future[tuple[RunRows, float]], Points] = {}
     with _pool(task, jobs) as pool:
         try:
             while source.left or flying:

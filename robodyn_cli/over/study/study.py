@@ -18,7 +18,7 @@ from robodyn_cli.over.batch.criteria import lookup, refuse_unknown
 from robodyn_cli.over.many.command import number_of
 from robodyn_cli.over.many.keys import Allowed, setting, understand
 from robodyn_cli.over.study.design import Design, make_design
-from robodyn_cli.over.study.row import Rows, Task
+from robodyn_cli.over.study.row import RunRows, Task
 from robodyn_cli.over.study.rows import RowFile
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
@@ -34,7 +34,7 @@ NO_NUMBERS = ("wall_time_s", "counters", "run_id")
 
 
 @record
-class Asked:
+class AskedStudy:
     """A study as it was asked for.
 
     family : the scenes that are run. options : of the scene's section ``study``, with what the command line says in its
@@ -54,7 +54,7 @@ class Study:
     of the scene as it stands.
     """
 
-    asked: Asked
+    asked: AskedStudy
     task: Task
     design: Design
     units: dict[str, str]
@@ -94,7 +94,7 @@ def options_of(given: StudyOptions, **own: Any) -> StudyOptions:
     return dataclasses.replace(given, **changed)
 
 
-def prepare(asked: Asked) -> Study:
+def prepare(asked: AskedStudy) -> Study:
     """Check a study, and run its scene once as it stands.
 
     Raises
@@ -150,7 +150,7 @@ def units_of_keys(task: Task, model: Model) -> dict[str, str]:
     return {key: leaf.unit(model.coordinate_units) for key, leaf in leaves if leaf is not None}
 
 
-def run_nominal(task: Task, source: str) -> Rows:
+def run_nominal(task: Task, source: str) -> RunRows:
     """Return what the run of the scene as it stands gave; source : what named the outputs.
 
     Raises
@@ -187,7 +187,7 @@ def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:
     return found
 
 
-Make = Callable[[Task, RowFile], Iterator[Rows]]
+Make = Callable[[Task, RowFile], Iterator[RunRows]]
 
 
 def run_study(study: Study, file: RowFile, make: Make, tell: Callable[[int, int], None]) -> None:

@@ -9,10 +9,10 @@ import numpy as np
 
 from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Model
-from robodyn_cli.model.parts import Payload
+from robodyn_cli.model.parts import CarriedMass
 from robodyn_cli.model.placement import orientation
-from robodyn_cli.report.drawing.places import Expressions
-from robodyn_cli.report.drawing.record import Part
+from robodyn_cli.report.drawing.places import DrawnExpressions
+from robodyn_cli.report.drawing.record import DrawnPart
 from robodyn_cli.report.style import COLOURS
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.mesh.surfaces import CORNERS, surface_of
@@ -53,7 +53,7 @@ def carriers(robot: Robot) -> dict[str, str]:
 class Links:
     """The links of a scene with the places that each takes in."""
 
-    def __init__(self, scene: Scene, model: Model, expressions: Expressions) -> None:
+    def __init__(self, scene: Scene, model: Model, expressions: DrawnExpressions) -> None:
         self.scene, self.model, self.expressions = scene, model, expressions
         self.carrier = carriers(scene.robot)
         moving = [b.name for b in model.bodies]
@@ -78,10 +78,10 @@ class Links:
         if number is not None and number not in spots:
             spots.append(number)
 
-    def parts(self) -> tuple[list[Part], list[int], list[int]]:
+    def parts(self) -> tuple[list[DrawnPart], list[int], list[int]]:
         """Return the links and their boxes, the centres of mass, and those that stand for a body without extent."""
         shapes = self._shapes()
-        parts = [Part("ground", GROUND, tuple(self.spots[GROUND]), GREY), *shapes]
+        parts = [DrawnPart("ground", GROUND, tuple(self.spots[GROUND]), GREY), *shapes]
         shaped = {part.name for part in shapes}
         masses: list[int] = []
         bobs: list[int] = []
@@ -97,8 +97,8 @@ class Links:
             if alone and body.name not in shaped:
                 spots += [centre for centre in centres if centre not in spots]
                 bobs += [] if boxes else centres or spots
-            parts.append(Part("link", body.name, tuple(spots), colour))
-            parts += [Part("solid", body.name, box, colour) for box in boxes]
+            parts.append(DrawnPart("link", body.name, tuple(spots), colour))
+            parts += [DrawnPart("solid", body.name, box, colour) for box in boxes]
             masses += [centre for centre in centres if centre not in spots]
         return parts, masses, bobs
 
@@ -111,7 +111,7 @@ class Links:
                 found += [] if number is None else [number]
         return found
 
-    def _shapes(self) -> list[Part]:
+    def _shapes(self) -> list[DrawnPart]:
         """Return the shapes that the scene gives to links, where these are known."""
         place = {body.name: k for k, body in enumerate(self.model.bodies)}
         found = []
@@ -131,7 +131,7 @@ class Links:
                 ]
                 known = tuple(number for number in at if number is not None)
                 if len(known) == len(CORNERS):
-                    found.append(Part("shape", name, known, colour, surface=surface))
+                    found.append(DrawnPart("shape", name, known, colour, surface=surface))
         return found
 
     def _boxes(self, place: int, body: Body) -> list[tuple[int, ...]]:
@@ -177,7 +177,7 @@ def numbers(entries: Iterable[object]) -> bool:
 
 
 # -- payloads ----------------------------------------------------------------------------------------------
-def payload_parts(model: Model, expressions: Expressions) -> list[Part]:
+def payload_parts(model: Model, expressions: DrawnExpressions) -> list[DrawnPart]:
     """Return a box for each payload whose mass is known, where it is carried."""
     found = []
     for payload in model.payloads:
@@ -192,11 +192,11 @@ def payload_parts(model: Model, expressions: Expressions) -> list[Part]:
         ]
         known = tuple(number for number in at if number is not None)
         if len(known) == len(CORNERS):
-            found.append(Part("payload", payload.name, known, OF_PAYLOADS))
+            found.append(DrawnPart("payload", payload.name, known, OF_PAYLOADS))
     return found
 
 
-def _corners(payload: Payload) -> Array | None:
+def _corners(payload: CarriedMass) -> Array | None:
     """Return the corners (8, 3) of the cuboid with a payload's mass and inertia about its centre, of a cube where the
     inertia is not given or that of a point; None for nothing."""
     part = payload.part
@@ -217,7 +217,7 @@ def carried(payload: Any, events: Mapping[str, float], times: Array) -> Array:
     return found
 
 
-def hide(result: Result, model: Model, parts: list[Part], times: Array, vertices: Array) -> None:
+def hide(result: Result, model: Model, parts: list[DrawnPart], times: Array, vertices: Array) -> None:
     """Put the vertices (T, N, 3) of payloads nowhere at times at which they are not carried."""
     places = {part.name: np.array(part.vertices) for part in parts}
     for payload in model.payloads:

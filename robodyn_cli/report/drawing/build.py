@@ -13,7 +13,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.drawing.bodies import Links, colour_of, hide, payload_parts
 from robodyn_cli.report.drawing.joints import Connections
-from robodyn_cli.report.drawing.places import STILL, Expressions, arrows, evenly, loads, moving_paths
+from robodyn_cli.report.drawing.places import STILL, DrawnExpressions, arrows, evenly, loads, moving_paths
 from robodyn_cli.report.drawing.record import Drawing, Trail
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
@@ -99,7 +99,7 @@ def drawing_of(
     model = problem.model
     if q.shape[1] != model.nq:
         raise CapabilityError(f"the result has {q.shape[1]} joint coordinates, its scene {model.nq}")
-    expressions = Expressions(problem)
+    expressions = DrawnExpressions(problem)
     links = Links(scene, model, expressions)
     parts, masses, bobs = links.parts()
     connections = Connections(scene, model, links, expressions)

@@ -9,8 +9,8 @@ from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.model.model import BASE, Body, Force, Loop, Model
 from robodyn_cli.report.drawing.bodies import GREY, GROUND, Links, colour_of, numbers
-from robodyn_cli.report.drawing.places import Expressions
-from robodyn_cli.report.drawing.record import Latch, Part, Pin
+from robodyn_cli.report.drawing.places import DrawnExpressions
+from robodyn_cli.report.drawing.record import DrawnLatch, DrawnPart, Pin
 from robodyn_cli.scene.points import point_link
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import vector, zeros
@@ -32,9 +32,9 @@ X = (1.0, 0.0, 0.0)
 class Connections:
     """What holds the links of a scene together."""
 
-    def __init__(self, scene: Scene, model: Model, links: Links, expressions: Expressions) -> None:
+    def __init__(self, scene: Scene, model: Model, links: Links, expressions: DrawnExpressions) -> None:
         self.scene, self.links, self.expressions = scene, links, expressions
-        self.parts: list[Part] = []
+        self.parts: list[DrawnPart] = []
         self.pins: list[Pin] = []
         for k, body in enumerate(model.bodies):
             self._joint(k, body)
@@ -52,7 +52,7 @@ class Connections:
             return
         springs = {force.kind for force in body.forces} & {"spring", "damper"}
         if kind in SLIDING or _advances(body):
-            self.parts.append(Part("rail", body.joint_name, (start, end), GREY))
+            self.parts.append(DrawnPart("rail", body.joint_name, (start, end), GREY))
         if kind == "slide":
             self._beside(body.joint_name, (start, end), sorted(springs))
         directions = (Z, X) if kind == "cross" else (Z,)
@@ -69,10 +69,10 @@ class Connections:
             return
         kind = CLOSURES.get(loop.element.type)
         if kind is None:
-            self.parts.append(Part("bar", loop.name, (first, second), GREY))
+            self.parts.append(DrawnPart("bar", loop.name, (first, second), GREY))
             return
         if kind in SLIDING:
-            self.parts.append(Part("rail", loop.name, (first, second), GREY))
+            self.parts.append(DrawnPart("rail", loop.name, (first, second), GREY))
         direction = loop.element.axis or Z
         axes = _given([self.expressions.axis(loop.first.body, loop.first.R @ vector(direction))])
         ground = BASE in (loop.first.body, loop.second.body)
@@ -99,9 +99,9 @@ class Connections:
     def _beside(self, name: str, ends: tuple[int, ...], kinds: list[str]) -> None:
         """Add springs and dampers between two places, side by side where there are two."""
         sides = (0,) if len(kinds) == 1 else (-1, 1)
-        self.parts += [Part(kind, name, ends, GREY, side) for kind, side in zip(kinds, sides)]
+        self.parts += [DrawnPart(kind, name, ends, GREY, side) for kind, side in zip(kinds, sides)]
 
-    def latch(self, closes: float) -> Latch | None:
+    def latch(self, closes: float) -> DrawnLatch | None:
         """Return the latch across the joint or closure that its two links share; None without such."""
         if self.scene.deploy.latch is None:
             return None
@@ -110,7 +110,7 @@ class Connections:
         if joint is None:
             return None
         ends = [self._away(link, joint) for link in (first, second)]
-        return Latch((ends[0], joint, ends[1]), closes)
+        return DrawnLatch((ends[0], joint, ends[1]), closes)
 
     def _between(self, first: str, second: str) -> int | None:
         """Return the vertex of the joint or closure between two links."""

@@ -30,7 +30,7 @@ KNOWN = ("t", "q", "v")  # groups of symbols that a result has values of
 DIGITS = 9  # after the point by which places on a body are told apart [m]
 
 
-class Expressions:
+class DrawnExpressions:
     """Vertices, axes and forces in the world, as expressions of t, q and v. The same place has one number."""
 
     def __init__(self, problem: Problem) -> None:
@@ -163,8 +163,8 @@ COMPONENTS = ("fx", "fy", "fz")
 class Load:
     """A force at a vertex.
 
-    entry : its number among the forces of ``Expressions``; or components : (T, 3) along axes. axes : numbers of three
-    directions of ``Expressions``; None for those of the world.
+    entry : its number among the forces of ``DrawnExpressions``; or components : (T, 3) along axes. axes : numbers of
+    three directions of ``DrawnExpressions``; None for those of the world.
     """
 
     name: str
@@ -174,7 +174,7 @@ class Load:
     axes: tuple[int, ...] | None = None
 
 
-def loads(result: Result, expressions: Expressions, samples: Array | None) -> list[Load]:
+def loads(result: Result, expressions: DrawnExpressions, samples: Array | None) -> list[Load]:
     """Return the forces of a scene at some samples of its result; without samples only those from outside."""
     found = outside(expressions)
     if samples is not None:
@@ -182,7 +182,7 @@ def loads(result: Result, expressions: Expressions, samples: Array | None) -> li
     return found
 
 
-def outside(expressions: Expressions) -> list[Load]:
+def outside(expressions: DrawnExpressions) -> list[Load]:
     """Return the forces that act from outside the mechanism, as expressions."""
     problem, found = expressions.problem, []
     for force, effect in zip(problem.model.forces, problem.elements.effects):
@@ -199,7 +199,7 @@ def outside(expressions: Expressions) -> list[Load]:
     return found
 
 
-def reactions(result: Result, expressions: Expressions, samples: Array) -> list[Load]:
+def reactions(result: Result, expressions: DrawnExpressions, samples: Array) -> list[Load]:
     """Return the recorded forces in joints (of the parent on the link) and closures (on the first link)."""
     problem = expressions.problem
     in_world = problem.scene.outputs.reaction_axes == "world"

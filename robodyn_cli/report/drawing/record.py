@@ -56,7 +56,7 @@ def body(points: Array, colour: str, width: float, layer: int, depth: float) -> 
 
 
 @record
-class Part:
+class DrawnPart:
     """Something with an outline: vertices by their numbers.
 
     kind : ``link`` (filled between all its vertices), ``ground`` (the link that stands still), ``solid`` (a box of the
@@ -113,7 +113,7 @@ class Trail:
 
 
 @record
-class Latch:
+class DrawnLatch:
     """A latch across a joint: vertices on its first link, of the joint, on its second link; it closes at a time [s]."""
 
     vertices: tuple[int, int, int]
@@ -132,18 +132,18 @@ class Drawing:
     times: Array
     vertices: Array
     axes: Array
-    parts: tuple[Part, ...]
+    parts: tuple[DrawnPart, ...]
     pins: tuple[Pin, ...]
     masses: tuple[int, ...]
     bobs: tuple[int, ...]
     arrows: tuple[Arrow, ...]
     trails: tuple[Trail, ...]
-    latch: Latch | None
+    latch: DrawnLatch | None
     gravity: Array
     flat: int | None = None
 
     @property
-    def links(self) -> tuple[Part, ...]:
+    def links(self) -> tuple[DrawnPart, ...]:
         """The moving links, in the order of the scene."""
         return tuple(part for part in self.parts if part.kind == "link")
 

@@ -10,7 +10,7 @@ import numpy as np
 from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.camera import View
 from robodyn_cli.report.drawing.pins import pin_strokes
-from robodyn_cli.report.drawing.record import FAINT, INK, PAPER, Part, Stroke, body, mixed
+from robodyn_cli.report.drawing.record import FAINT, INK, PAPER, DrawnPart, Stroke, body, mixed
 from robodyn_cli.report.drawing.record import GRID as LINES
 from robodyn_cli.report.style import ALARM
 from robodyn_cli.scene.mesh.surfaces import CUBE
@@ -72,7 +72,7 @@ def _outline(points: Array, pt: float) -> Array:
     return corners[[int(np.argmin(along)), int(np.argmax(along))]]
 
 
-def _part(view: View, k: int, part: Part, width: float, place: int) -> list[Stroke]:
+def _part(view: View, k: int, part: DrawnPart, width: float, place: int) -> list[Stroke]:
     if part.kind in ("link", "ground") and part.name in view.drawing.shaped:
         return []
     corners = view.corners[k, list(part.vertices)]
@@ -114,7 +114,7 @@ def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[S
     return [Stroke(symbols.zigzag(a, b, 9.0 * pt), INK, 1.1, layer=ON_TOP, depth=depth)]
 
 
-def _solid(view: View, k: int, part: Part, depth: float) -> list[Stroke]:
+def _solid(view: View, k: int, part: DrawnPart, depth: float) -> list[Stroke]:
     """Return a body with a surface: its outline where the view is flat, else the faces that look to the eye."""
     edge = mixed(part.colour, INK, 0.35)
     seen = view.project(_places(view, k, part), k)
@@ -139,7 +139,7 @@ def _solid(view: View, k: int, part: Part, depth: float) -> list[Stroke]:
     return found
 
 
-def _flat_outline(part: Part, seen: Array) -> Array:
+def _flat_outline(part: DrawnPart, seen: Array) -> Array:
     """Return what is seen of a body (N, 2) in a flat view: its own outline where that is not seen edgewise."""
     own = seen[list(part.surface.outline)] if part.surface is not None else seen[:0]
     if len(own) and symbols.area(own) > EDGEWISE * float(np.ptp(own, axis=0).max()) ** 2:
@@ -153,7 +153,7 @@ def _lit(colour: str, step: int) -> str:
     return mixed(colour, PAPER, 0.2 + 0.6 * step / SHADES)
 
 
-def _places(view: View, k: int, part: Part) -> Array:
+def _places(view: View, k: int, part: DrawnPart) -> Array:
     """Return the places (N, 3) in the world that a part consists of."""
     corners = view.drawing.vertices[k, list(part.vertices)]
     return corners if part.surface is None else part.surface.places(corners)

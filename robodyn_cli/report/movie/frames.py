@@ -37,7 +37,7 @@ HUNDREDTHS = 100  # of a second: the unit of delays in a GIF
 
 
 @record
-class Plan:
+class MoviePlan:
     """What a movie shows.
 
     speed : seconds of the run in a second of the movie. fps : frames in a second. samples : (K,) of the result, one a
@@ -55,7 +55,7 @@ class Plan:
         return len(self.samples) + self.held
 
 
-def plan_movie(result: Result, speed: float | None, fps: float, hundredths: bool) -> Plan:
+def plan_movie(result: Result, speed: float | None, fps: float, hundredths: bool) -> MoviePlan:
     """Return which samples of a result a movie shows.
 
     Parameters
@@ -86,7 +86,7 @@ def plan_movie(result: Result, speed: float | None, fps: float, hundredths: bool
     samples = nearest(result.time, times)
     if samples[-1] != len(result.time) - 1:
         samples = np.append(samples, len(result.time) - 1)
-    return Plan(speed, fps, samples, round(HOLD * fps))
+    return MoviePlan(speed, fps, samples, round(HOLD * fps))
 
 
 def usual_speed(duration: float) -> float:
@@ -117,7 +117,7 @@ class Frames:
     follow : name of the point that stays in the middle, None for a camera that stands still.
     """
 
-    def __init__(self, result: Result, plan: Plan, follow: str | None = None) -> None:
+    def __init__(self, result: Result, plan: MoviePlan, follow: str | None = None) -> None:
         self.plan = plan
         self.drawing = make_drawing(result, plan.samples)
         places = None if follow is None else result[f"points/{follow}"][plan.samples]

@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
 from robodyn_cli.report.drawing.places import evenly, nearest
-from robodyn_cli.report.drawing.record import Drawing, Part, Trail
+from robodyn_cli.report.drawing.record import Drawing, DrawnPart, Trail
 from robodyn_cli.report.movie.frames import usual_speed
 from robodyn_cli.report.page.charts import Arrays
 from robodyn_cli.report.ticks import number
@@ -92,7 +92,7 @@ def _centre(drawing: Drawing) -> list[float]:
     return (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist() if len(points) else [0.0, 0.0, 0.0]
 
 
-def _part(part: Part, arrays: Arrays) -> dict[str, Any]:
+def _part(part: DrawnPart, arrays: Arrays) -> dict[str, Any]:
     surface = part.surface or (CUBE if part.kind in ("solid", "payload") else None)
     return {**_fields(part), "surface": None if surface is None else _surface(surface, arrays)}
 

@@ -36,7 +36,7 @@ LOOKS: dict[str, Mapping[str, Any]] = {
 
 
 @record
-class Motor:
+class DrawnMotor:
     """What is drawn of one motor: points (n,) of speed [rad/s] and torque [N m] by their look, and the ends of the
     axes."""
 
@@ -82,7 +82,7 @@ def _shown(result: Result, names: Any) -> list[int]:
     )
 
 
-def _motor(result: Result, name: str, k: int) -> Motor:
+def _motor(result: Result, name: str, k: int) -> DrawnMotor:
     """Return what is drawn of one motor, whose number is k."""
     speed, torque = (np.abs(result[f"drives/{x}"][:, k]) for x in ("speed", "torque"))
     facts = result.summary.get("drives", {}).get(name, {})
@@ -105,7 +105,7 @@ def _motor(result: Result, name: str, k: int) -> Motor:
         "RMS": rms,
         "decides": (speed[at], torque[at]),
     }
-    return Motor(name, facts, points, (ends[0], ends[1]))
+    return DrawnMotor(name, facts, points, (ends[0], ends[1]))
 
 
 def _curve(result: Result, kind: str, name: str) -> tuple[Array, Array]:
@@ -131,7 +131,7 @@ def _rms(speed: Array, torque: Array) -> tuple[Array, Array]:
     return speed, torque
 
 
-def _panel(ax: Any, motor: Motor, labels: list[str]) -> list[Any]:
+def _panel(ax: Any, motor: DrawnMotor, labels: list[str]) -> list[Any]:
     """Draw one motor; return what the legend shows."""
     right, top = motor.ends
     handles = []
@@ -153,7 +153,7 @@ def _panel(ax: Any, motor: Motor, labels: list[str]) -> list[Any]:
     return handles
 
 
-def _told(motor: Motor) -> str:
+def _told(motor: DrawnMotor) -> str:
     """Return how far points are out that the drawing does not reach."""
     speed, torque = motor.points["beyond the drawing"]
     curves = [motor.points[label] for label in ("peak, driving", "peak, braking", "continuous")]

@@ -23,7 +23,7 @@ RIGHT_ANGLE, TURN = 90.0, 180.0  # deg: ticks of a phase that goes so far
 
 
 @record
-class Curve:
+class ResponseCurve:
     """A response that is drawn: at which instant, of which output, over which input."""
 
     instant: int
@@ -36,14 +36,14 @@ def applies(result: Result) -> bool:
     return "linear/response_real" in result and bool(shown(result))
 
 
-def shown(result: Result) -> list[Curve]:
+def shown(result: Result) -> list[ResponseCurve]:
     """Return what is drawn: of the pairs of output and input the strongest, each at all instants."""
     found = np.abs(_responses(result))
     gain = found.max(axis=(0, 1))
     pairs = [place for place in np.ndindex(*gain.shape) if gain[place] > ROUNDING * gain.max()]
     instants = min(len(found), FEW)
     strongest = sorted(pairs, key=lambda place: -gain[place])[: FEW // instants]
-    return [Curve(k, *place) for place in sorted(strongest) for k in range(instants)]
+    return [ResponseCurve(k, *place) for place in sorted(strongest) for k in range(instants)]
 
 
 def draw(result: Result) -> Any:
@@ -74,7 +74,7 @@ def draw(result: Result) -> Any:
     return sheet.figure
 
 
-def _label(result: Result, curve: Curve) -> str:
+def _label(result: Result, curve: ResponseCurve) -> str:
     """Return the name of a response with its unit, and its instant along a motion."""
     y, u = result.summary["outputs"][curve.output], result.summary["inputs"][curve.input]
     below = f"({u['unit']})" if " " in u["unit"] else u["unit"]

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.urdf.xml import Element
+from robodyn_cli.scene.urdf.xml import XmlElement
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 ZERO = (0.0, 0.0, 0.0)
@@ -23,7 +23,7 @@ _SHAPES = ("visual", "collision")
 
 
 @record
-class Pose:
+class UrdfPose:
     """An ``origin``: position [m], and orientation as ``rpy`` [rad] or as a ``quaternion`` (w, x, y, z)."""
 
     xyz: tuple[float, ...] = ZERO
@@ -35,9 +35,9 @@ class Pose:
 class Inertial:
     """Mass [kg], and the inertia [kg m^2] about the origin of ``pose``, the centre of mass, in its axes."""
 
-    element: Element
+    element: XmlElement
     mass: float
-    pose: Pose
+    pose: UrdfPose
     inertia: dict[str, float]
 
 
@@ -49,18 +49,18 @@ class UrdfShape:
     as the URDF names it, whose coordinates are multiplied by ``sizes``); empty for what cannot be understood.
     """
 
-    element: Element
+    element: XmlElement
     kind: str
     sizes: tuple[float, ...] = ()
     file: str = ""
-    pose: Pose = Pose()
+    pose: UrdfPose = UrdfPose()
 
 
 @record
 class UrdfLink:
     """A link; ``visual`` and ``collision`` : the shapes that it is drawn and tested with."""
 
-    element: Element
+    element: XmlElement
     name: str
     inertial: Inertial | None
     visual: tuple[UrdfShape, ...]
@@ -82,7 +82,7 @@ class UrdfLink:
 class Mimic:
     """q = multiplier q_joint + offset."""
 
-    element: Element
+    element: XmlElement
     joint: str
     multiplier: float
     offset: float
@@ -92,12 +92,12 @@ class Mimic:
 class UrdfJoint:
     """A joint; ``limits`` : lower, upper, effort and velocity, as far as they are written."""
 
-    element: Element
+    element: XmlElement
     name: str
     type: str
     parent: str
     child: str
-    pose: Pose
+    pose: UrdfPose
     axis: tuple[float, ...]
     limits: dict[str, float]
     damping: float
@@ -109,14 +109,14 @@ class UrdfJoint:
 class UrdfRobot:
     """A robot; ``ignored`` : how many elements of each kind say nothing about dynamics."""
 
-    element: Element
+    element: XmlElement
     name: str
     links: tuple[UrdfLink, ...]
     joints: tuple[UrdfJoint, ...]
     ignored: Counter[str]
 
 
-def read_elements(root: Element, faults: Faults) -> UrdfRobot:
+def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
     """Return the links and joints of a robot; those with errors are reported and left out.
 
     Raises
@@ -138,7 +138,7 @@ def read_elements(root: Element, faults: Faults) -> UrdfRobot:
     return UrdfRobot(root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), ignored)
 
 
-def _refuse_xacro(root: Element) -> None:
+def _refuse_xacro(root: XmlElement) -> None:
     pending = [root]
     while pending:
         element = pending.pop()
@@ -154,14 +154,14 @@ def _refuse_xacro(root: Element) -> None:
         pending += reversed(element.children)
 
 
-def _link(element: Element) -> UrdfLink:
+def _link(element: XmlElement) -> UrdfLink:
     name = element.text("name", "a link")
     what = f"link {name!r}"
     visual, collision = (tuple(_shape(shape, what) for shape in element.all(tag)) for tag in _SHAPES)
     return UrdfLink(element, name, _inertial(element, what), visual, collision)
 
 
-def _shape(element: Element, what: str) -> UrdfShape:
+def _shape(element: XmlElement, what: str) -> UrdfShape:
     """Return a shape; one that is wrong is left out of pictures, and of nothing else."""
     found = next((kind for geometry in element.all("geometry") for kind in geometry.children), None)
     if found is None:
@@ -175,7 +175,7 @@ def _shape(element: Element, what: str) -> UrdfShape:
         return UrdfShape(found, "")
 
 
-def _sizes(found: Element, what: str) -> tuple[float, ...]:
+def _sizes(found: XmlElement, what: str) -> tuple[float, ...]:
     """Return the numbers of a geometry; none for one of another kind, or without extent."""
     if found.tag == "mesh":
         return tuple(found.numbers("scale", what, 3, (1.0, 1.0, 1.0)))
@@ -185,7 +185,7 @@ def _sizes(found: Element, what: str) -> tuple[float, ...]:
     return sizes if all(size > 0.0 for size in sizes) else ()
 
 
-def _inertial(link: Element, what: str) -> Inertial | None:
+def _inertial(link: XmlElement, what: str) -> Inertial | None:
     found = link.one("inertial", what)
     if found is None:
         return None
@@ -199,10 +199,10 @@ def _inertial(link: Element, what: str) -> Inertial | None:
     return Inertial(found, value, _pose(found, what), moments)
 
 
-def _pose(element: Element, what: str) -> Pose:
+def _pose(element: XmlElement, what: str) -> UrdfPose:
     origin = element.one("origin", what)
     if origin is None:
-        return Pose()
+        return UrdfPose()
     xyz = tuple(origin.numbers("xyz", what, 3, ZERO))
     if "quat_xyzw" in origin.attributes:
         if "rpy" in origin.attributes:
@@ -212,11 +212,11 @@ def _pose(element: Element, what: str) -> Pose:
             raise origin.error(
                 f"{what}: quat_xyzw has length {math.hypot(x, y, z, w):.6g}; allowed: 1, to three digits"
             )
-        return Pose(xyz, quaternion=(w, x, y, z))
-    return Pose(xyz, tuple(origin.numbers("rpy", what, 3, ZERO)))
+        return UrdfPose(xyz, quaternion=(w, x, y, z))
+    return UrdfPose(xyz, tuple(origin.numbers("rpy", what, 3, ZERO)))
 
 
-def _joint(element: Element) -> UrdfJoint:
+def _joint(element: XmlElement) -> UrdfJoint:
     name = element.text("name", "a joint")
     what = f"joint {name!r}"
     kind = element.text("type", what)
@@ -244,7 +244,7 @@ def _joint(element: Element) -> UrdfJoint:
     )
 
 
-def _axis(element: Element, what: str, kind: str) -> tuple[float, ...]:
+def _axis(element: XmlElement, what: str, kind: str) -> tuple[float, ...]:
     axis = element.one("axis", what)
     if axis is None or kind in ("fixed", "floating"):
         return X_AXIS
@@ -256,13 +256,13 @@ def _axis(element: Element, what: str, kind: str) -> tuple[float, ...]:
     return found
 
 
-def _limits(element: Element, what: str) -> dict[str, float]:
+def _limits(element: XmlElement, what: str) -> dict[str, float]:
     limit = element.one("limit", what)
     names = ("lower", "upper", "effort", "velocity")
     return {} if limit is None else {k: limit.number(k, what) for k in names if k in limit.attributes}
 
 
-def _dynamics(element: Element, what: str) -> tuple[float, float]:
+def _dynamics(element: XmlElement, what: str) -> tuple[float, float]:
     """Return damping and friction, both >= 0."""
     found = element.one("dynamics", what)
     if found is None:
@@ -274,7 +274,7 @@ def _dynamics(element: Element, what: str) -> tuple[float, float]:
     return values["damping"], values["friction"]
 
 
-def _mimic(element: Element, what: str) -> Mimic | None:
+def _mimic(element: XmlElement, what: str) -> Mimic | None:
     found = element.one("mimic", what)
     if found is None:
         return None

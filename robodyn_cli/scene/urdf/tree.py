@@ -12,9 +12,9 @@ from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, mapping, scalar,
 from robodyn_cli.scene.urdf.elements import (
     ZERO,
     Inertial,
-    Pose,
     UrdfJoint,
     UrdfLink,
+    UrdfPose,
     UrdfRobot,
     UrdfShape,
     drawn_shapes,
@@ -205,7 +205,7 @@ def _map(place: Node, entries: dict[str, Any]) -> Mapping:
     return mapping(place, [(scalar(place, k), x) for k, x in items])
 
 
-def _origin(place: Node, pose: Pose) -> dict[str, Any]:
+def _origin(place: Node, pose: UrdfPose) -> dict[str, Any]:
     """Return the key ``origin``, left out where the frames coincide."""
     entries: dict[str, Any] = {"xyz": _numbers(place, pose.xyz)} if pose.xyz != ZERO else {}
     if pose.quaternion is not None:
@@ -216,20 +216,20 @@ def _origin(place: Node, pose: Pose) -> dict[str, Any]:
 
 
 # -- geometry ----------------------------------------------------------------------------------------------
-def _quaternion(pose: Pose) -> Any:
+def _quaternion(pose: UrdfPose) -> Any:
     from robodyn_cli.spatial import quaternion
 
     return quaternion.from_rpy(pose.rpy) if pose.quaternion is None else quaternion.unit(pose.quaternion)
 
 
-def _rotation(pose: Pose) -> Any:
+def _rotation(pose: UrdfPose) -> Any:
     from robodyn_cli.spatial import quaternion
     from robodyn_cli.spatial.algebra import rotation_rpy
 
     return rotation_rpy(pose.rpy) if pose.quaternion is None else quaternion.rotation(_quaternion(pose))
 
 
-def _moved(joint: UrdfJoint, q: float) -> Pose:
+def _moved(joint: UrdfJoint, q: float) -> UrdfPose:
     """Return the pose of a joint's link at q, in the parent link's frame."""
     from robodyn_cli.spatial import quaternion
 
@@ -237,9 +237,9 @@ def _moved(joint: UrdfJoint, q: float) -> Pose:
     step = [q * a / length for a in joint.axis]
     if joint.type == "prismatic":
         xyz = tuple(float(p + d) for p, d in zip(joint.pose.xyz, _rotation(joint.pose) @ step))
-        return Pose(xyz, joint.pose.rpy, joint.pose.quaternion)
+        return UrdfPose(xyz, joint.pose.rpy, joint.pose.quaternion)
     turned = quaternion.product(_quaternion(joint.pose), quaternion.from_rotation_vector(step))
-    return Pose(joint.pose.xyz, quaternion=tuple(float(x) for x in turned))
+    return UrdfPose(joint.pose.xyz, quaternion=tuple(float(x) for x in turned))
 
 
 def _turned(inertial: Inertial) -> dict[str, float]:

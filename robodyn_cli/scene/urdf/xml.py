@@ -24,19 +24,19 @@ _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
 
 @mutable_record
-class Element:
+class XmlElement:
     """An element of XML: its tag, attributes and children, and its place."""
 
     tag: str
     attributes: dict[str, str]
     place: Scalar
-    children: list[Element]
+    children: list[XmlElement]
 
-    def all(self, tag: str) -> list[Element]:
+    def all(self, tag: str) -> list[XmlElement]:
         """Return the children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
-    def one(self, tag: str, what: str) -> Element | None:
+    def one(self, tag: str, what: str) -> XmlElement | None:
         """Return the child with a tag, None if there is none; ``what`` names this element in messages.
 
         Raises
@@ -79,7 +79,7 @@ class Element:
         return located(self.place, "", message)
 
 
-def parse_xml(text: str, source: Source) -> Element:
+def parse_xml(text: str, source: Source) -> XmlElement:
     """Return the root element of a text.
 
     Raises
@@ -92,14 +92,14 @@ def parse_xml(text: str, source: Source) -> Element:
 class _Parser:
     def __init__(self, source: Source) -> None:
         self.source = source
-        self.open: list[Element] = []
-        self.root: Element | None = None
+        self.open: list[XmlElement] = []
+        self.root: XmlElement | None = None
         self.expat: Any = expat.ParserCreate("utf-8")
         self.expat.StartElementHandler = self.start
         self.expat.EndElementHandler = self.end
         self.expat.StartDoctypeDeclHandler = self.refuse_document_type
 
-    def parse(self, text: str) -> Element:
+    def parse(self, text: str) -> XmlElement:
         try:
             self.expat.Parse(text.encode("utf-8"), True)
         except expat.ExpatError as error:
@@ -112,7 +112,7 @@ class _Parser:
         return Scalar(self.source, self.expat.CurrentLineNumber, self.expat.CurrentColumnNumber + 1, "", None)
 
     def start(self, tag: str, attributes: dict[str, str]) -> None:
-        element = Element(tag, attributes, self.here(), [])
+        element = XmlElement(tag, attributes, self.here(), [])
         if len(self.open) >= MAX_DEPTH:
             raise element.error(f"elements are nested more than {MAX_DEPTH} deep")
         if self.open:

@@ -6,7 +6,7 @@ import numpy as np
 
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
-from robodyn_cli.solve.poses.families import Family, ParallelAxes, SphericalWrist, ThreeParallel
+from robodyn_cli.solve.poses.families import ArmFamily, ParallelAxes, SphericalWrist, ThreeParallel
 from robodyn_cli.solve.poses.screws import Screws
 from robodyn_cli.solve.poses.steps import PoseTask
 from robodyn_cli.spatial.algebra import Array
@@ -16,7 +16,7 @@ from robodyn_cli.spatial.algebra import Array
 class ClosedForm:
     """The closed form of one arm and one task."""
 
-    family: Family
+    family: ArmFamily
 
     @staticmethod
     def of(model: Model, task: PoseTask) -> ClosedForm | None:
@@ -25,10 +25,10 @@ class ClosedForm:
         if screws is None or len(task.position) != 3:
             return None
         if task.orientation == "full":
-            six: Family | None = SphericalWrist.recognise(screws) or ThreeParallel.recognise(screws)
+            six: ArmFamily | None = SphericalWrist.recognise(screws) or ThreeParallel.recognise(screws)
             if six is not None:
                 return ClosedForm(six)
-        arm: Family | None = ParallelAxes.recognise(screws, task.orientation)
+        arm: ArmFamily | None = ParallelAxes.recognise(screws, task.orientation)
         return None if arm is None else ClosedForm(arm)
 
     @property

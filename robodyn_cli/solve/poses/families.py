@@ -52,7 +52,7 @@ class Branch:
     values: Array
 
 
-class Family(Protocol):
+class ArmFamily(Protocol):
     """Arms of one structure. words : for each choice, the words of its two sides; axes : of the arm."""
 
     @property

@@ -59,7 +59,7 @@ class PoseTask:
 
 
 @record
-class Rows:
+class TaskRows:
     """What is left of a task, e(q), as expressions, with J of e(q + dq) = e(q) - J dq to first order.
 
     error : (m,) in metres and radians. J : (m, nv). lengths : for each row whether it is a length.
@@ -72,7 +72,7 @@ class Rows:
     measure: Scalar
 
 
-def pose_rows(model: Model, q: Sequence[Expr], task: PoseTask, target: Sequence[Expr]) -> Rows:
+def pose_rows(model: Model, q: Sequence[Expr], task: PoseTask, target: Sequence[Expr]) -> TaskRows:
     """Return the rows of a task over the symbols q (nq,) and target (12,).
 
     A turn by theta about the unit vector u is left as e = 2 sin(theta / 2) u, of which the derivative at the target
@@ -97,7 +97,7 @@ def pose_rows(model: Model, q: Sequence[Expr], task: PoseTask, target: Sequence[
         e, rows, lengths = [*e, *turn], [*rows, *angular], [*lengths, *[False] * 3]
         square = maximum(square, where(cosine, dot(turn, turn), chord))
     J = matrix(rows) if rows else zeros(0, model.nv)
-    return Rows(e, J, lengths, sqrt(square))
+    return TaskRows(e, J, lengths, sqrt(square))
 
 
 def _turn(R: Matrix, wanted: Matrix, task: PoseTask) -> tuple[Vector, Any]:
@@ -117,7 +117,7 @@ CRITERION_STEP = 0.5  # the same, for a step of the criterion
 
 
 @record
-class Bounds:
+class StepBounds:
     """Limits as expressions by velocity coordinate; the positions in q that they hold for."""
 
     lower: dict[int, Expr]
@@ -172,7 +172,7 @@ def criterion_step(e: Sequence[Scalar], J: Matrix, c: Sequence[Scalar], C: Matri
 
 
 def position_after(
-    model: Model, q: Sequence[Expr], dq: Vector, lengths: Sequence[float], bounds: Bounds, most: float
+    model: Model, q: Sequence[Expr], dq: Vector, lengths: Sequence[float], bounds: StepBounds, most: float
 ) -> list[Scalar]:
     """Return the position (nq,) after a scaled step, shortened to ``most`` in its largest entry, within the bounds.
 

@@ -19,7 +19,7 @@ SAME_WAY = 1e-6  # rad: how well directions have to meet where the frame goes on
 
 
 @record
-class Plan:
+class ChainPlan:
     """The ways between stops; when each begins, and the end of the stay behind it [s]."""
 
     stretches: tuple[Stretch, ...]
@@ -34,7 +34,7 @@ def planned(
     segments: Sequence[Any],
     law: str,
     limits: Mapping[str, float],
-) -> Plan:
+) -> ChainPlan:
     """Return the ways between stops, with their times.
 
     Parameters
@@ -64,7 +64,7 @@ def planned(
         now += stretch.duration + segment.dwell
         ends.append(now)
         first = last + 1
-    return Plan(tuple(stretches), np.array(begins), np.array(ends))
+    return ChainPlan(tuple(stretches), np.array(begins), np.array(ends))
 
 
 def _curves(start: Array, segments: Sequence[Any]) -> list[Curve]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.legs import CUBIC, MINIMUM_JERK, Law, fastest, polynomial
+from robodyn_cli.trajectories.legs import CUBIC, MINIMUM_JERK, TimeLaw, fastest, polynomial
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.task import taylor
 from robodyn_cli.trajectories.task.curves import ORDER, STILL, Curve, series_of
@@ -94,7 +94,7 @@ class Stretch:
         )
         return least
 
-    def _fastest(self, limits: Mapping[str, float]) -> Law:
+    def _fastest(self, limits: Mapping[str, float]) -> TimeLaw:
         """Return the fastest law of the place where limits of the frame's motion hold along the way and across it."""
         s = between(self.knots)
         p = self.position(s)
@@ -114,7 +114,7 @@ class Stretch:
         speed, acceleration, jerk = (most / self.size).tolist()
         return fastest(speed, acceleration, jerk)
 
-    def _longer(self, law: Law, limits: Mapping[str, float]) -> float:
+    def _longer(self, law: TimeLaw, limits: Mapping[str, float]) -> float:
         """Return the factor of time by which a law just keeps the limits.
 
         A derivative of order i falls with its power i.

@@ -38,9 +38,9 @@ from robodyn_cli.works.deploy.lock import (
     find_lock,
     time_error,
 )  # fmt: skip
-from robodyn_cli.works.deploy.locked_motion import Followed, first_overload, follow_locked, join
+from robodyn_cli.works.deploy.locked_motion import FollowedLock, first_overload, follow_locked, join
 from robodyn_cli.works.deploy.recording import record_motion
-from robodyn_cli.works.deploy.scan import End, Scan, decide, follow_deployment, latch_position, scan
+from robodyn_cli.works.deploy.scan import Scan, ScanEnd, decide, follow_deployment, latch_position, scan
 
 
 @record
@@ -52,12 +52,12 @@ class Deployment(Run):
     """
 
     found: Scan
-    end: End
+    end: ScanEnd
     estimate: MotionErrors | None = None
     lock: Lock | None = None
     latch: Latch | None = None
     time_error: float | None = None
-    followed: Followed | None = None
+    followed: FollowedLock | None = None
 
 
 def deploy(

@@ -24,7 +24,7 @@ from robodyn_cli.summaries.deploy import (
 )  # fmt: skip
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.works.deploy.growth import GRID, LatchImpact, Locked, close_latch, locked, multiplier_norm
-from robodyn_cli.works.deploy.scan import End, Scan, fired, scan
+from robodyn_cli.works.deploy.scan import Scan, ScanEnd, fired, scan
 
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
 
@@ -53,7 +53,7 @@ class Latch:
     impact: LatchImpact
 
 
-def find_lock(motion: Motion, found: Scan, end: End, recorder: Recorder) -> Lock | None:
+def find_lock(motion: Motion, found: Scan, end: ScanEnd, recorder: Recorder) -> Lock | None:
     """Return the lock of the recorded run, None where no criterion fired."""
     if end.time is None:
         return None

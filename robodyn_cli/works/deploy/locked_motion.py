@@ -53,14 +53,16 @@ class LockedObserver(Observer):
 
 
 @record
-class Followed:
+class FollowedLock:
     """The motion after the lock: its keys, and its samples, None where no sample lies behind the lock."""
 
     keys: AfterLock
     recorder: Recorder | None
 
 
-def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, watch: Stopwatch) -> Followed:
+def follow_locked(
+    motion: Motion, lock: Lock, latch: Latch, before: Recorder, watch: Stopwatch
+) -> FollowedLock:
     """Integrate the locked structure from the lock to the end of the duration, on the samples of the scene's grid."""
     s = motion.scene.simulate
     with watch.stage("equations"):
@@ -78,7 +80,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
         latch.locked.freedom, list(latch.locked.rows), latch.locked.name, samples=0, until=lock.time
     )
     if first >= grid.count:
-        return Followed(keys, None)
+        return FollowedLock(keys, None)
     rest = Grid(float(grid.times(first, first + 1)[0]), grid.step, grid.count - first, grid.end)
     driver = Driver.of(locked, supervisor_for(locked.choice))
     with watch.stage("integrate"):
@@ -100,7 +102,7 @@ def follow_locked(motion: Motion, lock: Lock, latch: Latch, before: Recorder, wa
         largest=recorder.loads,
         counters=driver.counters,
     )
-    return Followed(keys, recorder)
+    return FollowedLock(keys, recorder)
 
 
 def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: Latch, time: float) -> Array:

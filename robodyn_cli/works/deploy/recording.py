@@ -14,7 +14,7 @@ from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.progress import Progress
-from robodyn_cli.works.deploy.scan import End, Pose, Scan
+from robodyn_cli.works.deploy.scan import Pose, Scan, ScanEnd
 
 # smallest singular value of the passive block, relative to the largest of Psi, that is still worth reporting
 NEAR_SINGULAR = 1e-3
@@ -37,7 +37,9 @@ class StopAt:
         return None
 
 
-def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, progress: Progress) -> Driver:
+def record_motion(
+    motion: Motion, found: Scan, end: ScanEnd, recorder: Recorder, progress: Progress
+) -> Driver:
     """Integrate once more and observe; the last sample is the end itself.
 
     The events are those of the scan, so that the steps are the same and a singular configuration is met in the
@@ -72,7 +74,7 @@ def record_motion(motion: Motion, found: Scan, end: End, recorder: Recorder, pro
 
 
 @record
-class _Stretch:
+class _RecordedStretch:
     """What is recorded: samples of ``grid`` up to ``end`` [s].
 
     event : time of the located pose that ends the run, None where it ends otherwise. lost : the pose in which the loops
@@ -85,7 +87,7 @@ class _Stretch:
     lost: Pose | None
 
 
-def _stretch(motion: Motion, found: Scan, end: End) -> _Stretch:
+def _stretch(motion: Motion, found: Scan, end: ScanEnd) -> _RecordedStretch:
     """Return what is recorded of a motion, by what ends it."""
     s = motion.scene.simulate
     grid = Grid.over(s.duration, s.samples)
@@ -104,7 +106,7 @@ def _stretch(motion: Motion, found: Scan, end: End) -> _Stretch:
         # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
         until = lost[0] - SHORT_OF * (lost[0] - found.clean_until)
         grid = grid.up_to(int(until / grid.step) + 1)
-    return _Stretch(grid, until, event, lost)
+    return _RecordedStretch(grid, until, event, lost)
 
 
 def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:

@@ -56,7 +56,7 @@ class Bifurcation(PosesAhead):
         return STOP
 
 
-class MultiplierGrowth(Watcher):
+class GrowthWatcher(Watcher):
     """Judges the multipliers of the loops on the 1 ms grid, by their growth and by their limit."""
 
     def __init__(self, problem: Problem) -> None:
@@ -103,7 +103,7 @@ class DeadPoint(Watcher):
     Where only the multipliers count they may still fire beyond, and the scan goes on until they have.
     """
 
-    def __init__(self, problem: Problem, passive: Sequence[int], growth: MultiplierGrowth) -> None:
+    def __init__(self, problem: Problem, passive: Sequence[int], growth: GrowthWatcher) -> None:
         self.problem, self.passive, self.growth = problem, passive, growth
         self.found: list[Pose] = []
         try:
@@ -172,7 +172,7 @@ def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]
     latch = [LatchPosition(problem)] if problem.scene.deploy.criterion == "latch" else []
     if not problem.model.closures:
         return [*latch, *others]
-    growth = MultiplierGrowth(problem)
+    growth = GrowthWatcher(problem)
     passes = problem.scene.simulate.singular == "pass"
     poses: list[Watcher] = []
     if not passes:
@@ -217,7 +217,7 @@ def scan(
 
     multipliers : whether these are judged too.
     """
-    growth, dead = watcher_of(motion, MultiplierGrowth), watcher_of(motion, DeadPoint)
+    growth, dead = watcher_of(motion, GrowthWatcher), watcher_of(motion, DeadPoint)
     rank, latch = watcher_of(motion, Bifurcation), watcher_of(motion, LatchPosition)
     duration = motion.scene.simulate.duration
     driver = Driver.of(dataclasses.replace(motion, options=options), supervisor_for(motion.choice))
@@ -266,7 +266,7 @@ def _driven_pose(motion: Motion, driver: Driver) -> tuple[float, Array, str] | N
 
 # -- what ends the deployment -------------------------------------------------------------------------------
 @record
-class End:
+class ScanEnd:
     """What ends the recorded run: time [s] of the criterion (None: none fired) and which it was.
 
     bifurcated : a loss of rank came first.
@@ -277,7 +277,7 @@ class End:
     bifurcated: bool
 
 
-def decide(motion: Motion, found: Scan) -> End:
+def decide(motion: Motion, found: Scan) -> ScanEnd:
     """Return what ends the run by the scene's criterion."""
     criterion = motion.scene.deploy.criterion
     dead = found.dead_point[0] if found.dead_point else None
@@ -288,4 +288,4 @@ def decide(motion: Motion, found: Scan) -> End:
     candidates = [(time, name) for name, time in counted.items() if time is not None]
     stop, name = min(candidates) if candidates else (None, criterion)
     bifurcated = found.bifurcation is not None and (stop is None or found.bifurcation[0] <= stop)
-    return End(stop, name, bifurcated)
+    return ScanEnd(stop, name, bifurcated)

@@ -20,7 +20,7 @@ from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.works.linearise.modes import modes_of, stability_of
 from robodyn_cli.works.linearise.nominal import Nominal, Question, nominal
-from robodyn_cli.works.linearise.signals import Outputs, input_signals, state_signals
+from robodyn_cli.works.linearise.signals import LinearOutputs, input_signals, state_signals
 from robodyn_cli.works.linearise.stored import Systems, add_matrices, add_poses, add_responses
 
 REST = 1e-8  # an acceleration this small beside that of the freed weights counts as none
@@ -81,7 +81,7 @@ def linearise(
     return result
 
 
-def prepared(scene: Scene, question: Question, watch: Stopwatch) -> tuple[Nominal, Outputs]:
+def prepared(scene: Scene, question: Question, watch: Stopwatch) -> tuple[Nominal, LinearOutputs]:
     """Return the states about which a scene is linearised, and what is measured there.
 
     Raises
@@ -93,7 +93,7 @@ def prepared(scene: Scene, question: Question, watch: Stopwatch) -> tuple[Nomina
         raise CapabilityError(
             "nothing can move: the loops and prescribed joints leave no freedom to linearise"
         )
-    return given, Outputs(given.problem, given.torques, question.outputs)
+    return given, LinearOutputs(given.problem, given.torques, question.outputs)
 
 
 def _samples_at(times: Array, instants: Sequence[float]) -> list[int]:

@@ -62,7 +62,7 @@ def state_signals(model: Model, places: Sequence[int]) -> list[LinearSignal]:
     return [*steps, *(LinearSignal(f"qd.{x.name}", f"{x.unit}/s") for x in steps)]
 
 
-class Outputs:
+class LinearOutputs:
     """What is measured: changes of coordinates, of rates (``qd.NAME``), of points (x, y, z in the world), and of the
     formulas of ``outputs.signals``.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.drives.cycle import Asked, Duty, Use, motor_cycle, motor_limits, other_limits
+from robodyn_cli.drives.cycle import Duty, ShaftDuty, Use, motor_cycle, motor_limits, other_limits
 from robodyn_cli.motors.drive import Catalogue, Drive, Train
 from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
 from robodyn_cli.record import record
@@ -67,7 +67,7 @@ class Candidates:
         tops = np.array([np.inf if curve is None else curve.driving.top_speed for curve in self.curves])
         found.table["speed"] = fast / tops[:, None]
         able = self.usable & (found.most <= 1.0)
-        asked = _rows([Asked.by(train, duty) for train in trains])
+        asked = _rows([ShaftDuty.by(train, duty) for train in trains])
         self._run_motors(found, able, asked, duty)
         if not np.any(self.usable & (found.most <= 1.0)):  # which comes nearest is told by all limits
             self._run_motors(found, self.usable & ~able, asked, duty)
@@ -79,7 +79,7 @@ class Candidates:
         """Return the margin of each combination (M, G) by the uses of its limits, -inf where it cannot run."""
         return np.where(self.usable, 1.0 - stacked(uses).max(axis=0), -np.inf)
 
-    def _run_motors(self, found: _Uses, which: NDArray[np.bool_], asked: Asked, duty: Duty) -> None:
+    def _run_motors(self, found: _Uses, which: NDArray[np.bool_], asked: ShaftDuty, duty: Duty) -> None:
         """Keep the uses of the motors' limits, of combinations ``which`` (M, G); ``asked`` : by each gear."""
         for k, (name, curve) in enumerate(zip(self.motors, self.curves)):
             rows = np.flatnonzero(which[k])
@@ -128,9 +128,9 @@ def _runs(train: Train) -> bool:
     return warm and train.drive.voltage is None
 
 
-def _rows(asked: Sequence[Asked]) -> Asked:
+def _rows(asked: Sequence[ShaftDuty]) -> ShaftDuty:
     """Return what several gears ask of a motor, a row each."""
     speed, acceleration, torque = (
         np.stack([getattr(x, key) for x in asked]) for key in ("speed", "acceleration", "torque")
     )
-    return Asked(speed, acceleration, torque, np.array([[float(x.inertia)] for x in asked]))
+    return ShaftDuty(speed, acceleration, torque, np.array([[float(x.inertia)] for x in asked]))

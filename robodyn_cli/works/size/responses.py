@@ -47,7 +47,7 @@ UNIT = Catalogue(
 
 
 @record
-class Loads:
+class DriveLoads:
     """What is linear in masses and inertias, for n drives: tau (T, nv) [N m or N], without drives, and by unit of each.
 
     none : (T, nv). by_mass, by_inertia : (n, T, nv), zero for a mass that is not carried or does not vary.
@@ -79,8 +79,8 @@ class Responses:
     times: Array
     qd: Array
     qdd: Array
-    tau: Loads
-    hold: Loads | None
+    tau: DriveLoads
+    hold: DriveLoads | None
     breaks: tuple[float, ...]
 
     @staticmethod
@@ -138,9 +138,9 @@ def with_unit_drives(scene: Scene, drives: dict[str, Drive]) -> Scene:
     return dataclasses.replace(scene, drives=found, catalogue=UNIT)
 
 
-def _projected(loads: Loads, R: Array) -> Loads:
+def _projected(loads: DriveLoads, R: Array) -> DriveLoads:
     """Return the loads along the motions R (T, nv, nv) of single joints."""
-    return Loads(
+    return DriveLoads(
         np.einsum("tik,ti->tk", R, loads.none),
         np.einsum("tik,nti->ntk", R, loads.by_mass),
         np.einsum("tik,nti->ntk", R, loads.by_inertia),
@@ -179,7 +179,7 @@ class _Variants:
         tables = numbers.table(kernel.program.numbers or (0.0,))
         return _Variants(kernel, tuple(outputs), tables, masses, count)
 
-    def loads(self, program: InverseProgram, sampled: Sampled, still: bool = False) -> Loads | None:
+    def loads(self, program: InverseProgram, sampled: Sampled, still: bool = False) -> DriveLoads | None:
         """Return torques of the motion, or with ``still`` what the joints bear at rest in its poses."""
         motion, samples = sampled.motion, len(sampled.times)
         at_rest = np.zeros_like(motion.qd)
@@ -198,5 +198,5 @@ class _Variants:
         by_mass, by_inertia = (np.array(x) - found[0] for x in (found[1 : n + 1], found[n + 1 :]))
         by_mass /= np.where(self.masses > 0.0, self.masses, 1.0)[:, None, None]
         by_inertia /= self.inertias[:, None, None]
-        none = Loads(found[0], by_mass, by_inertia).at(-self.masses, -self.inertias)
-        return Loads(none, by_mass, by_inertia)
+        none = DriveLoads(found[0], by_mass, by_inertia).at(-self.masses, -self.inertias)
+        return DriveLoads(none, by_mass, by_inertia)

@@ -53,7 +53,7 @@ def candidates_of(scene: Scene, drives: Mapping[str, Drive], catalogue: Catalogu
 
 
 @record
-class Search:
+class DriveSearch:
     """The search over all joints. candidates : by joint. uses : of each combination, by joint and limit, (M, G), under
     the loads (T,) of each joint."""
 
@@ -65,14 +65,14 @@ class Search:
     loads: dict[str, Array]
 
     @staticmethod
-    def of(responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, by: str) -> Search:
+    def of(responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, by: str) -> DriveSearch:
         """Return the search, in which nothing is chosen yet.
 
         Raises
         ------
         SceneError : the catalogue has nothing that moves a joint.
         """
-        return Search(responses, candidates_of(responses.scene, drives, catalogue), by, {}, {}, {})
+        return DriveSearch(responses, candidates_of(responses.scene, drives, catalogue), by, {}, {}, {})
 
     def run(self) -> int:
         """Choose for all joints, and return in how many sweeps.
@@ -225,7 +225,7 @@ class Together:
     limit : of combinations times samples that are evaluated. done : whether all that could be better was seen.
     """
 
-    def __init__(self, search: Search, order: list[str], limit: float) -> None:
+    def __init__(self, search: DriveSearch, order: list[str], limit: float) -> None:
         self.search, self.order, self.left, self.done = search, order, limit, True
         self.felt = {name: influences(search.responses, name) for name in order}
         self.prices = {name: search.prices(name) for name in order}
@@ -280,7 +280,7 @@ class Together:
         return self._known[key]
 
 
-def _least(search: Search, prices: tuple[Array, Array], name: str) -> Price:
+def _least(search: DriveSearch, prices: tuple[Array, Array], name: str) -> Price:
     """Return what a joint's drive costs at least."""
     usable = search.candidates[name].usable.ravel()
     return float(prices[0][usable].min()), float(prices[1][usable].min())

@@ -23,7 +23,7 @@ from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.size.responses import Responses
-from robodyn_cli.works.size.search import Search, Together, order_of
+from robodyn_cli.works.size.search import DriveSearch, Together, order_of
 
 # combinations times samples that are evaluated for combinations of all joints together: a blink, some minutes
 FEW, MANY = 2e6, 4e9
@@ -109,14 +109,14 @@ def to_size(scene: Scene, margin: float | None = None) -> tuple[Scene, dict[str,
 
 def _search(
     responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, asked: Wanted
-) -> tuple[Search, int, bool]:
+) -> tuple[DriveSearch, int, bool]:
     """Return the search with its choice, how many sweeps it took, and whether nothing else is cheaper (lighter)."""
     catalogue = _of_types(catalogue, asked.types)
-    search = Search.of(responses, drives, catalogue, asked.by)
+    search = DriveSearch.of(responses, drives, catalogue, asked.by)
     sweeps = search.run()
     # what is cheapest further out may be too heavy for what is further in
     if not search.all_pass and asked.by != "mass":
-        light = Search.of(responses, drives, catalogue, "mass")
+        light = DriveSearch.of(responses, drives, catalogue, "mass")
         sweeps += light.run()
         if light.all_pass:
             search.take(light.chosen)
@@ -172,7 +172,7 @@ def _asked(scene: Scene, margin: float | None) -> dict[str, Drive]:
     return drives
 
 
-def _chosen(scene: Scene, search: Search) -> list[str]:
+def _chosen(scene: Scene, search: DriveSearch) -> list[str]:
     """Return the settings of the scene that say what was found."""
     found = []
     for name in search.candidates:
@@ -186,7 +186,9 @@ def _chosen(scene: Scene, search: Search) -> list[str]:
     return found
 
 
-def _sizing(search: Search, sweeps: int, proven: bool, figures: Mapping[str, Mapping[str, Any]]) -> Sizing:
+def _sizing(
+    search: DriveSearch, sweeps: int, proven: bool, figures: Mapping[str, Mapping[str, Any]]
+) -> Sizing:
     """Return what was found; ``figures`` : of the run with it, by joint."""
     joints, differences = {}, []
     for name, one in search.candidates.items():
@@ -207,7 +209,7 @@ def _sizing(search: Search, sweeps: int, proven: bool, figures: Mapping[str, Map
     )
 
 
-def _add_tables(result: Result, search: Search) -> None:
+def _add_tables(result: Result, search: DriveSearch) -> None:
     """Add the table of combinations of each joint: a row each, in the order of the catalogue."""
     for name, one in search.candidates.items():
         motor, gear = np.indices(one.costs.shape)

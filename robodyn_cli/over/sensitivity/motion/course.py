@@ -41,7 +41,7 @@ class Switch:
 
 
 @record
-class Course:
+class StateCourse:
     """Samples of a motion, part by part: times (N,), states (N, nx), and how many each part has, 8 blocks + 1.
 
     switched : the parts that a switch comes before.
@@ -188,7 +188,7 @@ def _again(motion: Motion, options: Options) -> tuple[Driver, bool]:
 
 def follow(
     motion: Motion, options: Options, parts: Sequence[tuple[float, float, bool]], blocks: int
-) -> Course:
+) -> StateCourse:
     """Integrate a motion from its start and return samples of its smooth parts.
 
     Parameters
@@ -205,7 +205,7 @@ def follow(
         times.append(grid.times(0, grid.count))
         states.append(_samples(driver, grid, watch))
     switches = tuple(k for k, (_, _, switched) in enumerate(parts) if switched)
-    return Course(np.concatenate(times), np.concatenate(states), tuple(map(len, times)), switches)
+    return StateCourse(np.concatenate(times), np.concatenate(states), tuple(map(len, times)), switches)
 
 
 def _samples(driver: Driver, grid: Grid, watch: bool) -> Array:

@@ -36,8 +36,8 @@ from robodyn_cli.over.sensitivity.motion.start import start_slopes
 from robodyn_cli.over.sensitivity.motion.updates import Updated
 from robodyn_cli.over.sensitivity.motion.variational import (
     Linearised,
-    Point,
     Slopes,
+    StatePoint,
     Variational,
     nodes_of,
     transfers,
@@ -70,7 +70,7 @@ class EndSlopes:
 
 
 @record
-class Found:
+class SlopesAtEnd:
     """Rows of derivatives by keys (1 + nq + nv, K): of the end's time, positions and rates.
 
     sizes : of the terms that they are sums of, which rounding leaves its share of.
@@ -152,7 +152,7 @@ class MotionSlopes:
         nq = self.motion.problem.model.nq
         return EndSlopes(rows[0], rows[1 : 1 + nq], rows[1 + nq :])
 
-    def once(self, options: Options, blocks: int) -> Found:
+    def once(self, options: Options, blocks: int) -> SlopesAtEnd:
         """Return the derivatives from one integration, with so many blocks of samples in each part of the motion."""
         course = follow(self.motion, options, self.parts, blocks)
         x = plain_states(self.motion.system, self.variational.system, course.x)
@@ -179,7 +179,7 @@ class MotionSlopes:
             S = S + np.outer(jump, self._shift(switch, before, jump))
         return along.point(last + 1, S).moved(away).S
 
-    def _shift(self, switch: Switch, before: Point, jump: Array) -> Array:
+    def _shift(self, switch: Switch, before: StatePoint, jump: Array) -> Array:
         """Return the derivatives of the time of a switch by keys (K,); zero where the rates do not jump there.
 
         Raises
@@ -200,7 +200,7 @@ class MotionSlopes:
         """Tell whether a function of time is zero at a breakpoint."""
         return abs(float(at.values[0])) <= ZERO * self.ending.time * abs(float(at.time[0]))
 
-    def _at_end(self, end: Point) -> Found:
+    def _at_end(self, end: StatePoint) -> SlopesAtEnd:
         """Return the derivatives at the end; this integration may come to its event a little before or after the first
         one.
         """
@@ -220,9 +220,9 @@ class MotionSlopes:
         of_time = np.outer(end.rate, shift)
         places = [*plain.q_places, *plain.v_places]
         values, sizes = S + of_time, sizes + np.abs(of_time)
-        return Found(np.vstack([shift, values[places]]), np.vstack([terms, sizes[places]]))
+        return SlopesAtEnd(np.vstack([shift, values[places]]), np.vstack([terms, sizes[places]]))
 
-    def _on_constraints(self, end: Point) -> tuple[Array, Array]:
+    def _on_constraints(self, end: StatePoint) -> tuple[Array, Array]:
         """Return S moved onto the derivatives of the constraints, from which integration drifts, and the sizes of the
         terms that it is a sum of.
 

@@ -12,7 +12,7 @@ import numpy as np
 from robodyn_cli.equations.control.control import NOISE
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.sensitivity.motion.course import further_places
-from robodyn_cli.over.sensitivity.motion.variational import Point, Variational
+from robodyn_cli.over.sensitivity.motion.variational import StatePoint, Variational
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -29,7 +29,7 @@ class Updated:
         phases = [] if self.updates is None else control.phases
         self.phases = [phase if layout is None else layout.renamed(phase) for phase in phases]
 
-    def over(self, update: tuple[int, int], before: Point) -> Array:
+    def over(self, update: tuple[int, int], before: StatePoint) -> Array:
         """Return S (nx, K) behind an update, named by its number and phase."""
         number, phase = update
         return self._set(phase, number, before.t, before.x, before.S)

@@ -100,7 +100,7 @@ class Slopes:
 
 
 @record
-class Point:
+class StatePoint:
     """A point of a motion: time t, x (nx,), x-dot, S (nx, K), and the rates of x-dot and S."""
 
     t: float
@@ -110,7 +110,7 @@ class Point:
     rate_rate: Array
     S_rate: Array
 
-    def moved(self, dt: float) -> Point:
+    def moved(self, dt: float) -> StatePoint:
         """Return the point a very short time later."""
         x, rate, S = self.x + dt * self.rate, self.rate + dt * self.rate_rate, self.S + dt * self.S_rate
         return dataclasses.replace(self, t=self.t + dt, x=x, rate=rate, S=S)
@@ -132,12 +132,12 @@ class Linearised:
     time: Array
     nq: int
 
-    def point(self, k: int, S: Array) -> Point:
+    def point(self, k: int, S: Array) -> StatePoint:
         """Return sample k as a point of the motion with S = dx/dk there."""
         rate, lead = self.rate[k], slice(self.nq, 2 * self.nq)
         rate_rate = np.concatenate([rate[lead], self.A[k] @ rate + self.time[k]])
         S_rate = np.concatenate([S[lead], self.A[k] @ S + self.B[k]])
-        return Point(float(self.t[k]), self.x[k], rate, S, rate_rate, S_rate)
+        return StatePoint(float(self.t[k]), self.x[k], rate, S, rate_rate, S_rate)
 
 
 class Variational:
