@@ -1,7 +1,4 @@
-"""Why a run could not go on: which joint broke down, and what made it.
-
-What is doubtful about the configuration in which a simulation starts.
-"""
+"""Why a run could not go on, and what is doubtful about the configuration in which it starts."""
 
 from __future__ import annotations
 

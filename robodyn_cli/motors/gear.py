@@ -1,9 +1,4 @@
-"""Gears: what stands between a motor and its joint.
-
-A belt between a motor and a turning joint, or one that pulls a slide.
-
-A screw that moves a slide.
-"""
+"""What stands between a motor and its joint: gears, belts and ball screws."""
 
 from __future__ import annotations
 

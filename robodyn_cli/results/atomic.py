@@ -1,7 +1,4 @@
-"""Files that appear whole or not at all: write beside the target, sync, rename.
-
-An exclusive lock on a directory, released when the process that holds it ends in any way.
-"""
+"""Files that appear whole or not at all, and the lock of a directory that one process writes into."""
 
 from __future__ import annotations
 

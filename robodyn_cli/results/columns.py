@@ -1,7 +1,4 @@
-"""Columns of a dataset: their names and units.
-
-Forces and moments among the columns of a wrench.
-"""
+"""Columns of a dataset: their names and units, those of wrenches among them."""
 
 from __future__ import annotations
 

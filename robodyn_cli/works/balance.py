@@ -1,9 +1,4 @@
-"""A mechanism at rest: its configuration, and the torques that hold it.
-
-The torques of actuators that hold a mechanism where it is.
-
-Where a mechanism balances: springs, weights, forces and the scene's torques at t = 0.
-"""
+"""Mechanisms at rest: balances and their stability, and the torques that hold a pose."""
 
 from __future__ import annotations
 

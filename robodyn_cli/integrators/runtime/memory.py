@@ -1,8 +1,5 @@
-"""Memory that the compiled stepping loop shares with Python, and what it returns.
-
-The whole state of a run in one block of memory: going back to an earlier moment is one copy.
-
-The parameters p of a run: those the caller gives, and those the system's partition chooses along the motion.
+"""What the compiled stepping loop shares with Python: slots of memory, all of it as one block that an earlier moment is
+copied from, and the parameters p of a run.
 """
 
 from __future__ import annotations

@@ -1,9 +1,4 @@
-"""From scenes that were run, checked or validated to what ``--json`` prints of them.
-
-From comparisons to what ``--json`` prints of them.
-
-What a batch leaves for machines and people: JUnit XML and Markdown.
-"""
+"""What commands on many scenes print: their records, comparisons and reports in JSON, Markdown and JUnit."""
 
 from __future__ import annotations
 

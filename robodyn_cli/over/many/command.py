@@ -1,11 +1,4 @@
-"""What many runs do: the part of a command that compiled code does, and the command itself.
-
-What many runs gave.
-
-One run by its command: its summary, whatever ended it, and the numbers in it.
-
-Rows of runs by one command: groups of one structure, compiled code where it does, else scene by scene.
-"""
+"""What many runs of one command do and give: the part that compiled code does, and each run by the command itself."""
 
 from __future__ import annotations
 

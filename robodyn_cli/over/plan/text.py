@@ -1,9 +1,4 @@
-"""Names and numbers as phrases.
-
-The plan as a table for the terminal.
-
-Which data of the links the equations use: needed but not given, given but without effect.
-"""
+"""The plan as text: names and numbers as phrases, the table for the terminal, data that are missing or idle."""
 
 from __future__ import annotations
 

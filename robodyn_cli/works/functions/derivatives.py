@@ -1,9 +1,4 @@
-"""Where frames and the centre of mass are, and how rates move them, as expressions.
-
-Torques as a linear function of the bodies' inertial parameters, for identification.
-
-Exact derivatives of inverse and forward dynamics.
-"""
+"""Exact derivatives of inverse and forward dynamics, the regressor of the inertial parameters, and places of frames."""
 
 from __future__ import annotations
 
