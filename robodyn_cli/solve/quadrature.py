@@ -26,7 +26,7 @@ Breaks = Sequence[float]
 def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
     """Return the integrals (n,) of y (T, n), samples a time h apart."""
     found = np.zeros(y.shape[1])
-    for piece, low, high in _pieces(len(y), breaks):
+    for piece, low, high in pieces(len(y), breaks):
         own = y[piece]
         if len(own) > 1:
             found += _increments(own, h).sum(axis=0)
@@ -38,7 +38,7 @@ def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
 def integrate_positive(y: Array, h: float, breaks: Breaks = ()) -> Array:
     """Return the integrals (n,) of max(y, 0) for y (T, n), samples a time h apart."""
     found = np.zeros(y.shape[1])
-    for piece, low, high in _pieces(len(y), breaks):
+    for piece, low, high in pieces(len(y), breaks):
         own = y[piece]
         if len(own) > 1:
             found += _positive_part(own, h)
@@ -58,7 +58,7 @@ def _positive_part(y: Array, h: float) -> Array:
     return np.asarray(pieces.sum(axis=0))
 
 
-def _pieces(samples: int, breaks: Breaks) -> Iterator[tuple[slice, float, float]]:
+def pieces(samples: int, breaks: Breaks) -> Iterator[tuple[slice, float, float]]:
     """Yield the samples between breaks, and how far their functions reach beyond the first and the last of them, in
     steps. Of breaks between the same two samples the first counts."""
     inside = sorted(

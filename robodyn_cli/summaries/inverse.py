@@ -17,30 +17,52 @@ from robodyn_cli.summaries.facts import (
     fact,
 )
 
-ROUNDING, RMS, ENERGY = (
-    f"error_estimate.{name}" for name in ("torque_rounding", "rms_quadrature", "energy_quadrature")
-)
+ROUNDING = "error_estimate.torque_rounding"
+
+
+@record
+class JointErrors:
+    """Errors of the figures of a joint that are due to the samples: of what lies between them."""
+
+    peak_torque: float = fact("of the largest magnitude of the torque", LOAD)
+    peak_torque_time: float = fact("of the time when the torque is largest", "s")
+    rms_torque: float = fact("of the RMS torque", LOAD)
+    torque_range: float = fact("of the smallest and the largest torque", LOAD)
+    peak_speed: float = fact("of the largest speed", RATE)
+    peak_power: float = fact("of the largest power", "W")
+    energy: float = fact("of the integrals of the power", "J")
 
 
 @record
 class JointFigures:
-    """Figures that size the actuator of a joint; integrals are of polynomials of degree 5 through the samples."""
+    """Figures that size the actuator of a joint, of polynomials of degree 5 through the samples."""
 
     peak_torque: float = fact(
-        "largest magnitude among the samples", LOAD, errors=(ROUNDING,), column="peak torque"
+        "largest magnitude of the torque",
+        LOAD,
+        errors=(ROUNDING, ".errors.peak_torque"),
+        column="peak torque",
     )
-    peak_torque_time: float = fact("when the torque is largest", "s")
+    peak_torque_time: float = fact("when the torque is largest", "s", errors=(".errors.peak_torque_time",))
     rms_torque: float = fact(
-        "root of the time average of the squared torque", LOAD, errors=(ROUNDING, RMS), column="RMS torque"
+        "root of the time average of the squared torque",
+        LOAD, errors=(ROUNDING, ".errors.rms_torque"), column="RMS torque",
+    )  # fmt: skip
+    torque_range: list[float] = fact(
+        "smallest and largest torque", LOAD, errors=(ROUNDING, "joints.JOINT.errors.torque_range")
     )
-    torque_range: list[float] = fact("smallest and largest torque", LOAD, errors=(ROUNDING,))
-    peak_speed: float = fact("largest magnitude of the rate", RATE, column="peak speed")
-    peak_power: float = fact("largest magnitude of the mechanical power", "W", column="peak power")
+    peak_speed: float = fact(
+        "largest magnitude of the rate", RATE, errors=(".errors.peak_speed",), column="peak speed"
+    )
+    peak_power: float = fact(
+        "largest magnitude of the mechanical power", "W", errors=(".errors.peak_power",), column="peak power"
+    )
     energy: float = fact(
         "integral of the positive mechanical power: what the actuator delivers if it takes none back",
-        "J", errors=(ENERGY,), column="energy",
+        "J", errors=(".errors.energy",), column="energy",
     )  # fmt: skip
-    energy_net: float = fact("integral of the mechanical power", "J", errors=(ENERGY,))
+    energy_net: float = fact("integral of the mechanical power", "J", errors=(".errors.energy",))
+    errors: JointErrors = fact("errors of the figures")
     units: dict[str, str] = fact("units of this joint", names=("torque", "speed", "power", "energy"))
 
 
@@ -63,12 +85,8 @@ class InverseErrors:
     torque_rounding: float | None = fact(
         "how far rounding may have put any torque off, cancellation and conditioning included", LOAD
     )
-    energy_quadrature: float | Absent = fact(
-        "largest change of an energy when every second sample is left out", "J", default=ABSENT
-    )
-    rms_quadrature: float | Absent = fact(
-        "largest change of an RMS torque when every second sample is left out", LOAD, default=ABSENT
-    )
+    energy_quadrature: float = fact("largest error of an energy that is due to the samples", "J")
+    rms_quadrature: float = fact("largest error of an RMS torque that is due to the samples", LOAD)
     closure: LoopResidual | Absent = fact("largest residuals of the loops by level", default=ABSENT)
     virtual_work_residual: float | Absent = fact(
         "what of the generalised force neither actuators nor loops hold", LOAD, default=ABSENT

@@ -13,19 +13,21 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.rounding import largest_difference
 from robodyn_cli.record import record
+from robodyn_cli.solve.extremes import Extreme, largest, largest_magnitude, rms_error, sampling_error
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual
-from robodyn_cli.summaries.inverse import InverseErrors, JointFigures
+from robodyn_cli.summaries.inverse import InverseErrors, JointErrors, JointFigures
 from robodyn_cli.torques.program import InverseProgram, Sampled
+from robodyn_cli.trajectories.motion import JointMotion
 
-Figure = Callable[[Array, float, Sequence[float]], Array]
+SPACED = 3  # samples between breaks, at least
 
 
 @record
 class Loaded:
     """Columns of joints at uniform times (T,), of one run or of many: torques and rates (T, n). breaks : where torques
-    jump, in steps from the first sample."""
+    jump or bend, in steps from the first sample."""
 
     times: Array
     tau: Array
@@ -35,7 +37,8 @@ class Loaded:
     @staticmethod
     def of(problem: Problem, sampled: Sampled) -> Loaded:
         """Return the columns of a run."""
-        return Loaded(sampled.times, sampled.tau, sampled.motion.qd, jumps(problem, sampled.times))
+        motion = sampled.motion
+        return Loaded(sampled.times, sampled.tau, motion.qd, breaks_of(problem, sampled.times, motion))
 
     @property
     def step(self) -> float:
@@ -47,19 +50,80 @@ class Loaded:
         """Mechanical power (T, n) [W]."""
         return self.tau * self.qd
 
+    @cached_property
+    def most(self) -> Extreme:
+        """The largest torques."""
+        return largest(self.times, self.tau, self.breaks)
 
-# figures (n,) that size an actuator, by key below that of its joint in the summary
-FIGURES: dict[str, Callable[[Loaded], Array]] = {
-    "peak_torque": lambda x: np.abs(x.tau).max(axis=0),
-    "peak_torque_time": lambda x: x.times[np.argmax(np.abs(x.tau), axis=0)],
-    "rms_torque": lambda x: root_mean_square(x.tau, x.step, x.breaks),
-    "torque_range.0": lambda x: x.tau.min(axis=0),
-    "torque_range.1": lambda x: x.tau.max(axis=0),
-    "peak_speed": lambda x: np.abs(x.qd).max(axis=0),
-    "peak_power": lambda x: np.abs(x.power).max(axis=0),
-    "energy": lambda x: integrate_positive(x.power, x.step, x.breaks),
-    "energy_net": lambda x: integrate(x.power, x.step, x.breaks),
+    @cached_property
+    def least(self) -> Extreme:
+        """The smallest torques, with their signs changed."""
+        return largest(self.times, -self.tau, self.breaks)
+
+    @cached_property
+    def peak(self) -> Extreme:
+        """The largest magnitudes of torques."""
+        return self.most.or_larger(self.least)
+
+    def largest(self, y: Array) -> tuple[Array, Array]:
+        """Return the largest magnitudes (n,) of y (T, n), and their errors."""
+        found = largest_magnitude(self.times, y, self.breaks)
+        return found.value, found.error
+
+    @cached_property
+    def rms(self) -> tuple[Array, Array]:
+        """The RMS torques (n,), and their errors."""
+        return root_mean_square(self.tau, self.step, self.breaks), rms_error(self.tau, self.step, self.breaks)
+
+    @cached_property
+    def energy_error(self) -> Array:
+        """The errors (n,) of the integrals of the power, or of its positive part."""
+        return sampling_error(self.power, self.step, self.breaks)
+
+
+# figures (n,) that size an actuator, with their errors, by key below that of its joint in the summary
+FIGURES: dict[str, Callable[[Loaded], tuple[Array, Array]]] = {
+    "peak_torque": lambda x: (x.peak.value, x.peak.error),
+    "peak_torque_time": lambda x: (x.peak.time, x.peak.time_error),
+    "rms_torque": lambda x: x.rms,
+    "torque_range.0": lambda x: (-x.least.value, x.least.error),
+    "torque_range.1": lambda x: (x.most.value, x.most.error),
+    "peak_speed": lambda x: x.largest(x.qd),
+    "peak_power": lambda x: x.largest(x.power),
+    "energy": lambda x: (integrate_positive(x.power, x.step, x.breaks), x.energy_error),
+    "energy_net": lambda x: (integrate(x.power, x.step, x.breaks), x.energy_error),
 }
+
+
+def breaks_of(problem: Problem, times: Array, motion: JointMotion) -> list[float]:
+    """Return where the torques of a motion jump or bend, in steps from the first sample.
+
+    Payloads come and go, the trajectory has knots, and joints that lose energy turn back. Of places that lie closer than
+    a few samples only the first in this order counts; what the others do is part of the errors of figures.
+    """
+    step = float(times[1] - times[0])
+    trajectory = problem.scene.trajectory
+    knots = () if trajectory is None or trajectory.knots is None else trajectory.knots
+    places = jumps(problem, times)
+    for x in (*((knot - times[0]) / step for knot in knots), *_turns(problem, step, motion)):
+        inside = SPACED < x < len(times) - 1 - SPACED
+        if inside and all(abs(x - other) >= SPACED for other in places):
+            # a sample at a break is that of before
+            places.append(float(np.nextafter(round(x), 0.0) if abs(x - round(x)) < 1e-9 else x))
+    return sorted(places)
+
+
+def _turns(problem: Problem, step: float, motion: JointMotion) -> list[float]:
+    """Return where joints that lose energy turn back, in steps from the first sample, by cubic polynomials."""
+    found: list[float] = []
+    for k in sorted({place for place, _ in problem.losses(smooth=False)}):
+        v, a = motion.qd[:, k], step * motion.qdd[:, k]
+        for n in np.flatnonzero(v[:-1] * v[1:] < 0.0):
+            rise = v[n + 1] - v[n]
+            cubic = np.array([a[n] + a[n + 1] - 2.0 * rise, 3.0 * rise - 2.0 * a[n] - a[n + 1], a[n], v[n]])
+            roots = np.roots(cubic)
+            found += [float(n + x.real) for x in roots if abs(x.imag) < 1e-9 and 0.0 <= x.real <= 1.0]
+    return found
 
 
 def jumps(problem: Problem, times: Array) -> list[float]:
@@ -75,20 +139,23 @@ def joint_figures(problem: Problem, sampled: Sampled) -> dict[str, JointFigures]
     """Return the figures that size the actuators, by velocity coordinate; in mechanisms with loops, of actuated joints
     only.
 
-    peak_torque : largest magnitude among the samples, and its time. rms_torque : root of the time average of tau^2.
-    energy : integral of the positive mechanical power, which the actuator delivers if it cannot take back any;
-    energy_net : integral of the power. Integrals are of degree 5 between samples, and in pieces where payloads come and
-    go (see ``quadrature``).
+    peak_torque : largest magnitude, and its time. rms_torque : root of the time average of tau^2. energy : integral of
+    the positive mechanical power, which the actuator delivers if it cannot take back any; energy_net : integral of the
+    power. Functions are of degree 5 between samples, and in pieces where torques jump (see ``extremes``,
+    ``quadrature``).
     """
     loaded, model = Loaded.of(problem, sampled), problem.model
-    columns = {name: figure(loaded).tolist() for name, figure in FIGURES.items()}
+    columns = {name: figure(loaded) for name, figure in FIGURES.items()}
     figures: dict[str, JointFigures] = {}
     for k in range(model.nv) if sampled.loops is None else sampled.loops.driven:
         unit = model.v_units[k]
-        own = {name: column[k] for name, column in columns.items()}
-        own["torque_range"] = [own.pop("torque_range.0"), own.pop("torque_range.1")]
+        own, off = ({name: float(x[part][k]) for name, x in columns.items()} for part in (0, 1))
+        own_range, off_range = ([x.pop("torque_range.0"), x.pop("torque_range.1")] for x in (own, off))
+        errors = JointErrors(
+            torque_range=max(off_range), **{name: x for name, x in off.items() if name != "energy_net"}
+        )
         units = {"torque": TORQUE[unit], "speed": f"{unit}/s", "power": "W", "energy": "J"}
-        figures[model.v_names[k]] = JointFigures(**own, units=units)
+        figures[model.v_names[k]] = JointFigures(**own, torque_range=own_range, errors=errors, units=units)
     return figures
 
 
@@ -138,12 +205,11 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         large as the errors of rates, torques and quadrature together. Between samples from one to the other of which
         a payload is gripped or released it is not taken. energy_balance_relative : over the largest
         energy turned over.
-    energy_quadrature, rms_quadrature : largest difference of energies (net) [J] and of RMS torques [N m or N] to those
-        from every second sample.
+    energy_quadrature, rms_quadrature : largest error, due to the samples, of energies [J] and of RMS torques [N m or N].
     closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
-    breaks = jumps(program.problem, sampled.times)
+    loaded = Loaded.of(program.problem, sampled)
     total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
     balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
@@ -155,8 +221,8 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         round_trip=round_trip(program, sampled),
         energy_balance=balance,
         energy_balance_relative=balance / turned if balance else 0.0,
-        energy_quadrature=_halved(integrate, power, sampled.step, breaks),
-        rms_quadrature=_halved(root_mean_square, sampled.tau, sampled.step, breaks),
+        energy_quadrature=float(sampling_error(power, sampled.step, loaded.breaks).max()),
+        rms_quadrature=float(loaded.rms[1].max()),
         closure=ABSENT if loops is None else LoopResidual(**planned.residuals),
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,
     )
@@ -181,14 +247,6 @@ def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:
     """
     found = program.torques_by_draw(sampled)
     return None if found is None else largest_difference(found)
-
-
-def _halved(figure: Figure, y: Array, h: float, breaks: Sequence[float]) -> float | Absent:
-    """Return the largest change of a figure of samples y (T, n) when every second one is left out."""
-    if len(y) % 2 == 0 or len(y) < 3:
-        return ABSENT
-    half = figure(y[::2], 2.0 * h, [0.5 * x for x in breaks])
-    return float(np.abs(half - figure(y, h, breaks)).max())
 
 
 def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:

@@ -151,7 +151,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
                 for name, figure in FIGURES.items():
                     if key in (f"joints.{joint}.{name}", f"{name}.{joint}"):
                         if name not in columns:
-                            columns[name] = figure(loaded).reshape(-1, len(joints))
+                            columns[name] = figure(loaded)[0].reshape(-1, len(joints))
                         found[key] = columns[name][:, k]
         return found
 

@@ -1,0 +1,231 @@
+"""The largest values of functions that are known at samples, between the samples too, with their errors.
+
+Near the largest samples the polynomial of degree 5 through the six nearest ones takes the place of the function. The
+sixth differences D of the samples bound what that leaves out,
+
+    |error| < max |D| / 10 of a value,        h (sum |D|) / 2^6 of an integral,
+
+which covers smooth functions many times, and those that jump by J between two samples, where D = J, -5 J, 10 J, ...:
+off by no more than J and h J / 2. With fewer than seven samples the differences are of the highest order there is.
+Functions that jump at known places are taken in pieces, as in ``quadrature``.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from functools import lru_cache
+
+import numpy as np
+
+from robodyn_cli.record import record
+from robodyn_cli.solve.quadrature import POINTS, Breaks, integrate, pieces
+from robodyn_cli.spatial.algebra import Array
+
+TRIES = 3  # places of the largest samples that are looked at
+TRUSTED = 0.3  # part of the bound by which a polynomial is off at most where a function is smooth
+OUTSIDE = (
+    10.0  # times the bound: what is left out beyond samples, and a jump beside the first or the last one
+)
+INTEGRAL = 10.0 / 64.0  # of an integral over that of values
+LOOKED = 17  # points between neighbours at which a polynomial is evaluated first
+ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
+
+
+@record
+class Extreme:
+    """Largest values (n,) of columns, their errors, their times [s] and the errors of these.
+
+    at : places in samples from the first, for what follows from the samples linearly (see ``value_at``).
+    """
+
+    value: Array
+    error: Array
+    time: Array
+    time_error: Array
+    at: Array
+
+    def or_larger(self, other: Extreme) -> Extreme:
+        """Return the larger ones of two; of equal ones the first in time; errors cover which one is larger."""
+        sure = self.error + other.error
+        gap = other.value - self.value
+        alike = np.abs(gap) <= ALIKE * np.abs(self.value) + sure
+        takes = (gap > 0.0) & ~alike | alike & (other.time < self.time)
+        first, second = (
+            {
+                f.name: np.where(takes == swap, getattr(other, f.name), getattr(self, f.name))
+                for f in dataclasses.fields(self)
+            }
+            for swap in (True, False)
+        )
+        beyond = np.maximum(second["value"] + second["error"] - first["value"], 0.0)
+        away = np.abs(second["time"] - first["time"]) + second["time_error"]
+        first["error"] = np.maximum(first["error"], beyond)
+        first["time_error"] = np.maximum(first["time_error"], np.where(alike & (gap != 0.0), away, 0.0))
+        return Extreme(**first)
+
+
+def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
+    """Return the largest values of y (T, n) at uniform times (T,); breaks : see ``quadrature``."""
+    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
+    found: Extreme | None = None
+    for piece, low, high in pieces(len(y), breaks):
+        own = _largest_of_piece(y[piece], low, high)
+        if piece.stop - piece.start == 1 and len(y) > 1:
+            # of a single sample between two jumps it is not known where it leads
+            beside = np.ptp(_around(y, piece), axis=0)
+            own = dataclasses.replace(own, error=beside, time_error=np.full_like(beside, low + high))
+        at = own.at + piece.start
+        there = dataclasses.replace(own, at=at, time=times[0] + step * at, time_error=step * own.time_error)
+        found = there if found is None else found.or_larger(there)
+    assert found is not None
+    return found
+
+
+def largest_magnitude(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
+    """Return the largest magnitudes of y (T, n), see ``largest``."""
+    return largest(times, y, breaks).or_larger(largest(times, -y, breaks))
+
+
+def _around(y: Array, piece: slice) -> Array:
+    return y[max(piece.start - 1, 0) : piece.stop + 1]
+
+
+def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
+    """Return how far the integrals (n,) of y (T, n), or of its positive part, may be off; see ``integrate``."""
+    found = np.zeros(y.shape[1])
+    for piece, low, high in pieces(len(y), breaks):
+        rough = _roughness(y[piece])
+        if piece.stop - piece.start == 1:
+            found += h * (low + high) * np.ptp(_around(y, piece), axis=0)
+        found += h * rough.sum(axis=0) * INTEGRAL
+        # a jump in the first or the last interval appears in one difference alone
+        found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
+    return found
+
+
+def rms_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
+    """Return how far the roots (n,) of the time averages of y^2 may be off; see ``root_mean_square``."""
+    square, off = (f(y * y, h, breaks) / (h * (len(y) - 1)) for f in (integrate, sampling_error))
+    square = np.maximum(square, 0.0)
+    found: Array = np.sqrt(square + off) - np.sqrt(square)
+    return np.maximum(found, np.sqrt(square) - np.sqrt(np.maximum(square - off, 0.0)))
+
+
+def _roughness(y: Array) -> Array:
+    """Return |D| (T - order, n), over its largest part in a jump; a row of zeros for one sample."""
+    order = min(POINTS, len(y) - 1)
+    if not order:
+        return np.zeros_like(y)
+    found: Array = np.abs(np.diff(y, order, axis=0)) / math.comb(order - 1, (order - 1) // 2)
+    return found
+
+
+def _largest_of_piece(y: Array, low: float, high: float) -> Extreme:
+    """Return the largest values of a piece, with times in samples; low, high : how far it reaches beyond its ends."""
+    near = _near(_roughness(y), len(y))
+    bound = _tops(y, low, high)
+    columns = np.arange(y.shape[1])
+    found: Extreme | None = None
+    for _ in range(min(TRIES, len(y))):
+        j = np.argmax(bound, axis=0)
+        top, at, bend = _refined(y, j, low, high)
+        error, there = near[j, columns], y[j, columns]
+        # a polynomial is not believed where what it leaves out is more than it adds
+        trusted = top - there > TRUSTED * error
+        # differences that are continued beyond the samples are not divided any more
+        outside = trusted & ((at < 0.0) | (at > len(y) - 1.0))
+        error = np.where(
+            outside, OUTSIDE * error, np.maximum(error, top - there) * ~trusted + error * trusted
+        )
+        at = np.where(trusted, at, j)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            off = np.where(error > 0.0, np.minimum(1.0, 4.0 * error / bend), 0.0)
+        own = Extreme(
+            np.where(trusted, top, there), error, at, np.where(trusted | (error == 0.0), off, 1.0), at
+        )
+        found = own if found is None else found.or_larger(own)
+        for k in (-1, 0, 1):
+            bound[np.clip(j + k, 0, len(y) - 1), columns] = -np.inf
+    assert found is not None
+    return _anywhere(found, y, near)
+
+
+def _anywhere(found: Extreme, y: Array, near: Array) -> Extreme:
+    """Return extremes with what is not known of other samples: how large, and where, the function may be there."""
+    error = np.maximum(found.error, (y + near).max(axis=0) - found.value)
+    rivals = y + near >= found.value - error
+    places = np.arange(len(y), dtype=float)[:, None]
+    away = np.where(rivals & (near > 0.0), np.abs(places - found.at) + 1.0, 0.0).max(axis=0)
+    return dataclasses.replace(found, error=error, time_error=np.maximum(found.time_error, away))
+
+
+def _near(rough: Array, samples: int) -> Array:
+    """Return the largest of the differences in which a sample takes part (T, n)."""
+    found = np.zeros((samples, rough.shape[1]))
+    for k in range(samples - len(rough) + 1):
+        part = found[k : k + len(rough)]
+        np.maximum(part, rough, out=part)
+    # a jump beside the first or the last sample appears in one difference alone
+    for ends in (found[:2], found[-2:]):
+        ends *= OUTSIDE
+    return found
+
+
+def _tops(y: Array, low: float, high: float) -> Array:
+    """Return the tops (T, n) of parabolas through samples that are larger than their neighbours; else the samples."""
+    found = y.copy()
+    if len(y) > 2:
+        left, middle, right = y[:-2], y[1:-1], y[2:]
+        bend = left - 2.0 * middle + right
+        with np.errstate(divide="ignore", invalid="ignore"):
+            top = middle - (right - left) ** 2 / (8.0 * bend)
+        found[1:-1] = np.where((middle >= left) & (middle >= right) & (bend < 0.0), top, middle)
+    if len(y) > 1:
+        found[0] += np.maximum(0.0, low * (y[0] - y[1]))
+        found[-1] += np.maximum(0.0, high * (y[-1] - y[-2]))
+    return found
+
+
+def _refined(y: Array, j: Array, low: float, high: float) -> tuple[Array, Array, Array]:
+    """Return the largest values (n,) between the neighbours of samples j (n,), their places, and |y''| there."""
+    points = min(POINTS, len(y))
+    first = np.clip(
+        j
+        - points // 2
+        + (points % 2 == 0)
+        * (y[np.minimum(j + 1, len(y) - 1), np.arange(len(j))] > y[np.maximum(j - 1, 0), np.arange(len(j))]),
+        0,
+        len(y) - points,
+    )
+    rows = first + np.arange(points)[:, None]
+    c = _to_powers(points) @ np.take_along_axis(y, rows, axis=0)
+    begin = np.where(j == 0, -low, np.maximum(j - 1, 0)) - first
+    end = np.where(j == len(y) - 1, len(y) - 1 + high, np.minimum(j + 1, len(y) - 1)) - first
+    x = begin + (end - begin) * np.linspace(0.0, 1.0, LOOKED)[:, None]
+    x = np.take_along_axis(x, np.argmax(_value(c, x), axis=0)[None], axis=0)[0]
+    slope, bend = _derivative(c), _derivative(_derivative(c))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for _ in range(3):
+            step = np.where(_value(bend, x) < 0.0, -_value(slope, x) / _value(bend, x), 0.0)
+            x = np.clip(x + step, begin, end)
+    return _value(c, x), x + first, np.abs(_value(bend, x))
+
+
+@lru_cache(maxsize=8)
+def _to_powers(points: int) -> Array:
+    """Return the matrix from values at 0, 1, ... to coefficients of powers."""
+    return np.asarray(np.linalg.inv(np.vander(np.arange(points, dtype=float), increasing=True)))
+
+
+def _value(c: Array, x: Array) -> Array:
+    """Return polynomials with coefficients c (p, n) at x (..., n)."""
+    found = np.zeros_like(x)
+    for row in c[::-1]:
+        found = found * x + row
+    return found
+
+
+def _derivative(c: Array) -> Array:
+    found: Array = c[1:] * np.arange(1.0, len(c))[:, None]
+    return found if len(found) else np.zeros((1, c.shape[1]))
