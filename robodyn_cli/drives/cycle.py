@@ -12,6 +12,7 @@ from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
 from robodyn_cli.motors.gear import Transmission
 from robodyn_cli.motors.kinds import StepperMotor
 from robodyn_cli.record import record
+from robodyn_cli.solve.extremes import largest
 from robodyn_cli.solve.quadrature import integrate, integrate_positive
 from robodyn_cli.spatial.algebra import Array
 
@@ -68,10 +69,15 @@ class Duty:
         return CycleSamples(float(self.times[1] - self.times[0]), self.breaks)
 
     def thinned(self) -> Duty:
-        """Return every second sample."""
-        arrays = {x: getattr(self, x) for x in ("times", "speed", "acceleration", "load", "hold", "inertia")}
-        half: dict[str, Any] = {name: None if x is None else x[::2] for name, x in arrays.items()}
-        return dataclasses.replace(self, **half, breaks=tuple(0.5 * x for x in self.breaks))
+        """Return half as many samples: every second one, or, of an even number, those that lie on straight lines."""
+        count = (len(self.times) + 1) // 2
+        times = np.linspace(self.times[0], self.times[-1], count)
+        arrays = {x: getattr(self, x) for x in ("speed", "acceleration", "load", "hold", "inertia")}
+        half: dict[str, Any] = {
+            name: None if x is None else np.interp(times, self.times, x) for name, x in arrays.items()
+        }
+        shorter = (count - 1) / (len(self.times) - 1)
+        return dataclasses.replace(self, times=times, **half, breaks=tuple(shorter * x for x in self.breaks))
 
 
 @record
@@ -106,7 +112,8 @@ class MotorCycle:
 
     torque : at the shaft, the acceleration of its rotor included and the friction of its bearings not [N m].
     current [A], friction : losses of the bearings [W], of motors whose data say so. copper : losses of the winding [W]
-    and temperature [degC] in the steady periodic state. None where they are not known.
+    and temperature [degC] in the steady periodic state. None where they are not known. settles : whether there is such
+    a state (...,).
     """
 
     speed: Array
@@ -115,6 +122,7 @@ class MotorCycle:
     friction: Array | None = None
     copper: Array | None = None
     temperature: Array | None = None
+    settles: Any = True
 
     @property
     def power(self) -> Array:
@@ -150,8 +158,8 @@ def _heated(
 ) -> MotorCycle:
     """Return the cycle with losses of the winding and temperatures.
 
-    The resistance is that at the mean temperature in the steady state, or at the largest that is allowed where the
-    mean would be above it.
+    The resistance is that at the mean temperature in the steady state; where there is none, since losses grow faster
+    than the heat leaves, at the largest temperature that is allowed.
 
     Parameters
     ----------
@@ -162,45 +170,33 @@ def _heated(
     if thermal is None:
         return MotorCycle(*parts, copper=cold)
     mean = thermal.steady_mean(samples.mean(cold), supply.ambient)
-    growth = thermal.growth(np.minimum(mean, thermal.max_temperature))
+    settles = np.isfinite(mean)
+    growth = thermal.growth(np.where(settles, mean, thermal.max_temperature))
     copper = cold * growth[..., None]
     warm = supply.ambient + thermal.warming(copper, samples.step, periodic=True)
-    return MotorCycle(*parts, copper, warm)
+    return MotorCycle(*parts, copper, warm, settles)
 
 
 # -- limits ------------------------------------------------------------------------------------------------
 @record
 class Use:
-    """How much of a limit a cycle uses (...,), 1 : all of it; at : the sample that decides, None for a mean; course :
-    use of all samples (..., T), where one decides."""
+    """How much of a limit a cycle uses (...,), 1 : all of it; at : the place that decides, in samples, None for a mean;
+    course : use of all samples (..., T), where one decides. error, off : of the use and of the place, of one cycle."""
 
     part: Array
     at: Array | None = None
     course: Array | None = None
-
-    @property
-    def off(self) -> Any:
-        """By how much more may be used between samples."""
-        return 0.0 if self.at is None or self.course is None else rise(self.course, self.at)
+    error: Any = None
+    off: Any = None
 
     @staticmethod
     def most(part: Array) -> Use:
-        """Return the largest use of samples (..., T)."""
+        """Return the largest use of samples (..., T): of one cycle between the samples too, see ``extremes``."""
         at = np.argmax(part, axis=-1)
-        return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at, part)
-
-
-def rise(y: Array, at: Array) -> Array:
-    """Return by how much y (..., T) may be larger beside its largest samples ``at`` (...,): an eighth of the second
-    difference, as of a parabola whose top is in the middle between two samples."""
-    if y.shape[-1] < 3:
-        return np.zeros(np.shape(at))
-    middle = np.clip(at, 1, y.shape[-1] - 2)
-    before, here, after = (
-        np.take_along_axis(y, (middle + k)[..., None], axis=-1)[..., 0] for k in (-1, 0, 1)
-    )
-    found: Array = np.abs(before - 2.0 * here + after) / 8.0
-    return found
+        if part.ndim > 1:
+            return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at, part)
+        top = largest(np.arange(float(len(part))), part[:, None])
+        return Use(top.value[0], top.at[0], part, top.error[0], top.time_error[0])
 
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from functools import cached_property
+from typing import TypeVar
 
 import numpy as np
 
 from robodyn_cli.drives.cycle import (
-    CycleSamples,
     Duty,
     MotorCycle,
     ShaftDuty,
@@ -16,17 +16,24 @@ from robodyn_cli.drives.cycle import (
     motor_cycle,
     motor_limits,
     other_limits,
-    rise,
 )
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.motors.drive import Train
 from robodyn_cli.motors.electric import Curves
 from robodyn_cli.record import record
+from robodyn_cli.solve.extremes import (
+    integral,
+    largest,
+    largest_magnitude,
+    positive_integral,
+    root_mean_square,
+)
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import (
     DriveErrors,
     DriveFigures,
     Electrical,
+    ElectricalErrors,
     Shaft,
     Side,
     UsedLimit,
@@ -39,34 +46,49 @@ AnySide = TypeVar("AnySide", bound=Side)
 
 def side_of(kind: type[AnySide], duty: Duty, torque: Array, speed: Array) -> AnySide:
     """Return the figures of a joint or of a motor's shaft from torques and speeds (T,) in a duty cycle."""
-    samples, power = duty.samples, torque * speed
-    size = np.abs(torque)
+    power = torque * speed
+    peak = largest_magnitude(duty.times, np.column_stack([torque, speed]), duty.breaks)
+    most = largest(duty.times, np.column_stack([power, -power]), duty.breaks)
+    parts = np.column_stack([torque, -torque, power, -power])
+    (up, down, driving, braking), off = positive_integral(duty.times, parts, duty.breaks)
+    (rms,), (rms_off,) = root_mean_square(duty.times, torque[:, None], duty.breaks)
+    duration = duty.times[-1] - duty.times[0]
+    errors = kind.ERRORS(
+        peak_torque=float(peak.error[0]),
+        peak_torque_time=float(peak.time_error[0]),
+        rms_torque=float(rms_off),
+        mean_torque=float((off[0] + off[1]) / duration),
+        peak_speed=float(peak.error[1]),
+        power=float(most.error.max()),
+        energy=float(off[2:].max()),
+    )
     return kind(
-        peak_torque=float(size.max()),
-        peak_torque_time=float(duty.times[int(np.argmax(size))]),
-        rms_torque=float(samples.rms(torque)),
-        mean_torque=float(samples.mean(size)),
-        peak_speed=float(np.abs(speed).max()),
-        driving_power=max(0.0, float(power.max())),
-        braking_power=max(0.0, float(-power.min())),
-        driving_energy=samples.positive(power),
-        braking_energy=samples.positive(-power),
+        peak_torque=float(peak.value[0]),
+        peak_torque_time=float(peak.time[0]),
+        rms_torque=float(rms),
+        mean_torque=float((up + down) / duration),
+        peak_speed=float(peak.value[1]),
+        driving_power=max(0.0, float(most.value[0])),
+        braking_power=max(0.0, float(most.value[1])),
+        driving_energy=float(driving),
+        braking_energy=float(braking),
+        errors=errors,
     )
 
 
-def electrical_of(cycle: MotorCycle, samples: CycleSamples) -> Electrical | Absent:
+def electrical_of(cycle: MotorCycle, duty: Duty) -> Electrical | Absent:
     """Return the figures of a motor whose current is known."""
     power = cycle.electrical
     if power is None or cycle.current is None or cycle.copper is None or cycle.friction is None:
         return ABSENT
-    return Electrical(
-        peak_current=float(np.abs(cycle.current).max()),
-        rms_current=float(samples.rms(cycle.current)),
-        energy=samples.positive(power),
-        regenerated=samples.positive(-power),
-        copper_loss=samples.integral(cycle.copper),
-        friction_loss=samples.integral(cycle.friction),
-    )
+    t, current = duty.times, cycle.current[:, None]
+    peak = largest_magnitude(t, current, duty.breaks)
+    (rms,), (rms_off,) = root_mean_square(t, current, duty.breaks)
+    parts = np.column_stack([power, -power, cycle.copper, cycle.friction])
+    energies, off = positive_integral(t, parts, duty.breaks)
+    errors = ElectricalErrors(float(peak.error[0]), float(rms_off), float(off.max()))
+    drawn, returned, copper, friction = (float(x) for x in energies)
+    return Electrical(float(peak.value[0]), float(rms), drawn, returned, copper, friction, errors)
 
 
 @record
@@ -89,19 +111,30 @@ class Evaluated:
         )
         return Evaluated(train, duty, curves, cycle, uses)
 
+    @cached_property
+    def half(self) -> Evaluated:
+        """The drive by half as many samples."""
+        return Evaluated.of(self.train, self.duty.thinned())
+
     @property
-    def gear_loss(self) -> float:
-        """Energy that the gears lose in a cycle [J]."""
+    def lost(self) -> Array:
+        """The power that the gears lose (T,) [W]."""
         asked = ShaftDuty.by(self.train, self.duty)
         into = asked.torque * asked.speed * self.train.drive.count
-        lost = into - self.duty.load * self.duty.speed
-        return self.duty.samples.integral(lost)
+        lost: Array = into - self.duty.load * self.duty.speed
+        return lost
 
     def figures(self, unit: str) -> DriveFigures:
         """Return the figures; ``unit`` : of the joint's coordinate."""
         train, duty, cycle = self.train, self.duty, self.cycle
         decides, margin = self.decides, self.margin
-        limits = {name: self._limit(use) for name, use in self.uses.items()}
+        limits = {name: self._limit(name, use) for name, use in self.uses.items()}
+        (loss,), (loss_off,) = integral(duty.times, self.lost[:, None], duty.breaks)
+        ratio, ratio_off = self._inertia_ratio()
+        wind_up, wind_up_off = self._wind_up()
+        errors = DriveErrors(
+            limits[decides].use_error, limits[decides].time_error, float(loss_off), ratio_off, wind_up_off
+        )
         force = TORQUE[unit]
         return DriveFigures(
             passes=bool(margin >= train.drive.margin),
@@ -119,12 +152,12 @@ class Evaluated:
             limits=limits,
             joint=side_of(Side, duty, duty.load, duty.speed),
             shaft=side_of(Shaft, duty, cycle.torque, cycle.speed),
-            electrical=electrical_of(cycle, duty.samples),
+            electrical=electrical_of(cycle, duty),
             winding=self._winding(),
-            gear_loss=self.gear_loss,
-            inertia_ratio=self._inertia_ratio(),
-            wind_up=self._wind_up(),
-            errors=self._errors(),
+            gear_loss=float(loss),
+            inertia_ratio=ratio,
+            wind_up=wind_up,
+            errors=errors,
             units={
                 "torque": force,
                 "speed": f"{unit}/s",
@@ -133,34 +166,50 @@ class Evaluated:
             },
         )
 
-    def _limit(self, use: Use) -> UsedLimit:
-        time = ABSENT if use.at is None else float(self.duty.times[int(use.at)])
-        return UsedLimit(float(use.part), time)
+    def _limit(self, name: str, use: Use) -> UsedLimit:
+        """Return the use of a limit; of one that no instant decides, or heat, the error is by half as many samples."""
+        error = 0.0 if use.error is None else float(use.error)
+        if use.error is None or name == "winding":
+            error = max(error, abs(float(use.part) - float(self.half.uses[name].part)))
+        if use.at is None:
+            return UsedLimit(float(use.part), error, ABSENT, ABSENT)
+        step = self.duty.samples.step
+        return UsedLimit(
+            float(use.part), error, float(self.duty.times[0] + step * use.at), float(step * use.off)
+        )
+
+    def _temperatures(self) -> tuple[float, float, float] | None:
+        """Return peak, mean and the end of a first cycle [degC]; None where they are not known, or not steady."""
+        cycle, samples, thermal = self.cycle, self.duty.samples, self.train.motor.thermal
+        if thermal is None or cycle.temperature is None or cycle.copper is None or not cycle.settles:
+            return None
+        first = thermal.warming(cycle.copper, samples.step, periodic=False)[-1]
+        peak = largest(self.duty.times, cycle.temperature[:, None]).value[0]
+        return float(peak), float(samples.mean(cycle.temperature)), self.train.supply.ambient + float(first)
 
     def _winding(self) -> WindingTemperatures | Absent:
-        cycle, samples, thermal = self.cycle, self.duty.samples, self.train.motor.thermal
-        if thermal is None or cycle.temperature is None or cycle.copper is None:
+        own, half = self._temperatures(), self.half._temperatures()
+        if own is None or half is None:
             return ABSENT
-        first = self.train.supply.ambient + float(
-            thermal.warming(cycle.copper, samples.step, periodic=False)[-1]
-        )
-        return WindingTemperatures(
-            float(cycle.temperature.max()), float(samples.mean(cycle.temperature)), first
-        )
+        off = float(np.abs(np.subtract(own, half)).max())
+        return WindingTemperatures(*own, error=off)
 
-    def _inertia_ratio(self) -> list[float] | Absent:
-        """Return smallest and largest inertia of the mechanism over that of the drives."""
+    def _inertia_ratio(self) -> tuple[list[float] | Absent, float | Absent]:
+        """Return smallest and largest inertia of the mechanism over that of the drives, and their error."""
         if self.duty.inertia is None or not self.train.reflected > 0.0:
-            return ABSENT
+            return ABSENT, ABSENT
         ratio = self.duty.inertia / self.train.reflected
-        return [float(ratio.min()), float(ratio.max())]
+        ends = largest(self.duty.times, np.column_stack([-ratio, ratio]), self.duty.breaks)
+        return [-float(ends.value[0]), float(ends.value[1])], float(ends.error.max())
 
-    def _wind_up(self) -> float | Absent:
-        """Return the largest angle or way by which the gears give way under the load."""
+    def _wind_up(self) -> tuple[float | Absent, float | Absent]:
+        """Return the largest angle or way by which the gears give way under the load, and its error."""
         gear = self.train.gear
         if gear is None or gear.stiffness is None:
-            return ABSENT
-        return float(np.abs(self.duty.load).max()) / (gear.stiffness * self.train.drive.count)
+            return ABSENT, ABSENT
+        stiffness = gear.stiffness * self.train.drive.count
+        peak = largest_magnitude(self.duty.times, self.duty.load[:, None], self.duty.breaks)
+        return float(peak.value[0]) / stiffness, float(peak.error[0]) / stiffness
 
     @property
     def decides(self) -> str:
@@ -171,41 +220,3 @@ class Evaluated:
     def margin(self) -> float:
         """Part of it that is left."""
         return 1.0 - float(self.uses[self.decides].part)
-
-    def _errors(self) -> DriveErrors | Absent:
-        times = self.duty.times
-        if len(times) % 2 == 0 or len(times) < 5:
-            return ABSENT
-        half = Evaluated.of(self.train, self.duty.thinned())
-        own, others = self._numbers(), half._numbers()
-        change: dict[str, Any] = {
-            name: float(np.abs(np.subtract(x, others[name])).max()) for name, x in own.items()
-        }
-        size = np.abs(self.cycle.torque)
-        between = {
-            "margin": self.uses[self.decides].off,
-            "peak_torque": rise(size, np.asarray(np.argmax(size))),
-        }
-        for name, more in between.items():
-            change[name] = max(change[name], float(more))
-        for name in ("rms_current", "winding"):
-            change.setdefault(name, ABSENT)
-        return DriveErrors(**change)
-
-    def _numbers(self) -> dict[str, float | list[float]]:
-        """Return the figures that have errors, by the names of these."""
-        side = side_of(Shaft, self.duty, self.cycle.torque, self.cycle.speed)
-        found: dict[str, float | list[float]] = {
-            "margin": self.margin,
-            "peak_torque": side.peak_torque,
-            "rms_torque": side.rms_torque,
-            "mean_torque": side.mean_torque,
-        }
-        energies = [side.driving_energy, side.braking_energy]
-        electrical, winding = electrical_of(self.cycle, self.duty.samples), self._winding()
-        if electrical is not ABSENT:
-            found["rms_current"] = electrical.rms_current
-            energies += [electrical.energy, electrical.regenerated]
-        if winding is not ABSENT:
-            found["winding"] = winding.peak
-        return {**found, "energy": energies}

@@ -19,9 +19,12 @@ from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.extremes import spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.torques.checks import breaks_of
+from robodyn_cli.trajectories.motion import JointMotion
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
@@ -38,7 +41,7 @@ def with_drives(records: list[Any], result: Result, scene: Scene, problem: Probl
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
     q, qd, qdd, tau = (result[name] for name in ("q", "qd", "qdd", "tau"))
-    moved = Moved(times, q, qd, qdd, tau, _breaks(result))
+    moved = Moved(times, q, qd, qdd, tau, _breaks(result, scene, problem))
     drives = Drives.of(scene, problem, moved)
     drives.add_to(result)
     figures = drives.figures()
@@ -55,7 +58,12 @@ def _doubts(drives: Drives, figures: dict[str, DriveFigures]) -> Iterator[str]:
             why = "data, payloads or loops leave open what holds it at rest"
             yield f"the brake of joint {name!r} is not checked: {why}"
     for name, drive in figures.items():
-        if drive.errors is not ABSENT and abs(drive.margin - drive.least_margin) <= drive.errors.margin:
+        if not drives.evaluated[name].cycle.settles:
+            yield (
+                f"the winding of joint {name!r} comes to no steady state: its losses grow faster than the heat leaves; "
+                "what is told of it is with the resistance at its largest temperature, and too small"
+            )
+        if abs(drive.margin - drive.least_margin) <= drive.errors.margin:
             yield f"the margin of joint {name!r} is as near to what is asked for as its error; take more samples"
 
 
@@ -65,13 +73,15 @@ def _warned(summary: Any, more: list[str]) -> Any:
     return dataclasses.replace(summary, warnings=[*own, *more]) if more else summary
 
 
-def _breaks(result: Result) -> tuple[float, ...]:
-    """Return where the torques of a motion jump, in steps from the first sample: where payloads come and go."""
-    if not result.events:
-        return ()
-    from robodyn_cli.torques.payloads import breaks
-
-    return tuple(breaks(result.events, result.time))
+def _breaks(result: Result, scene: Scene, problem: Problem) -> tuple[float, ...]:
+    """Return where the torques of a motion jump or bend, in steps from the first sample: at events, and where the
+    trajectory of inverse dynamics does."""
+    times = result.time
+    step = float(times[-1] - times[0]) / (len(times) - 1)
+    if result.command == "inverse":
+        q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
+        return tuple(breaks_of(problem, times, JointMotion(q, qd, qdd)))
+    return tuple(spaced([(float(event["time"]) - times[0]) / step for event in result.events], len(times)))
 
 
 @record

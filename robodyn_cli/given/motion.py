@@ -73,6 +73,14 @@ def motion_duration(scene: Scene) -> float:
     return float(scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration)
 
 
+def knots_of(scene: Scene, times: Array) -> list[float]:
+    """Return where the trajectory of a scene has knots, in steps from the first of uniform times (T,)."""
+    trajectory = scene.trajectory
+    knots = () if trajectory is None or trajectory.knots is None else trajectory.knots
+    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
+    return [(float(knot) - float(times[0])) / step for knot in knots] if step > 0.0 else []
+
+
 def plan_motion(problem: Problem, times: Array) -> Planned:
     """Return the motion of an open chain's joints at ``times`` (T,), columns in the model's order.
 

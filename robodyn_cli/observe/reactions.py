@@ -18,6 +18,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.columns import magnitude
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.points import point_link
+from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
 from robodyn_cli.summaries.facts import ABSENT, PeakLoad, PeakLoads
 from robodyn_cli.trajectories.motion import JointMotion
@@ -100,9 +101,9 @@ class ReactionSamples:
         for path, array in data.items():
             result.add(path, array, long_name=self.meanings[path], names=self.names[path])
 
-    def largest(self, data: Mapping[str, Array]) -> dict[str, PeakLoad]:
-        """Return the largest load of each joint and closure among samples, by name."""
-        return figures({path: data[path] for path in self.names}, self.names)
+    def largest(self, times: Array, data: Mapping[str, Array]) -> dict[str, PeakLoad]:
+        """Return the largest load of each joint and closure along samples at times (T,), by name."""
+        return figures(times, {path: data[path] for path in self.names}, self.names)
 
     def described(self, largest: dict[str, PeakLoad]) -> PeakLoads:
         """Return what the summary says: the axes, components that the data do not determine, and the largest loads."""
@@ -115,6 +116,7 @@ class Loads:
     """Forces and moments in joints and closures along a motion, by result path."""
 
     samples: ReactionSamples
+    times: Array
     data: Mapping[str, Array]
 
     def add_to(self, result: Result) -> None:
@@ -123,7 +125,7 @@ class Loads:
 
     def summary(self) -> PeakLoads:
         """Return what the summary says."""
-        return self.samples.described(figures(self.data, self.samples.names))
+        return self.samples.described(figures(self.times, self.data, self.samples.names))
 
 
 def loads_along(
@@ -131,15 +133,19 @@ def loads_along(
 ) -> Loads:
     """Return the loads at times (T,) with the multipliers lam (T, m) of all rows, and parameters p (T, n)."""
     samples = ReactionSamples(problem, len(times))
-    return Loads(samples, samples(times, motion.q, motion.qd, motion.qdd, lam, p))
+    return Loads(samples, times, samples(times, motion.q, motion.qd, motion.qdd, lam, p))
 
 
-def figures(data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]) -> dict[str, PeakLoad]:
-    """Return the largest force and moment of each joint and closure [N, N m]."""
+def figures(
+    times: Array, data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]
+) -> dict[str, PeakLoad]:
+    """Return the largest force and moment of each joint and closure [N, N m] along samples at times (T,)."""
     found: dict[str, PeakLoad] = {}
     for path, array in data.items():
-        force, moment = (magnitude(array, names[path], letter).max(initial=0.0) for letter in "fm")
-        found[path.split("/")[-1]] = PeakLoad(float(force), float(moment))
+        sizes = np.column_stack([magnitude(array, names[path], letter) for letter in "fm"])
+        peak = largest(times, sizes)
+        (force, moment), (force_error, moment_error) = peak.value.tolist(), peak.error.tolist()
+        found[path.split("/")[-1]] = PeakLoad(force, moment, force_error, moment_error)
     return found
 
 

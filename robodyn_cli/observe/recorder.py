@@ -82,7 +82,7 @@ class Recorder:
                 self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
             )
         if self.observer.reactions is not None:
-            self._keep_largest_loads(self.observer.reactions.largest(data))
+            self._keep_largest_loads(self.observer.reactions.largest(t, data))
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)

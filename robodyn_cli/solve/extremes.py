@@ -13,20 +13,24 @@ Functions that jump at known places are taken in pieces, as in ``quadrature``.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.quadrature import POINTS, Breaks, integrate, pieces
+from robodyn_cli.solve.quadrature import POINTS, Breaks, integrate, integrate_positive, pieces
 from robodyn_cli.spatial.algebra import Array
 
+SPACED = 3  # samples between breaks, at least
 TRIES = 3  # places of the largest samples that are looked at
 TRUSTED = 0.3  # part of the bound by which a polynomial is off at most where a function is smooth
 OUTSIDE = (
     10.0  # times the bound: what is left out beyond samples, and a jump beside the first or the last one
 )
+SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
 INTEGRAL = 10.0 / 64.0  # of an integral over that of values
 LOOKED = 17  # points between neighbours at which a polynomial is evaluated first
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
@@ -66,18 +70,17 @@ class Extreme:
 
 
 def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
-    """Return the largest values of y (T, n) at uniform times (T,); breaks : see ``quadrature``."""
-    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
+    """Return the largest values of y (T, n) at times (T,), which are best uniform; breaks : see ``quadrature``."""
     found: Extreme | None = None
-    for piece, low, high in pieces(len(y), breaks):
-        own = _largest_of_piece(y[piece], low, high)
-        if piece.stop - piece.start == 1 and len(y) > 1:
-            # of a single sample between two jumps it is not known where it leads
-            beside = np.ptp(_around(y, piece), axis=0)
-            own = dataclasses.replace(own, error=beside, time_error=np.full_like(beside, low + high))
-        at = own.at + piece.start
-        there = dataclasses.replace(own, at=at, time=times[0] + step * at, time_error=step * own.time_error)
-        found = there if found is None else found.or_larger(there)
+    for part, step in _uniform(times):
+        inside = [x - part.start for x in breaks]
+        for piece, low, high in pieces(part.stop - part.start, inside):
+            own = _of_piece(y[part], piece, low, high)
+            at, first = own.at + piece.start, times[part.start]
+            there = dataclasses.replace(
+                own, at=at + part.start, time=first + step * at, time_error=step * own.time_error
+            )
+            found = there if found is None else found.or_larger(there)
     assert found is not None
     return found
 
@@ -87,12 +90,85 @@ def largest_magnitude(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     return largest(times, y, breaks).or_larger(largest(times, -y, breaks))
 
 
+def smallest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
+    """Return the smallest values of y (T, n), see ``largest``."""
+    found = largest(times, -y, breaks)
+    return dataclasses.replace(found, value=-found.value)
+
+
+def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[float]:
+    """Return breaks, in steps from the first of some samples: known ones, and those places that lie a few samples from
+    others. What functions do at the rest is part of the errors of figures.
+    """
+    found = list(known)
+    for x in places:
+        inside = SPACED < x < samples - 1 - SPACED
+        if inside and all(abs(x - other) >= SPACED for other in found):
+            # a sample at a break is that of before
+            found.append(float(np.nextafter(round(x), 0.0) if abs(x - round(x)) < 1e-9 else x))
+    return sorted(found)
+
+
+def integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
+    """Return the integrals (n,) of y (T, n) and their errors, see ``integrate``."""
+    return _summed(integrate, times, y, breaks), _summed(sampling_error, times, y, breaks)
+
+
+def positive_integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
+    """Return the integrals (n,) of max(y, 0) of y (T, n) and their errors, see ``integrate_positive``."""
+    return _summed(integrate_positive, times, y, breaks), _summed(sampling_error, times, y, breaks)
+
+
+def root_mean_square(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
+    """Return the roots (n,) of the time averages of y^2 of y (T, n), and their errors; of columns that are not finite
+    everywhere from where they are."""
+    known = np.isfinite(y)
+    if not known.all():
+        each = [root_mean_square(times[k], y[k, j : j + 1]) for j, k in enumerate(known.T) if k.any()]
+        values = np.zeros((2, y.shape[1]))
+        values[:, known.any(axis=0)] = np.transpose([(root[0], off[0]) for root, off in each])
+        return values[0], values[1]
+    duration = float(times[-1] - times[0])
+    if not duration > 0.0:
+        return np.abs(y[0]), np.zeros(y.shape[1])
+    square, off = (x / duration for x in integral(times, y * y, breaks))
+    square = np.maximum(square, 0.0)
+    root = np.sqrt(square)
+    return root, np.maximum(np.sqrt(square + off) - root, root - np.sqrt(np.maximum(square - off, 0.0)))
+
+
+def _summed(figure: Callable[[Array, float, Breaks], Array], times: Array, y: Array, breaks: Breaks) -> Array:
+    """Return the sum of a figure (n,) over the stretches of time in which samples are uniform."""
+    parts = [figure(y[p], step, [x - p.start for x in breaks]) for p, step in _uniform(times)]
+    return np.asarray(sum(parts))
+
+
+def _uniform(times: Array) -> list[tuple[slice, float]]:
+    """Return the stretches of uniform samples, of which one ends where the next begins, and their steps [s]."""
+    steps = np.diff(times)
+    if not len(steps):
+        return [(slice(0, 1), 0.0)]
+    cuts = np.flatnonzero(np.abs(np.diff(steps)) > ALIKE * float(np.abs(steps).max())) + 1
+    ends = [0, *cuts.tolist(), len(steps)]
+    return [(slice(a, b + 1), float(times[b] - times[a]) / (b - a)) for a, b in itertools.pairwise(ends)]
+
+
+def _of_piece(y: Array, piece: slice, low: float, high: float) -> Extreme:
+    """Return the largest values of a piece of samples, with times in samples from its first."""
+    found = _largest_of_piece(y[piece], low, high)
+    if piece.stop - piece.start > 1 or len(y) == 1:
+        return found
+    # of a single sample between two jumps it is not known where it leads
+    beside = np.ptp(_around(y, piece), axis=0)
+    return dataclasses.replace(found, error=beside, time_error=np.full_like(beside, low + high))
+
+
 def _around(y: Array, piece: slice) -> Array:
     return y[max(piece.start - 1, 0) : piece.stop + 1]
 
 
 def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
-    """Return how far the integrals (n,) of y (T, n), or of its positive part, may be off; see ``integrate``."""
+    """Return how far integrals (n,) of y (T, n), or of its positive part, may be off; samples a time h apart."""
     found = np.zeros(y.shape[1])
     for piece, low, high in pieces(len(y), breaks):
         rough = _roughness(y[piece])
@@ -102,14 +178,6 @@ def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
         # a jump in the first or the last interval appears in one difference alone
         found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
     return found
-
-
-def rms_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
-    """Return how far the roots (n,) of the time averages of y^2 may be off; see ``root_mean_square``."""
-    square, off = (f(y * y, h, breaks) / (h * (len(y) - 1)) for f in (integrate, sampling_error))
-    square = np.maximum(square, 0.0)
-    found: Array = np.sqrt(square + off) - np.sqrt(square)
-    return np.maximum(found, np.sqrt(square) - np.sqrt(np.maximum(square - off, 0.0)))
 
 
 def _roughness(y: Array) -> Array:
@@ -132,7 +200,7 @@ def _largest_of_piece(y: Array, low: float, high: float) -> Extreme:
         top, at, bend = _refined(y, j, low, high)
         error, there = near[j, columns], y[j, columns]
         # a polynomial is not believed where what it leaves out is more than it adds
-        trusted = top - there > TRUSTED * error
+        trusted = (top - there > TRUSTED * error) | (error < SMOOTH * bend)
         # differences that are continued beyond the samples are not divided any more
         outside = trusted & ((at < 0.0) | (at > len(y) - 1.0))
         error = np.where(

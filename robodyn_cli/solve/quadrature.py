@@ -81,30 +81,6 @@ def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, 
         yield (points - 1.0, points - 1.0 + high), slice(samples - points, samples)
 
 
-def root_mean_square(y: Array, h: float, breaks: Breaks = ()) -> Array:
-    """Return the roots (n,) of the time averages of y^2 for y (T, n), samples a time h apart."""
-    return np.sqrt(np.maximum(0.0, integrate(y * y, h, breaks) / (h * (len(y) - 1))))
-
-
-def root_mean_square_over(times: Array, y: Array) -> Array:
-    """Return the roots (n,) of the time averages of y^2 for y (T, n) at times (T,).
-
-    Of uniform samples as ``root_mean_square``; of others by the trapezoidal rule, where they are finite.
-    """
-    if len(times) < 2:
-        return np.asarray(np.abs(y).max(axis=0))
-    steps = np.diff(times)
-    if np.all(np.isfinite(y)) and float(np.ptp(steps)) <= 1e-9 * float(steps.max()):
-        return root_mean_square(y, float(times[-1] - times[0]) / len(steps))
-    found = np.zeros(y.shape[1])
-    for k, column in enumerate(y.T):
-        known = np.isfinite(column)
-        t, square = times[known], column[known] ** 2
-        if len(t) > 1:
-            found[k] = np.sqrt(np.sum(np.diff(t) * (square[1:] + square[:-1])) / 2.0 / (t[-1] - t[0]))
-    return found
-
-
 def _stencil(samples: int, k: int) -> tuple[int, int]:
     """Return the first sample of the polynomial over interval k, and the interval's place in it."""
     points = min(POINTS, samples)

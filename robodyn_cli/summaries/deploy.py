@@ -105,15 +105,26 @@ class LockKeys:
 
 
 @record
+class LatchErrors:
+    """Errors of the largest loads of a latch that are due to the samples: of what lies between them."""
+
+    peak_force: float = fact("of the largest force", "N")
+    peak_force_time: float = fact("of its time", "s")
+    peak_moment: float = fact("of the largest moment", "N m")
+    peak_moment_time: float = fact("of its time", "s")
+
+
+@record
 class LatchLoad:
     """Load of the latch after the lock."""
 
-    peak_force: float = fact("largest force", "N")
-    peak_force_time: float = fact("when the force is largest", "s")
+    peak_force: float = fact("largest force", "N", errors=(".errors.peak_force",))
+    peak_force_time: float = fact("when the force is largest", "s", errors=(".errors.peak_force_time",))
     force_at_end: float = fact("force at the end", "N")
-    peak_moment: float = fact("largest moment", "N m")
-    peak_moment_time: float = fact("when the moment is largest", "s")
+    peak_moment: float = fact("largest moment", "N m", errors=(".errors.peak_moment",))
+    peak_moment_time: float = fact("when the moment is largest", "s", errors=(".errors.peak_moment_time",))
     moment_at_end: float = fact("moment at the end", "N m")
+    errors: LatchErrors = fact("errors of these figures")
 
 
 @record

@@ -2,82 +2,121 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import LOAD, OWN, RATE, TURNS, Absent, fact
 
 LIMITS = ("peak", "continuous", "winding", "gear_peak", "gear_rated", "gear_speed", "brake")
 
 
-def _error(name: str) -> tuple[str, ...]:
-    return (f"drives.JOINT.errors.{name}",)
+@record
+class SideErrors:
+    """Errors of the figures of one side of a gear that are due to the samples: of what lies between them."""
+
+    peak_torque: float = fact("of the largest torque", LOAD)
+    peak_torque_time: float = fact("of its time", "s")
+    rms_torque: float = fact("of the RMS torque", LOAD)
+    mean_torque: float = fact("of the mean torque", LOAD)
+    peak_speed: float = fact("of the largest speed", RATE)
+    power: float = fact("of the largest powers", "W")
+    energy: float = fact("of the energies", "J")
+
+
+@record
+class ShaftErrors(SideErrors):
+    """The same of the shaft of each motor."""
+
+    peak_torque: float = fact("of the largest torque", "N m")
+    rms_torque: float = fact("of the RMS torque", "N m")
+    mean_torque: float = fact("of the mean torque", "N m")
+    peak_speed: float = fact("of the largest speed", "rad/s")
 
 
 @record
 class Side:
     """Torque, speed, power and energy a cycle at the joint, behind the gears."""
 
-    peak_torque: float = fact("largest magnitude of the torque", LOAD)
-    peak_torque_time: float = fact("when the torque is largest", "s")
-    rms_torque: float = fact("root of the mean squared torque", LOAD)
-    mean_torque: float = fact("mean magnitude of the torque", LOAD)
-    peak_speed: float = fact("largest magnitude of the speed", RATE)
-    driving_power: float = fact("largest power to the mechanism", "W")
-    braking_power: float = fact("largest power back from the mechanism", "W")
-    driving_energy: float = fact("energy to the mechanism, a cycle", "J", errors=_error("energy"))
-    braking_energy: float = fact("energy back from the mechanism, a cycle", "J", errors=_error("energy"))
+    ERRORS: ClassVar[type[SideErrors]] = SideErrors
+    peak_torque: float = fact("largest magnitude of the torque", LOAD, errors=(".errors.peak_torque",))
+    peak_torque_time: float = fact("when the torque is largest", "s", errors=(".errors.peak_torque_time",))
+    rms_torque: float = fact("root of the mean squared torque", LOAD, errors=(".errors.rms_torque",))
+    mean_torque: float = fact("mean magnitude of the torque", LOAD, errors=(".errors.mean_torque",))
+    peak_speed: float = fact("largest magnitude of the speed", RATE, errors=(".errors.peak_speed",))
+    driving_power: float = fact("largest power to the mechanism", "W", errors=(".errors.power",))
+    braking_power: float = fact("largest power back from the mechanism", "W", errors=(".errors.power",))
+    driving_energy: float = fact("energy to the mechanism, a cycle", "J", errors=(".errors.energy",))
+    braking_energy: float = fact("energy back from the mechanism, a cycle", "J", errors=(".errors.energy",))
+    errors: SideErrors = fact("errors of these figures")
 
 
 @record
 class Shaft(Side):
     """The same at the shaft of each motor, the acceleration of its rotor included."""
 
-    peak_torque: float = fact("largest magnitude of the torque", "N m", errors=_error("peak_torque"))
-    rms_torque: float = fact("root of the mean squared torque", "N m", errors=_error("rms_torque"))
-    mean_torque: float = fact("mean magnitude of the torque", "N m", errors=_error("mean_torque"))
-    peak_speed: float = fact("largest magnitude of the speed", "rad/s")
+    ERRORS = ShaftErrors
+    peak_torque: float = fact("largest magnitude of the torque", "N m", errors=(".errors.peak_torque",))
+    rms_torque: float = fact("root of the mean squared torque", "N m", errors=(".errors.rms_torque",))
+    mean_torque: float = fact("mean magnitude of the torque", "N m", errors=(".errors.mean_torque",))
+    peak_speed: float = fact("largest magnitude of the speed", "rad/s", errors=(".errors.peak_speed",))
+    errors: ShaftErrors = fact("errors of these figures")
+
+
+@record
+class ElectricalErrors:
+    """Errors of the electrical figures that are due to the samples."""
+
+    peak_current: float = fact("of the largest current", "A")
+    rms_current: float = fact("of the RMS current", "A")
+    energy: float = fact("the largest of any energy", "J")
 
 
 @record
 class Electrical:
     """Of each motor whose current is known: currents, energy a cycle from the supply and back, and where it goes."""
 
-    peak_current: float = fact("largest magnitude of the current", "A")
-    rms_current: float = fact("root of the mean squared current", "A", errors=_error("rms_current"))
-    energy: float = fact("from the supply, a cycle", "J", errors=_error("energy"))
-    regenerated: float = fact("back to the supply, a cycle", "J", errors=_error("energy"))
-    copper_loss: float = fact("that warms the winding, a cycle", "J")
-    friction_loss: float = fact("of the motor, a cycle", "J")
+    peak_current: float = fact("largest magnitude of the current", "A", errors=(".errors.peak_current",))
+    rms_current: float = fact("root of the mean squared current", "A", errors=(".errors.rms_current",))
+    energy: float = fact("from the supply, a cycle", "J", errors=(".errors.energy",))
+    regenerated: float = fact("back to the supply, a cycle", "J", errors=(".errors.energy",))
+    copper_loss: float = fact("that warms the winding, a cycle", "J", errors=(".errors.energy",))
+    friction_loss: float = fact("of the motor, a cycle", "J", errors=(".errors.energy",))
+    errors: ElectricalErrors = fact("errors of these figures")
 
 
 @record
 class WindingTemperatures:
     """Temperatures of the winding of motors with thermal data."""
 
-    peak: float = fact("largest in the steady periodic state", "degC", errors=_error("winding"))
-    mean: float = fact("mean in the steady periodic state", "degC")
-    after_one_cycle: float = fact("after a first cycle that begins at the surroundings' temperature", "degC")
+    peak: float = fact("largest in the steady periodic state", "degC", errors=(".error",))
+    mean: float = fact("mean in the steady periodic state", "degC", errors=(".error",))
+    after_one_cycle: float = fact(
+        "after a first cycle that begins at the surroundings' temperature", "degC", errors=(".error",)
+    )
+    error: float = fact("error of these that is due to the samples", "K")
 
 
 @record
 class UsedLimit:
     """How much of a limit is used."""
 
-    use: float = fact("part of the limit that is used; 1: all of it")
-    time: float | Absent = fact("when most of it is used, where that is an instant", "s")
+    use: float = fact("part of the limit that is used; 1: all of it", errors=(".use_error",))
+    use_error: float = fact("error of this part that is due to the samples")
+    time: float | Absent = fact(
+        "when most of it is used, where that is an instant", "s", errors=(".time_error",)
+    )
+    time_error: float | Absent = fact("error of this time", "s")
 
 
 @record
 class DriveErrors:
-    """What changes when every second sample is left out; of peaks at least by how much they may be larger between
-    samples. For odd numbers of samples."""
+    """Errors of the figures of a drive that are due to the samples."""
 
     margin: float = fact("of the margin")
-    peak_torque: float = fact("of the largest torque of the motor", "N m")
-    rms_torque: float = fact("of the RMS torque of the motor", "N m")
-    mean_torque: float = fact("of the mean torque of the motor", "N m")
-    rms_current: float | Absent = fact("of the RMS current", "A")
-    energy: float = fact("the largest of any energy", "J")
-    winding: float | Absent = fact("of the winding's temperature", "K")
+    time: float | Absent = fact("of the time when the limit decides", "s")
+    gear_loss: float = fact("of the energy that the gears lose", "J")
+    inertia_ratio: float | Absent = fact("of the smallest and largest ratio of inertias")
+    wind_up: float | Absent = fact("of the angle or way by which the gears give way", OWN)
 
 
 @record
@@ -85,10 +124,10 @@ class DriveFigures:
     """The figures of one joint's drive."""
 
     passes: bool = fact("whether `margin` is at least `least_margin`")
-    margin: float = fact("part of the limit that is left which decides", errors=_error("margin"))
+    margin: float = fact("part of the limit that is left which decides", errors=(".errors.margin",))
     least_margin: float = fact("margin that is asked for")
     decides: str = fact("the limit that decides")
-    time: float | Absent = fact("when it decides, where that is an instant", "s")
+    time: float | Absent = fact("when it decides, where that is an instant", "s", errors=(".errors.time",))
     motor: str = fact("the motor")
     gear: str | None = fact("the gear")
     brake: str | None = fact("the brake")
@@ -107,13 +146,16 @@ class DriveFigures:
     shaft: Shaft = fact("at the shaft of each motor, the acceleration of its rotor included")
     electrical: Electrical | Absent = fact("of each motor whose current is known")
     winding: WindingTemperatures | Absent = fact("of motors with thermal data")
-    gear_loss: float = fact("energy that the gears lose a cycle", "J")
+    gear_loss: float = fact("energy that the gears lose a cycle", "J", errors=(".errors.gear_loss",))
     inertia_ratio: list[float] | Absent = fact(
         "smallest and largest inertia of the mechanism at the joint over that of the drive; left out where data are "
-        "unknown, or loops leave the motion of a joint alone open"
+        "unknown, or loops leave the motion of a joint alone open",
+        errors=("drives.JOINT.errors.inertia_ratio",),
     )
-    wind_up: float | Absent = fact("largest load over the stiffness of the gears", OWN)
-    errors: DriveErrors | Absent = fact("errors of the figures")
+    wind_up: float | Absent = fact(
+        "largest load over the stiffness of the gears", OWN, errors=(".errors.wind_up",)
+    )
+    errors: DriveErrors = fact("errors of the figures")
     units: dict[str, str] = fact("units at the joint", names=("torque", "speed", "wind_up", "ratio"))
 
 
@@ -126,21 +168,32 @@ class DriveKeys:
 
 
 @record
-class Tracking:
-    """Error of one coordinate over the samples."""
+class TrackingErrors:
+    """Errors of the figures of a tracking error that are due to the samples: of what lies between them."""
 
-    peak: float = fact("largest magnitude of reference less motion", OWN)
-    at: float = fact("when it is largest", "s")
-    rms: float = fact("root of the mean squared error", OWN)
+    peak: float = fact("of the largest magnitude", OWN)
+    at: float = fact("of its time", "s")
+    rms: float = fact("of the root of the mean squared error", OWN)
+
+
+@record
+class Tracking:
+    """Error of one coordinate."""
+
+    peak: float = fact("largest magnitude of reference less motion", OWN, errors=(".errors.peak",))
+    at: float = fact("when it is largest", "s", errors=(".errors.at",))
+    rms: float = fact("root of the mean squared error", OWN, errors=(".errors.rms",))
+    errors: TrackingErrors = fact("errors of these figures")
     unit: str = fact("of the coordinate")
 
 
 @record
 class DrivenWork:
-    """Work of the driven joints over the samples; its difference is what they give."""
+    """Work of the driven joints; its difference is what they give."""
 
-    driving: float = fact("work while they drive", "J")
-    braking: float = fact("work while they brake", "J")
+    driving: float = fact("work while they drive", "J", errors=(".error",))
+    braking: float = fact("work while they brake", "J", errors=(".error",))
+    error: float = fact("error of these, due to the samples", "J")
 
 
 @record
@@ -154,7 +207,10 @@ class ControlSummary:
     updates: int | Absent = fact("how many samples it took")
     tracking: dict[str, Tracking] | Absent = fact("error of each coordinate that it leads", names="TRACKED")
     limits: dict[str, float] | Absent = fact("largest torque or force of joints that have one", LOAD)
-    saturated: dict[str, float] | Absent = fact("time at the limit, of joints that have one", "s")
+    saturated: dict[str, float] | Absent = fact(
+        "time at the limit, of joints that have one", "s", errors=("control.saturated_error.JOINT",)
+    )
+    saturated_error: dict[str, float] | Absent = fact("errors of these times", "s")
     energy: DrivenWork = fact("work of the driven joints")
 
 

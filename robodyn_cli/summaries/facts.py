@@ -131,12 +131,19 @@ class LoopResidual:
 class PeakLoad:
     """The largest load of a joint or a closure."""
 
-    peak_force: float = fact("largest magnitude of the force", "N")
-    peak_moment: float = fact("largest magnitude of the moment", "N m")
+    peak_force: float = fact("largest magnitude of the force", "N", errors=(".force_error",))
+    peak_moment: float = fact("largest magnitude of the moment", "N m", errors=(".moment_error",))
+    force_error: float = fact("error of the largest force", "N")
+    moment_error: float = fact("error of the largest moment", "N m")
 
     def or_larger(self, other: PeakLoad) -> PeakLoad:
         """Return the larger force and the larger moment of two."""
-        return PeakLoad(max(self.peak_force, other.peak_force), max(self.peak_moment, other.peak_moment))
+        force, moment = (max(self.peak_force, other.peak_force), max(self.peak_moment, other.peak_moment))
+        off = (
+            max(load.peak_force + load.force_error for load in (self, other)) - force,
+            max(load.peak_moment + load.moment_error for load in (self, other)) - moment,
+        )
+        return PeakLoad(force, moment, *off)
 
 
 @record

@@ -82,28 +82,55 @@ class AssembleSummary:
 
 
 @record
+class RangeErrors:
+    """Errors of where a joint goes that are due to the samples: of what lies between them."""
+
+    smallest: float | None = fact("of the smallest position", OWN)
+    largest: float | None = fact("of the largest position", OWN)
+    peak_speed: float = fact("of the largest rate", RATE)
+    peak_acceleration: float = fact("of the largest acceleration", ACCELERATION)
+
+
+@record
 class JointRange:
     """Where a joint goes, and how fast."""
 
     smallest: float | None = fact(
         "smallest position; `null` of a joint whose velocities are no rates of its positions",
-        OWN,
-        column="smallest",
+        OWN, errors=(".errors.smallest",), column="smallest",
+    )  # fmt: skip
+    largest: float | None = fact("largest position", OWN, errors=(".errors.largest",), column="largest")
+    peak_speed: float = fact(
+        "largest magnitude of the rate", RATE, errors=(".errors.peak_speed",), column="peak speed"
     )
-    largest: float | None = fact("largest position", OWN, column="largest")
-    peak_speed: float = fact("largest magnitude of the rate", RATE, column="peak speed")
     peak_acceleration: float = fact(
-        "largest magnitude of the acceleration", ACCELERATION, column="peak acceleration"
-    )
+        "largest magnitude of the acceleration",
+        ACCELERATION, errors=(".errors.peak_acceleration",), column="peak acceleration",
+    )  # fmt: skip
+    errors: RangeErrors = fact("errors of these figures")
+
+
+@record
+class PathErrors:
+    """Errors of the figures of a path that are due to the samples."""
+
+    path_length: float = fact("of the length", "m")
+    peak_speed: float = fact("of the largest speed", "m/s")
+    peak_acceleration: float = fact("of the largest acceleration", "m/s^2")
 
 
 @record
 class PointPath:
     """The path of a named point, and how fast it goes."""
 
-    path_length: float = fact("length of the path through the samples", "m", column="path length")
-    peak_speed: float = fact("largest speed", "m/s", column="peak speed")
-    peak_acceleration: float = fact("largest acceleration", "m/s^2", column="peak acceleration")
+    path_length: float = fact(
+        "length of the path", "m", errors=(".errors.path_length",), column="path length"
+    )
+    peak_speed: float = fact("largest speed", "m/s", errors=(".errors.peak_speed",), column="peak speed")
+    peak_acceleration: float = fact(
+        "largest acceleration", "m/s^2", errors=(".errors.peak_acceleration",), column="peak acceleration"
+    )
+    errors: PathErrors = fact("errors of these figures")
 
 
 @record
@@ -111,19 +138,33 @@ class SingularRatio:
     """How near a dead point is."""
 
     smallest: float = fact(
-        "smallest ratio of singular values: of the passive block of Psi, over the largest of Psi"
+        "smallest ratio of singular values: of the passive block of Psi, over the largest of Psi",
+        errors=(".smallest_error",),
     )
-    time: float = fact("when it is smallest", "s")
+    smallest_error: float = fact("error of the smallest ratio")
+    time: float = fact("when it is smallest", "s", errors=(".time_error",))
+    time_error: float = fact("error of this time", "s")
+
+
+@record
+class TransmissionErrors:
+    """Errors of the extremes of the transmission angle that are due to the samples."""
+
+    smallest_deg: float = fact("of the smallest angle", "deg")
+    smallest_time: float = fact("of its time", "s")
+    largest_deg: float = fact("of the largest angle", "deg")
+    largest_time: float = fact("of its time", "s")
 
 
 @record
 class TransmissionAngle:
     """Extremes of the transmission angle."""
 
-    smallest_deg: float = fact("smallest angle", "deg")
-    smallest_time: float = fact("when it is smallest", "s")
-    largest_deg: float = fact("largest angle", "deg")
-    largest_time: float = fact("when it is largest", "s")
+    smallest_deg: float = fact("smallest angle", "deg", errors=(".errors.smallest_deg",))
+    smallest_time: float = fact("when it is smallest", "s", errors=(".errors.smallest_time",))
+    largest_deg: float = fact("largest angle", "deg", errors=(".errors.largest_deg",))
+    largest_time: float = fact("when it is largest", "s", errors=(".errors.largest_time",))
+    errors: TransmissionErrors = fact("errors of these figures")
 
 
 @record

@@ -9,19 +9,25 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.given.motion import Planned
+from robodyn_cli.given.motion import Planned, knots_of
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.rounding import largest_difference
 from robodyn_cli.record import record
-from robodyn_cli.solve.extremes import Extreme, largest, largest_magnitude, rms_error, sampling_error
-from robodyn_cli.solve.quadrature import integrate, integrate_positive, root_mean_square
+from robodyn_cli.solve.extremes import (
+    Extreme,
+    integral,
+    largest,
+    largest_magnitude,
+    positive_integral,
+    root_mean_square,
+    spaced,
+)
+from robodyn_cli.solve.quadrature import integrate
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual
 from robodyn_cli.summaries.inverse import InverseErrors, JointErrors, JointFigures
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.motion import JointMotion
-
-SPACED = 3  # samples between breaks, at least
 
 
 @record
@@ -39,11 +45,6 @@ class Loaded:
         """Return the columns of a run."""
         motion = sampled.motion
         return Loaded(sampled.times, sampled.tau, motion.qd, breaks_of(problem, sampled.times, motion))
-
-    @property
-    def step(self) -> float:
-        """Time between samples [s]."""
-        return float(self.times[1] - self.times[0])
 
     @cached_property
     def power(self) -> Array:
@@ -73,12 +74,7 @@ class Loaded:
     @cached_property
     def rms(self) -> tuple[Array, Array]:
         """The RMS torques (n,), and their errors."""
-        return root_mean_square(self.tau, self.step, self.breaks), rms_error(self.tau, self.step, self.breaks)
-
-    @cached_property
-    def energy_error(self) -> Array:
-        """The errors (n,) of the integrals of the power, or of its positive part."""
-        return sampling_error(self.power, self.step, self.breaks)
+        return root_mean_square(self.times, self.tau, self.breaks)
 
 
 # figures (n,) that size an actuator, with their errors, by key below that of its joint in the summary
@@ -90,27 +86,18 @@ FIGURES: dict[str, Callable[[Loaded], tuple[Array, Array]]] = {
     "torque_range.1": lambda x: (x.most.value, x.most.error),
     "peak_speed": lambda x: x.largest(x.qd),
     "peak_power": lambda x: x.largest(x.power),
-    "energy": lambda x: (integrate_positive(x.power, x.step, x.breaks), x.energy_error),
-    "energy_net": lambda x: (integrate(x.power, x.step, x.breaks), x.energy_error),
+    "energy": lambda x: positive_integral(x.times, x.power, x.breaks),
+    "energy_net": lambda x: integral(x.times, x.power, x.breaks),
 }
 
 
 def breaks_of(problem: Problem, times: Array, motion: JointMotion) -> list[float]:
     """Return where the torques of a motion jump or bend, in steps from the first sample.
 
-    Payloads come and go, the trajectory has knots, and joints that lose energy turn back. Of places that lie closer than
-    a few samples only the first in this order counts; what the others do is part of the errors of figures.
+    Payloads come and go, the trajectory has knots, and joints that lose energy turn back.
     """
-    step = float(times[1] - times[0])
-    trajectory = problem.scene.trajectory
-    knots = () if trajectory is None or trajectory.knots is None else trajectory.knots
-    places = jumps(problem, times)
-    for x in (*((knot - times[0]) / step for knot in knots), *_turns(problem, step, motion)):
-        inside = SPACED < x < len(times) - 1 - SPACED
-        if inside and all(abs(x - other) >= SPACED for other in places):
-            # a sample at a break is that of before
-            places.append(float(np.nextafter(round(x), 0.0) if abs(x - round(x)) < 1e-9 else x))
-    return sorted(places)
+    places = [*knots_of(problem.scene, times), *_turns(problem, float(times[1] - times[0]), motion)]
+    return spaced(places, len(times), jumps(problem, times))
 
 
 def _turns(problem: Problem, step: float, motion: JointMotion) -> list[float]:
@@ -205,7 +192,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         large as the errors of rates, torques and quadrature together. Between samples from one to the other of which
         a payload is gripped or released it is not taken. energy_balance_relative : over the largest
         energy turned over.
-    energy_quadrature, rms_quadrature : largest error, due to the samples, of energies [J] and of RMS torques [N m or N].
+    energy_quadrature, rms_quadrature : largest error, due to samples, of energies [J] and of RMS torques [N m or N].
     closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
@@ -221,7 +208,7 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
         round_trip=round_trip(program, sampled),
         energy_balance=balance,
         energy_balance_relative=balance / turned if balance else 0.0,
-        energy_quadrature=float(sampling_error(power, sampled.step, loaded.breaks).max()),
+        energy_quadrature=float(integral(sampled.times, power, loaded.breaks)[1].max()),
         rms_quadrature=float(loaded.rms[1].max()),
         closure=ABSENT if loops is None else LoopResidual(**planned.residuals),
         virtual_work_residual=ABSENT if loops is None else loops.shared.residual,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -11,7 +11,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
-from robodyn_cli.given.motion import Planned, motion_duration, plan_motion
+from robodyn_cli.given.motion import Planned, knots_of, motion_duration, plan_motion
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.closing import add_rows
 from robodyn_cli.observe.evaluation import SampleFunction, refuse_result
@@ -24,6 +24,7 @@ from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest, spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import (
@@ -31,9 +32,12 @@ from robodyn_cli.summaries.mechanism import (
     JointRange,
     KinematicsSummary,
     Mobility,
+    PathErrors,
     PointPath,
+    RangeErrors,
     SingularRatio,
     TransmissionAngle,
+    TransmissionErrors,
 )
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
@@ -192,57 +196,77 @@ def summarise(
 ) -> KinematicsSummary:
     """Return the summary of a run."""
     times, stopped = planned.times, planned.stopped
+    breaks = spaced(knots_of(problem.scene, times), len(times))
     whole = Termination("end of the motion", float(times[-1]))
     return KinematicsSummary(
         termination=whole if stopped is None else stopped.termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
         warnings=_beyond_limits(problem, planned) or ABSENT,
-        joints=_joint_ranges(result),
-        points=_point_paths(result),
-        singular_ratio=_singular_ratio(result),
-        transmission_angle=_transmission(result),
+        joints=_joint_ranges(result, breaks),
+        points=_point_paths(result, breaks),
+        singular_ratio=_singular_ratio(result, breaks),
+        transmission_angle=_transmission(result, breaks),
         error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
         counters=planned.counters,
     )
 
 
-def _joint_ranges(result: Result) -> dict[str, JointRange]:
+def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRange]:
     found, positions = {}, result.variables["q"].names
+    q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
+    low, high = (extreme(result.time, q, breaks) for extreme in (smallest, largest))
+    speed, acceleration = (largest_magnitude(result.time, x, breaks) for x in (qd, qdd))
     for k, name in enumerate(result.variables["qd"].names):
         # quasi-velocities are the rates of no position
-        q = result["q"][:, positions.index(name)] if name in positions else None
+        at = positions.index(name) if name in positions else None
+        errors = RangeErrors(
+            smallest=None if at is None else float(low.error[at]),
+            largest=None if at is None else float(high.error[at]),
+            peak_speed=float(speed.error[k]),
+            peak_acceleration=float(acceleration.error[k]),
+        )
         found[name] = JointRange(
-            smallest=None if q is None else float(q.min()),
-            largest=None if q is None else float(q.max()),
-            peak_speed=float(np.abs(result["qd"][:, k]).max()),
-            peak_acceleration=float(np.abs(result["qdd"][:, k]).max()),
+            smallest=None if at is None else float(low.value[at]),
+            largest=None if at is None else float(high.value[at]),
+            peak_speed=float(speed.value[k]),
+            peak_acceleration=float(acceleration.value[k]),
+            errors=errors,
         )
     return found
 
 
-def _point_paths(result: Result) -> dict[str, PointPath]:
+def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath]:
     found = {}
     for name, item in result.group("point_velocities").items():
-        found[name] = PointPath(
-            peak_speed=float(np.linalg.norm(item.data, axis=1).max()),
-            peak_acceleration=float(np.linalg.norm(result[f"point_accelerations/{name}"], axis=1).max()),
-            path_length=float(np.linalg.norm(np.diff(result[f"points/{name}"], axis=0), axis=1).sum()),
-        )
+        speed = np.linalg.norm(item.data, axis=1)
+        size = np.column_stack([speed, np.linalg.norm(result[f"point_accelerations/{name}"], axis=1)])
+        (length,), (off,) = integral(result.time, size[:, :1], breaks)
+        most = largest(result.time, size, breaks)
+        errors = PathErrors(float(off), *most.error.tolist())
+        found[name] = PointPath(float(length), float(most.value[0]), float(most.value[1]), errors)
     return found
 
 
-def _singular_ratio(result: Result) -> SingularRatio | Absent:
+def _singular_ratio(result: Result, breaks: Sequence[float]) -> SingularRatio | Absent:
     if "singularity/passive" not in result:
         return ABSENT
-    ratio = result["singularity/passive"][:, -1] / result["singularity/psi"][:, 0]
-    at = int(np.argmin(ratio))
-    return SingularRatio(float(ratio[at]), float(result.time[at]))
+    ratio = result["singularity/passive"][:, -1:] / result["singularity/psi"][:, :1]
+    least = smallest(result.time, ratio, breaks)
+    # singular values are no less than 0, where they have kinks that a polynomial cuts off
+    return SingularRatio(
+        max(0.0, float(least.value[0])), *(float(x[0]) for x in (least.error, least.time, least.time_error))
+    )
 
 
-def _transmission(result: Result) -> TransmissionAngle | Absent:
+def _transmission(result: Result, breaks: Sequence[float]) -> TransmissionAngle | Absent:
     if "transmission_angle" not in result:
         return ABSENT
-    angle, times = np.degrees(result["transmission_angle"]), result.time
-    low, high = int(np.argmin(angle)), int(np.argmax(angle))
-    return TransmissionAngle(float(angle[low]), float(times[low]), float(angle[high]), float(times[high]))
+    angle = np.degrees(result["transmission_angle"])[:, None]
+    low, high = (extreme(result.time, angle, breaks) for extreme in (smallest, largest))
+    ends = (low, high)
+    errors = TransmissionErrors(*(float(x[0]) for end in ends for x in (end.error, end.time_error)))
+    smallest_deg, smallest_time, largest_deg, largest_time = (
+        float(x[0]) for end in ends for x in (end.value, end.time)
+    )
+    return TransmissionAngle(smallest_deg, smallest_time, largest_deg, largest_time, errors)

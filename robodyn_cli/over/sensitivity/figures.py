@@ -23,6 +23,7 @@ from robodyn_cli.spatial.algebra import Array
 
 WIDEST = 5e-3  # part of the arrays by which they are changed at most
 LEVELS = 4
+ALL, ODD = 1, (-1, 2)  # which samples to take, see ``every_second``
 ESTIMATES = ("error_estimate.",)
 NOTHING = 1e-6  # part of a key, by which a change cannot be as large as all of an array
 ROUNDING = 1e-15  # of a figure of many samples
@@ -81,15 +82,20 @@ def _slopes(outputs: Sequence[str], give: Callable[[float, int], Any], step: flo
         np.any(raw, axis=0), np.abs(sides).max(axis=(0, 1)), 0.0
     )  # a figure that stays has no rounding
     values, errors = extrapolated(raw, ROUNDING * size / steps[:, None])
-    coarse = [np.array(_numbers(outputs, give(way * steps[1], 2))) for way in (1.0, -1.0)]
-    sampled = np.abs((coarse[0] - coarse[1]) / (2.0 * steps[1]) - raw[1])
+    there = np.array(
+        [[_numbers(outputs, give(way * steps[1], every)) for way in (1.0, -1.0)] for every in ODD]
+    )
+    fine, coarse = there[:, 0] - there[:, 1]
+    sampled = np.abs(coarse - fine) / (2.0 * steps[1])
     solved = SOLVED * np.maximum(np.abs(values), size * WIDEST / step)
     return [Slope(float(y), float(e), EXACT) for y, e in zip(values, errors + sampled + solved)]
 
 
 def every_second(samples: int, every: int) -> slice:
-    """Return which samples to take: all, or every second one where both ends are among them."""
-    return slice(None, None, every if samples > 2 and samples % 2 else 1)
+    """Return which samples to take: all, or, of an odd number of them, each (-1) or every second one (2)."""
+    if every == ALL or samples < 3:
+        return slice(None)
+    return slice((samples + 1) % 2, None, 1 if every == ODD[0] else 2)
 
 
 def _numbers(outputs: Sequence[str], record: Any) -> list[float]:

@@ -160,7 +160,7 @@ class InverseSlopes:
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
             found = dataclasses.replace(
-                found, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(data, self.loads.names))
+                found, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(times, data, self.loads.names))
             )
         if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
             found = dataclasses.replace(found, drives=self._drives(sampled, step, k))

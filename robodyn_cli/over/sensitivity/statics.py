@@ -198,7 +198,7 @@ class StaticsSlopes:
         reactions: PeakLoads | Absent = ABSENT
         if self.loads is not None:
             data = {path: there[path][None] for path in self.loads.names}
-            reactions = PeakLoads(ABSENT, ABSENT, largest_loads(data, self.loads.names))
+            reactions = PeakLoads(ABSENT, ABSENT, largest_loads(np.zeros(1), data, self.loads.names))
         return StaticsFigures(
             dict(zip(problem.model.q_names, there["q"].tolist())),
             dict(zip(problem.model.v_names, there["tau"].tolist())),

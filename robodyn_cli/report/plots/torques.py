@@ -18,7 +18,7 @@ from robodyn_cli.report.marks import torque_note
 from robodyn_cli.report.ticks import load_label, number, unit
 from robodyn_cli.results.columns import by_unit, column_names, units_of
 from robodyn_cli.results.result import Result, Variable
-from robodyn_cli.solve.quadrature import root_mean_square_over
+from robodyn_cli.solve.extremes import root_mean_square
 from robodyn_cli.spatial.algebra import Array
 
 RATIO = 8.0  # of the peaks of two torques from which on each has a panel of its own
@@ -36,7 +36,7 @@ def draw(result: Result) -> Any:
     variable = _working(result.variables["tau"])
     data, names = finite(variable.data), column_names(variable)
     units = [unit(u) for u in units_of(variable)]
-    rms = root_mean_square_over(result.time, data)
+    rms, _ = root_mean_square(result.time, data)
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
     zero = result["tau"].shape[1] - len(names)

@@ -22,8 +22,9 @@ from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.results.columns import magnitude
 from robodyn_cli.results.result import Result
+from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.deploy import AfterLock, LatchLoad, Overload
+from robodyn_cli.summaries.deploy import AfterLock, LatchErrors, LatchLoad, Overload
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.works.deploy.lock import Latch, Lock
 
@@ -137,16 +138,16 @@ def _latch_load(recorder: Recorder, name: str) -> LatchLoad:
     assert recorder.observer.reactions is not None
     data, times = recorder.array(path), recorder.array("time")
     names = recorder.observer.reactions.names[path]
-    force, moment = magnitude(data, names, "f"), magnitude(data, names, "m")
-    most_force, most_moment = int(np.argmax(force)), int(np.argmax(moment))
-    return LatchLoad(
-        peak_force=float(force[most_force]),
-        peak_force_time=float(times[most_force]),
-        force_at_end=float(force[-1]),
-        peak_moment=float(moment[most_moment]),
-        peak_moment_time=float(times[most_moment]),
-        moment_at_end=float(moment[-1]),
+    sizes = np.column_stack([magnitude(data, names, letter) for letter in "fm"])
+    peak = largest(times, sizes)
+    (force, moment), (force_time, moment_time), errors, time_errors = (
+        x.tolist() for x in (peak.value, peak.time, peak.error, peak.time_error)
     )
+    force_at_end, moment_at_end = sizes[-1].tolist()
+    return LatchLoad(
+        force, force_time, force_at_end, moment, moment_time, moment_at_end,
+        LatchErrors(errors[0], time_errors[0], errors[1], time_errors[1]),
+    )  # fmt: skip
 
 
 def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None:
