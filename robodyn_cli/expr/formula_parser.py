@@ -25,8 +25,8 @@ from robodyn_cli.expr.formula_tree import (
     Call,
     Chain,
     FormulaNode,
+    Identifier,
     If,
-    Name,
     Negative,
     Num,
     Power,
@@ -200,7 +200,7 @@ class Parser:
                     "p.PARAMETER, and beside a controller in ref.JOINT, refd.JOINT, refdd.JOINT, tau.JOINT and s.STATE",
                 )
             self.names.setdefault(token.text, token.column)
-            return Name(token.text)
+            return Identifier(token.text)
         self.unexpected(token, "a number, a name or '(' is needed here")
 
     def call(self, name: _Token, depth: int) -> FormulaNode:
@@ -229,7 +229,7 @@ class Parser:
         self.expect(")")
         name = f"{function.text}({', '.join(points)})"
         self.names.setdefault(name, function.column)
-        return Name(name)
+        return Identifier(name)
 
     def function(self, name: _Token, depth: int) -> FormulaNode:
         _, least, most = FUNCTIONS[name.text]

@@ -67,9 +67,9 @@ def limit_watchers(problem: Problem) -> list[Watcher]:
     """Return the watcher of limits that no stop keeps, where joints have any."""
     if not problem.scene.robot.limited:
         return []
-    from robodyn_cli.motion.joint_limits import JointLimits
+    from robodyn_cli.motion.joint_limits import LimitWatcher
 
-    watcher = JointLimits(problem)
+    watcher = LimitWatcher(problem)
     return [watcher] if watcher.limits else []
 
 

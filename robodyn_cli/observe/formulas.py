@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
-from robodyn_cli.expr.formula import Formula, formulas_in
+from robodyn_cli.expr.formula import FormulaTree, formulas_in
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.spatial.algebra import Array
 
@@ -75,13 +75,13 @@ def _environment(problem: Problem, t: float, q: Array, v: Array) -> dict[str, fl
     return env | dict(zip(problem.spans, problem.numbers(list(problem.spans.values()), q, t, v).tolist()))
 
 
-def _of(problem: Problem) -> Iterator[Formula]:
+def _of(problem: Problem) -> Iterator[FormulaTree]:
     scene = problem.scene
     forces = [f.element for f in problem.model.forces]
     return formulas_in([scene.torques, scene.prescribed, scene.robot.points, forces])
 
 
-def _without_value(formula: Formula, env: dict[str, float]) -> str:
+def _without_value(formula: FormulaTree, env: dict[str, float]) -> str:
     """Return in words that a formula has no finite value, "" where it has one."""
     if not formula.names <= env.keys():
         return ""

@@ -182,11 +182,11 @@ class ScalarReader:
             raise self.unknown(kind, node, path, hint)
         return node.text
 
-    def formula(self, kind: Formula, node: Node, path: Path, unit: str) -> fm.Formula:
+    def formula(self, kind: Formula, node: Node, path: Path, unit: str) -> fm.FormulaTree:
         if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
             raise self.wrong(kind, node, path, unit)
         if not isinstance(node.value, str):
-            return fm.Formula.number(self.finite(node, path))
+            return fm.FormulaTree.number(self.finite(node, path))
         tree = self.parse(node, path, describe(kind, unit))
         self.check_moving(tree, node, path)
         try:
@@ -196,7 +196,7 @@ class ScalarReader:
         where = str(located(node, dotted(path), "").message).removesuffix(": ")
         return dataclasses.replace(tree, where=where)
 
-    def check_moving(self, tree: fm.Formula, node: Node, path: Path) -> None:
+    def check_moving(self, tree: fm.FormulaTree, node: Node, path: Path) -> None:
         """Refuse the names of joints without a coordinate."""
         for name in tree.names:
             if name.endswith(")"):
@@ -207,7 +207,7 @@ class ScalarReader:
                 message = f"joint {joint!r} is fixed: it has no coordinate for a formula"
                 raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
 
-    def parse(self, node: Scalar, path: Path, allowed: str) -> fm.Formula:
+    def parse(self, node: Scalar, path: Path, allowed: str) -> fm.FormulaTree:
         try:
             return fm.parse(node.text)
         except SceneError as error:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
     Formula,

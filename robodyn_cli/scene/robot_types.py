@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record

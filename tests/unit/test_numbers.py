@@ -13,7 +13,7 @@ from robodyn_cli import load_scene
 from robodyn_cli.equations import problem as equations
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.fixed import Fixed, derived, literal, places
-from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import Interpreter, evaluate
@@ -52,7 +52,7 @@ class Variation:
     def value(self, x: Any, unit: str) -> Any:
         if isinstance(x, float):
             return x * self.factor(unit)
-        if isinstance(x, Formula):
+        if isinstance(x, FormulaTree):
             return dataclasses.replace(x, root=x.root.rebuilt(lambda node: self.leaf(node, unit)))
         if isinstance(x, dict):
             return {name: self.value(e, unit) for name, e in x.items()}

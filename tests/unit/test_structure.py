@@ -217,9 +217,7 @@ def test_no_package_is_empty() -> None:
 
 # -- names ----------------------------------------------------------------------------------------------------
 # classes whose name another class has too; this list only ever shrinks
-SHARED_NAMES = {
-    "Formula", "Joint", "JointLimits", "Latch", "Loaded", "Motion", "Name", "PointTask",
-}  # fmt: skip
+SHARED_NAMES = {"Joint"}
 
 
 def test_one_name_of_a_class_means_one_thing() -> None:

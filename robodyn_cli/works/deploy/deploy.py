@@ -27,7 +27,7 @@ from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.works.deploy.lock import (
-    Latch,
+    ClosedLatch,
     Lock,
     bifurcation_error,
     close,
@@ -55,7 +55,7 @@ class Deployment(Run):
     end: ScanEnd
     estimate: MotionErrors | None = None
     lock: Lock | None = None
-    latch: Latch | None = None
+    latch: ClosedLatch | None = None
     time_error: float | None = None
     followed: FollowedLock | None = None
 

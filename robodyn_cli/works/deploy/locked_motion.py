@@ -25,7 +25,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.deploy import AfterLock, LatchLoad, Overload
 from robodyn_cli.tools.stopwatch import Stopwatch
-from robodyn_cli.works.deploy.lock import Latch, Lock
+from robodyn_cli.works.deploy.lock import ClosedLatch, Lock
 
 # what the locked structure says; all else is that of the mechanism without its latch
 DYNAMIC = ("qdd", "tau", "constraints/", "reactions/", "loop_reactions/", "base_wrench")
@@ -61,7 +61,7 @@ class FollowedLock:
 
 
 def follow_locked(
-    motion: Motion, lock: Lock, latch: Latch, before: Recorder, watch: Stopwatch
+    motion: Motion, lock: Lock, latch: ClosedLatch, before: Recorder, watch: Stopwatch
 ) -> FollowedLock:
     """Integrate the locked structure from the lock to the end of the duration, on the samples of the scene's grid."""
     s = motion.scene.simulate
@@ -105,7 +105,7 @@ def follow_locked(
     return FollowedLock(keys, recorder)
 
 
-def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: Latch, time: float) -> Array:
+def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch, time: float) -> Array:
     """Return the state at the first sample behind the lock."""
     q, _, z = motion.system.split(lock.state)
     driver = Driver.of(locked)

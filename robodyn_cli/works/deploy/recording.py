@@ -8,7 +8,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventKind, Outcome
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.driver import Driver, Repeat
-from robodyn_cli.motion.joint_limits import JointLimits
+from robodyn_cli.motion.joint_limits import LimitWatcher
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
@@ -118,5 +118,5 @@ def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:
     poses = (EventKind.RANK_LOSS, EventKind.DEAD_POINT, EventKind.LATCH)
     system = motion.system.watched_by(lambda e: at if e.kind in poses else e.owner)
     # of limits that are passed the recorded run tells, since the scan goes on behind its end
-    watchers = [w for w in motion.watchers if w.changes_motion or isinstance(w, JointLimits)]
+    watchers = [w for w in motion.watchers if w.changes_motion or isinstance(w, LimitWatcher)]
     return Driver(system, motion.choice.method, motion.options, watchers, Repeat(found.changes))
