@@ -84,7 +84,7 @@ def no_linear_algebra(error: Exception) -> NumericalError:
 def out_of_range(error: OverflowError) -> NumericalError:
     """Return the error of a number that no double holds, from Python's OverflowError."""
     return NumericalError(
-        f"a number of the scene, or what follows from some, exceeds what a double holds (1.8e308): {error.args[-1]}"
+        f"a number of the scene, or a result of some, exceeds the range of a double (1.8e308): {error.args[-1]}"
     )
 
 

@@ -23,8 +23,8 @@ from robodyn_cli.spatial.algebra import Array
 if TYPE_CHECKING:
     from robodyn_cli.trajectories.motion import JointMotion
 
-CONSTANT = "a number of the scene, or a product of some, exceeds what a double holds (1.8e308)"
-TOO_LARGE = "it exceeds what a double holds (1.8e308), or is 0 / 0"
+CONSTANT = "a number of the scene, or a product of some, exceeds the range of a double (1.8e308)"
+TOO_LARGE = "it exceeds the range of a double (1.8e308), or is 0 / 0"
 SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 # names of a motion's symbol groups in results
 MOTION = {"t": ("time", "time"), "q": ("q", "position"), "v": ("qd", "rate"), "a": ("qdd", "acceleration")}
@@ -89,7 +89,7 @@ def _operation(node: Expr, given: Sequence[float]) -> str:
     sign = SIGNS.get(node.op)
     text = f"{node.op}({', '.join(numbers)})" if sign is None else f" {sign} ".join(numbers)
     undefined = (node.op == "div" and given[1] == 0.0) or node.op in ("sqrt", "log", "asin", "acos", "pow")
-    return f"{text} has no value" if undefined else f"{text} exceeds what a double holds (1.8e308)"
+    return f"{text} has no value" if undefined else f"{text} exceeds the range of a double (1.8e308)"
 
 
 def refuse_result(result: Result) -> None:

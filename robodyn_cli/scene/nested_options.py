@@ -49,7 +49,7 @@ class Sweep:
 class ReachOptions:
     """The pose of ``reach``, and what decides between the ways to reach it."""
 
-    frame: str = key(Text(), doc="What is brought there: a named point or frame, a link, or `LINK.end`.")
+    frame: str = key(Text(), doc="Frame to bring there: a named point or frame, a link, or `LINK.end`.")
     position: tuple[float, ...] | None = key(
         Vector(3), default=None, unit="m", doc="Where its origin is to be, in the world; free without it."
     )
@@ -71,7 +71,7 @@ class ReachOptions:
     criterion: str = key(
         Choice(("nearest", "away_from_limits", "least_torque")),
         default="nearest",
-        doc="What decides between several ways: nearest to `initial.q`, else to the middle of the limits.",
+        doc="Criterion between several ways: nearest to `initial.q`, else to the middle of the limits.",
     )
     limits: bool = key(Boolean(), default=True, doc="Whether the joints' limits are respected.")
 

@@ -50,9 +50,9 @@ def _plain(kind: kinds.Kind) -> str:
     if isinstance(kind, kinds.Inline):
         return f"the keys {', '.join(kind.registry())}"
     if isinstance(kind, kinds.Criteria):
-        return "a map from keys of the summary to what is expected there"
+        return "a map from keys of the summary to expected values"
     if isinstance(kind, kinds.Variations):
-        return "a map from keys of the scene to what they vary over"
+        return "a map from keys of the scene to values or distributions"
     if isinstance(kind, kinds.Settings):
         return "a map from keys of the scene to values"
     if isinstance(kind, kinds.CsvFile):

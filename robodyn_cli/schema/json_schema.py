@@ -89,7 +89,7 @@ class _Maker:
             if kinds.ATTACH in properties:
                 properties[kinds.PREFIX] = {
                     "type": "string",
-                    "description": "What goes before all names of the file.",
+                    "description": "Prefix of all names of the file.",
                 }
             required = [kinds.INCLUDE]
         found: Schema = {"type": "object", "properties": properties, "additionalProperties": False}

@@ -97,7 +97,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"{summary['reference_digits']:.1f} digits {extent}",
     ]
     if lock is not None:
-        lines.append(f"  lock               t = {lock:.9g} s; its error is what is compared [s]")
+        lines.append(f"  lock               t = {lock:.9g} s; its error is compared [s]")
     lines += _limits_of_comparison(summary)
     rows = [
         [

@@ -100,10 +100,10 @@ class Forward:
         given = [*(p.applied - p.bias), *p.psi.flat, *p.constraints.gamma]
         work = count_operations(self.outputs(p)) - count_operations(given)
         name = "mass matrix and the solution for the accelerations"
-        yield Term(name, True, "accelerations are what is integrated", work)
+        yield Term(name, True, "accelerations are integrated", work)
         if not p.model.loops:
-            reason = "the joints form an open chain or tree; counted: what a single pin from "
-            reason += f"{p.model.bodies[-1].name} to the base would add"
+            reason = "the joints form an open chain or tree; counted: operations of a single pin from "
+            reason += f"{p.model.bodies[-1].name} to the base"
             yield e.left_out("closed loops and their multipliers", reason, one_pin(e.here, e.plane))
         yield from self._drives(e)
         yield from self._stabilisation(e)
@@ -184,7 +184,7 @@ class Forward:
         work, without = (count_operations(self.outputs(problem, work)) for work in (True, False))
         reason = "no force but gravity and springs does work: energy itself is conserved"
         if doers:
-            reason = f"what the energy is balanced against: work of {listed(doers)}"
+            reason = f"balance of the energy: work of {listed(doers)}"
         return Term("work integral", bool(doers), reason, work - without)
 
     def _events(self) -> Iterator[Term]:

@@ -139,7 +139,7 @@ def summary_tables(summary: Mapping[str, Any]) -> list[Html]:
     found = _entry_tables(facts, is_open=True)
     if meaning:
         rows = [(named(key), text) for key, text in meaning.items()]
-        found.append(_folded("what the words mean", [table(("", ""), rows)], is_open=False))
+        found.append(_folded("definitions", [table(("", ""), rows)], is_open=False))
     return found
 
 

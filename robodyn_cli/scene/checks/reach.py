@@ -38,4 +38,7 @@ def _check_frame(robot: Robot, name: str, check: Check) -> None:
             check.fail((*REACH, "frame"), problem if "." in name else unknown_name("frame", name, names))
         link = point_link(robot, name)
     if link == BASE:
-        check.fail((*REACH, "frame"), f"{name!r} is fixed to the base; allowed: what a joint moves")
+        check.fail(
+            (*REACH, "frame"),
+            f"{name!r} is fixed to the base; allowed: points, frames and links that a joint moves",
+        )
