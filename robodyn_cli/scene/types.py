@@ -267,9 +267,8 @@ class StudyOptions:
     vary: dict[str, Variation] = key(
         Variations(),
         default=None,
-        doc="Keys of the scene, as `--set` writes them, and the values or distribution of each: `[a, b]`, "
-        "`linspace(a, b, n)`, `logspace(a, b, n)`, `uniform(low, high)`, `triangular(low, mode, high)`, "
-        "`normal(mean, sd)`.",
+        doc="Keys of the scene, as `--set` writes them, with values or distribution: `[a, b]`, `linspace(a, b, n)`, "
+        "`logspace(a, b, n)`, `uniform(low, high)`, `triangular(low, mode, high)`, `normal(mean, sd)`.",
     )
     n: int | None = key(Integer(minimum=1), default=None, doc="Samples of the distributions.")
     sampler: str = key(Choice(SAMPLERS), default="random", doc="How samples are drawn.")
