@@ -22,7 +22,7 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.commands import COMMANDS as ROWS
 from robodyn_cli.exit_codes import ALL
 from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
-from robodyn_cli.over.numerics.work_precision import work_precision
+from robodyn_cli.over.work_precision.work_precision import work_precision
 from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.starters import STARTERS
