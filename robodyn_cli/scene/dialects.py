@@ -50,9 +50,9 @@ class Description:
         return (*self.heading, *self.notes, *(f"Doubtful: {text}" for text in self.warnings))
 
 
-# f(root element, faults, packages) -> Description; faults takes all errors but the last, which is raised; packages:
-# folders of packages of meshes, by name
-dialects: Registry[Callable[[XmlElement, Faults, Packages], Description]] = Registry(
+# f(root element, faults, packages) -> Description; faults takes errors behind which it goes on reading, so that all are
+# listed: what it returns then does not matter; packages: folders of packages of meshes, by name
+dialects: Registry[Callable[[XmlElement, Faults, Packages], Description | None]] = Registry(
     "robodyn_cli.scene",
     {
         "robot": "urdf.read:read_urdf",
@@ -73,7 +73,14 @@ def read_description(text: str, source: Source, faults: Faults, packages: Packag
     if root.tag not in dialects:
         known = ", ".join(f"<{tag}>" for tag in dialects)
         raise root.error(f"the root element is <{root.tag}>; allowed: {known}")
-    return dialects[root.tag](root, faults, packages)
+    own, found = Faults(), None
+    with own:
+        found = dialects[root.tag](root, own, packages)
+    if found is None or own.found:
+        for error in own.found[:-1]:
+            faults.report(error)
+        raise own.found[-1]
+    return found
 
 
 def robot_yaml(found: Description, folder: str) -> str:
@@ -83,11 +90,11 @@ def robot_yaml(found: Description, folder: str) -> str:
     old = os.path.dirname(os.path.abspath(found.file))
     for key, items in found.tree.root.entries:
         items = _meshes_from(items, old, os.path.abspath(folder)) if key.text == "links" else items
-        assert isinstance(items, Sequence)
+        if key.text not in remarks or not isinstance(items, Sequence):
+            lines += block(mapping(items, [(key, items)]))
+            continue
         if key.text == "couplers":
-            lines += [
-                "# joints that mimic others: the sum of coefficient times q is the value, 0 where none is given"
-            ]
+            lines += ["# coupled joints: the sum of coefficient times q is the value, 0 where none is given"]
         lines.append(f"{key.text}:")
         for item in items.items:
             assert isinstance(item, Mapping)

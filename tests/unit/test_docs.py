@@ -276,6 +276,12 @@ def test_every_key_of_a_summary_is_documented(command: str) -> None:
     assert not ROWS[command].summary or undeclared(summary) == []
 
 
+def test_the_format_is_that_of_the_catalogue() -> None:
+    module, page = reference("make_hdf5_reference"), text("docs/hdf5.md")
+    assert [match.group(2) for match in module.TABLE.finditer(page)] == ["datasets", "attributes"]
+    assert module.rewritten(page) == page, "run: python docs/make_hdf5_reference.py"
+
+
 # -- figures -------------------------------------------------------------------------------------------
 
 

@@ -10,41 +10,27 @@ from robodyn_cli.scene.dialects import Description, Packages, RobotTree
 from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import Mapping, Sequence
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
-from robodyn_cli.scene.urdf.structure import SINGLE, Relation, check_structure, moving_links, relations
+from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations
 from robodyn_cli.scene.urdf.tree import robot_tree
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 
-def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Description:
-    """Return the robot of a URDF, see ``dialects``.
+def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Description | None:
+    """Return the robot of a URDF, None where there are faults; see ``dialects``.
 
     Raises
     ------
     SceneError : what the file says is not allowed.
     """
+    robot = read_elements(root, faults)
+    if not faults.found:
+        check_structure(robot, faults)
+    if faults.found:
+        return None
     file = root.place.source.name
-    robot, relation = _checked(root, faults)
-    tree = robot_tree(robot, relation, file, packages)
+    tree = robot_tree(robot, relations({joint.name: joint for joint in robot.joints}), file, packages)
     notes = (*_notes(robot), *_missing(robot, file, packages))
     return Description(file, tree, _heading(robot, tree), notes, _warnings(robot))
-
-
-def _checked(root: XmlElement, faults: Faults) -> tuple[UrdfRobot, dict[str, Relation]]:
-    own = Faults()
-    robot = None
-    found: dict[str, Relation] = {}
-    with own:
-        robot = read_elements(root, own)
-    if robot is not None and not own.found:
-        check_structure(robot, own)
-    if robot is not None and not own.found:
-        with own:
-            found = relations({joint.name: joint for joint in robot.joints})
-    if robot is None or own.found:
-        for error in own.found[:-1]:
-            faults.report(error)
-        raise own.found[-1]
-    return robot, found
 
 
 def _visuals(root: Mapping) -> Iterator[Sequence]:
