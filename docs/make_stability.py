@@ -16,9 +16,9 @@ from typing import Any
 
 from PIL import Image
 
-from robodyn_cli.over.numerics.stability_cases import CASES
-from robodyn_cli.over.numerics.stability_suite import judge
-from robodyn_cli.over.numerics.trial import TrialReference
+from robodyn_cli.over.references import TrialReference
+from robodyn_cli.over.stability.cases import CASES
+from robodyn_cli.over.stability.suite import judge
 from robodyn_cli.summaries.stability import MethodTrial
 
 DOCS = Path(__file__).resolve().parent

@@ -171,7 +171,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "stability": Command(
         "Stiffness, step limits, and what each method does.",
-        run="over.numerics.stability:stability",
+        run="over.stability.stability:stability",
         check="over.checks:stability",
         summary=("stability:SuiteSummary", "stability:StabilitySummary"),
         plots=("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),

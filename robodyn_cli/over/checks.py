@@ -76,7 +76,7 @@ def deploy(scene: Scene) -> Missing:
 def stability(scene: Scene) -> Missing:
     """Build the equations, and close the loops."""
     from robodyn_cli.formulations.build import build_system
-    from robodyn_cli.over.numerics.stability import started
+    from robodyn_cli.over.stability.stability import started
 
     return _lacking(build_system(started(scene, Stopwatch())[1].problem, "none", work=False))
 

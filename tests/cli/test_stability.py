@@ -5,8 +5,8 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from robodyn_cli.over.numerics.stability_cases import CASES, Case
-from robodyn_cli.over.numerics.stability_suite import judge
+from robodyn_cli.over.stability.cases import CASES, Case
+from robodyn_cli.over.stability.suite import judge
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.summaries.stability import MethodTrial
 from tests.cli.tool import files, invoke

@@ -185,8 +185,9 @@ def test_a_sweep_loads_its_command_alone(tmp_path: Path) -> None:
     )
     others = (
         "motion",
-        "over.numerics",
         "over.sensitivity",
+        "over.stability",
+        "over.work_precision",
         "ready.controllers",
         "ready.reference",
         "ready.regulator",

@@ -9,8 +9,8 @@ import pytest
 from robodyn_cli import deploy, load_scene
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.motion.build import build_motion
-from robodyn_cli.over.numerics import entries
-from robodyn_cli.over.numerics.work_precision import reference, work_precision
+from robodyn_cli.over.work_precision import entries
+from robodyn_cli.over.work_precision.work_precision import reference, work_precision
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 

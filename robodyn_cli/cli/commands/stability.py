@@ -54,7 +54,7 @@ def command(
 
 def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -> int:
     """Run the suite; return 1 where a case misses its expectation."""
-    from robodyn_cli.over.numerics.stability_suite import suite
+    from robodyn_cli.over.stability.suite import suite
     from robodyn_cli.results.atomic import write_bytes
 
     console = shared.console

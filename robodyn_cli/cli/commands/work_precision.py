@@ -55,7 +55,7 @@ def command(
     shared: SharedOptions,
 ) -> int:
     """Compare the methods, write every run, print the best; return the exit code."""
-    from robodyn_cli.over.numerics.work_precision import work_precision
+    from robodyn_cli.over.work_precision.work_precision import work_precision
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.scene.load import load_scene
 

@@ -50,7 +50,7 @@ from robodyn_cli.schema.fields import (
 )
 
 if TYPE_CHECKING:
-    from robodyn_cli.scene.urdf.read import Urdf
+    from robodyn_cli.scene.dialects import Description
 
 HDF5 = (".h5", ".hdf5")
 # only the results know the HDF5 library, which is loaded where a scene names such a file
@@ -181,13 +181,14 @@ def robot_of(tree: Node, path: Path) -> Node:
 class Includer:
     """Includes files and remembers which; a value whose file cannot be included stays as it is.
 
-    packages : folders of the meshes of URDF files, by name. undrawn : meshes that could not be read, and why.
+    packages : folders of the meshes of robots in other formats, by name. undrawn : meshes that could not be read, and
+    why.
     """
 
     def __init__(self, faults: Faults) -> None:
         self.faults = faults
         self.sources: list[str] = []
-        self.urdfs: list[Urdf] = []
+        self.descriptions: list[Description] = []
         self.packages: MappingOf[str, str] = {}
         self.undrawn: list[str] = []
 
@@ -277,7 +278,7 @@ class Includer:
         return base
 
     def include(self, kind: OrFile, node: Scalar, path: Path) -> Node:
-        """Return the tree of the YAML file, or of the URDF where ``kind`` allows one, that a scalar names."""
+        """Return the tree of the file that a scalar names: YAML, or another format where ``kind`` allows one."""
         name, real = self.locate(node)
         chain = [source.name for source in node.source.chain()][::-1]
         if any(source.real == real for source in node.source.chain()):
@@ -290,7 +291,7 @@ class Includer:
         if _is_xml(text):
             if not kind.robot:
                 raise located(node, dotted(path), f"{name!r} is XML; allowed: the path of a YAML file")
-            return self.urdf(text, source)
+            return self.described(text, source)
         if kind.catalogue and name.lower().endswith(".csv"):
             from robodyn_cli.scene.text.catalogue import catalogue_tree
 
@@ -298,12 +299,12 @@ class Includer:
         tree = compose(text, source, self.faults, path)
         return robot_of(tree, path) if kind.robot else tree
 
-    def urdf(self, text: str, source: Source) -> Node:
-        """Return the tree of a robot in a URDF text."""
-        from robodyn_cli.scene.urdf.read import read_urdf
+    def described(self, text: str, source: Source) -> Node:
+        """Return the tree of a robot in another format."""
+        from robodyn_cli.scene.dialects import read_description
 
-        self.urdfs.append(read_urdf(text, source, self.faults, self.packages))
-        return self.urdfs[-1].tree.root
+        self.descriptions.append(read_description(text, source, self.faults, self.packages))
+        return self.descriptions[-1].tree.root
 
     def locate(self, node: Scalar) -> tuple[str, str]:
         """Return the path to show and the resolved path of the file that a scalar names."""

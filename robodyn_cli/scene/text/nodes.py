@@ -160,6 +160,22 @@ def scalar(place: Node, value: Value) -> Scalar:
     return Scalar(place.source, place.line, place.column, "" if value is None else str(value), value)
 
 
+def plain(place: Node, value: Any) -> Any:
+    """Return the node of a number, a text, a list or a map at the place of another node, nodes in it as they are.
+
+    Whole numbers are written without a point.
+    """
+    if isinstance(value, Node):
+        return value
+    if isinstance(value, dict):
+        return mapping(place, [(scalar(place, k), plain(place, x)) for k, x in value.items()])
+    if isinstance(value, (list, tuple)):
+        return sequence(place, [plain(place, x) for x in value])
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e6:
+        value = int(value)
+    return scalar(place, value)
+
+
 def find(root: Node, path: Path) -> Node | None:
     """Return the node at ``path``, if there is one."""
     node: Node | None = root

@@ -121,11 +121,9 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
 
     Raises
     ------
-    SceneError : the root element is no ``robot``; xacro.
+    SceneError : xacro.
     """
     _refuse_xacro(root)
-    if root.tag != "robot":
-        raise root.error(f"the root element is <{root.tag}>; allowed: <robot>, of a URDF file")
     links: list[UrdfLink] = []
     joints: list[UrdfJoint] = []
     for child in root.children:

@@ -16,18 +16,11 @@ from robodyn_cli.integrators.methods.stability_region import limits
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.motion.baumgarte import GainStudy
 from robodyn_cli.motion.build import projected_motion
-from robodyn_cli.over.numerics import stability_store as store
-from robodyn_cli.over.numerics.energy_growth import PERIODS, EnergyGrowth, growths, period
-from robodyn_cli.over.numerics.entries import instants
-from robodyn_cli.over.numerics.spectrum import Spectrum, spectrum
-from robodyn_cli.over.numerics.trial import (
-    Budget,
-    TrialReference,
-    attempts,
-    methods_tried,
-    reference,
-    step_of,
-)
+from robodyn_cli.over.references import TrialReference
+from robodyn_cli.over.stability import store
+from robodyn_cli.over.stability.energy_growth import PERIODS, EnergyGrowth, growths, period
+from robodyn_cli.over.stability.spectrum import Spectrum, instants, spectrum
+from robodyn_cli.over.stability.trial import Budget, attempts, methods_tried, reference, step_of
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import Setup, prepare, refuse_changes
 from robodyn_cli.record import record

@@ -8,8 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robodyn_cli.over.numerics.spectrum import Spectrum
-from robodyn_cli.over.numerics.trial import Budget, TrialReference, TrialSolution, ran_out, solve, step_of
+from robodyn_cli.over.references import TrialReference, ran_out
+from robodyn_cli.over.stability.spectrum import Spectrum
+from robodyn_cli.over.stability.trial import Budget, TrialSolution, solve, step_of
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array

@@ -9,7 +9,7 @@ from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.commands import locks as ends_by_lock
-from robodyn_cli.over.numerics.entries import SECONDS, driver_of, tight_runs
+from robodyn_cli.over.work_precision.entries import SECONDS, driver_of, tight_runs
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.stability import TimedRun

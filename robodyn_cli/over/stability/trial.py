@@ -9,27 +9,22 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, RobodynError, SingularConfigurationError
 from robodyn_cli.integration_methods import METHODS, REFERENCES, REPRESENTATIVES, STIFF_REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
+from robodyn_cli.over.references import SAMPLES, Deadline, TrialReference, agreed, ran_out, tight
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene, SimulateOptions
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.stability import MethodTrial, ReferenceKeys
+from robodyn_cli.summaries.stability import MethodTrial
 from robodyn_cli.works.simulate import simulate
 
-SAMPLES = 257  # instants at which solutions are compared
 INACCURATE = 1e-3  # an error above this part of the range of its quantity is a wrong answer
 AGREED = 1e-5  # agreement of the references, relative to the range, beyond which nothing is judged
 LOOSER = 100.0  # times the tolerance of a second run by the same method, where no other gets through
 SMALL = 1e-3  # a quantity that ranges over less than this part of the largest of its kind is judged by that
 HONEST = 0.1  # part of the true error that an estimate must reach
-
-
-def tight(name: str) -> float:
-    """Return the tolerance of a reference by this method."""
-    return 1e-12 if METHODS[name].stiff else 3e-14
 
 
 @record
@@ -38,28 +33,6 @@ class Budget:
 
     steps: int = 2_000_000
     seconds: float = 20.0
-
-
-class Deadline:
-    """Callback that ends a run whose time is up; time counts from its first call, so that compiling does not count."""
-
-    def __init__(self, seconds: float) -> None:
-        self.end: float | None = None
-        self.seconds = seconds
-
-    def __call__(self, done: float, total: float = 0.0) -> None:
-        if self.end is None:
-            self.end = time.perf_counter() + self.seconds
-        if time.perf_counter() > self.end:
-            raise NumericalError(
-                f"not done after {self.seconds:g} s of computing, stopped at t = {done:.6g} s",
-                time=done, status="too_slow",
-            )  # fmt: skip
-
-
-def ran_out(error: RobodynError) -> bool:
-    """Tell whether a run ended because its steps or its time were used up."""
-    return error.details.get("status") in ("max_steps", "too_slow")
 
 
 @mutable_record
@@ -104,51 +77,6 @@ def solve(scene: Scene, budget: Budget, **options: Any) -> TrialSolution:
         return TrialSolution(
             error.result if isinstance(error.result, Result) else None, error, time.perf_counter() - began
         )
-
-
-@record
-class TrialReference:
-    """A solution that two methods at tight tolerance agree on.
-
-    times (T,), states (T, n) as far as they agree; scale (n,) : range of each quantity. until [s] : how far that
-    is. digits : to which they agree, relative to the range; apart : the same as the largest difference of any quantity.
-    methods : which they are. ends_early : why the motion itself ends before its duration (a singular configuration),
-    else empty.
-    """
-
-    times: Array
-    states: Array
-    scale: Array
-    until: float
-    digits: float
-    apart: float
-    methods: tuple[str, str]
-    ends_early: str = ""
-
-    @property
-    def keys(self) -> ReferenceKeys:
-        """What the summary says of it."""
-        return ReferenceKeys(list(self.methods), round(self.digits, 2), self.until, self.ends_early)
-
-
-def agreed(
-    times: Array,
-    x: Array,
-    y: Array,
-    scale: Array,
-    bound: float,
-    methods: tuple[str, str],
-) -> TrialReference | None:
-    """Return states x (T, n) as far as another run's y agree within ``bound`` of the scale, None where they do not."""
-    apart = np.abs(x - y)
-    relative = np.maximum.accumulate(np.max(apart / scale, axis=1))
-    good = np.flatnonzero(relative <= bound)
-    if len(good) < 2:
-        return None
-    count = int(good[-1]) + 1
-    digits = -float(np.log10(max(relative[count - 1], 1e-16)))
-    largest = float(apart[:count].max())
-    return TrialReference(times[:count], x[:count], scale, float(times[count - 1]), digits, largest, methods)
 
 
 def _proper_end(solution: TrialSolution) -> bool:

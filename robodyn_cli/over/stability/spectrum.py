@@ -1,21 +1,32 @@
-"""Eigenvalues of the equations of motion along a run: how fast its modes decay and oscillate."""
+"""Eigenvalues of the equations of motion along a run: how fast its modes decay and oscillate.
+
+The instants lie at equal distances and where steps end, so that no spike is missed.
+"""
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import free_symbols, is_nonzero
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.methods.stability_region import limits
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.rolled.kernels import RolledForwardDynamics
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.driver import Driver, MethodChange
+from robodyn_cli.over.references import TrialReference
+from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.stability import SpectrumKeys
 
@@ -26,6 +37,11 @@ ZERO = 1e-9  # an eigenvalue this small beside the largest is rounding
 HALVINGS = 24  # of the range of steps in which a contraction is looked for
 NEAREST, FARTHEST = 1e-6, 1e3  # its ends, over the time in which rates change
 TINY = 1e-150  # [1/s]: rates that change more slowly depend on no state
+TOLERANCE = 1e-6  # of the run whose steps are looked at: loose steps follow every spike too
+EVENLY = 65  # instants at equal distances, too
+MOST = 1024  # ends of steps that are kept
+WORK = 3e7  # instants times the cube of the states: what eigenvalues of all of them may cost
+LONG_CHAIN, FEW = 30, 3  # velocities beyond which so few instants are worth their time
 
 
 @record
@@ -243,3 +259,59 @@ def tangents(problem: Problem, system: System, times: Array, states: Array) -> l
         free = np.zeros((2 * nv, nz)), np.zeros((nz, along.shape[1])), np.eye(nz)  # states of a controller
         found.append(np.block([[along, free[0]], [free[1], free[2]]]))
     return found
+
+
+class StepEnds:
+    """Supervisor that notes where steps end: each of them, or each 2nd, 4th, ... once there are very many."""
+
+    def __init__(self, most: int) -> None:
+        self.most, self.every, self.steps = most, 1, 1
+        self.times: list[float] = []
+        self.states: list[Array] = []
+
+    def reconsider(self, driver: Driver) -> MethodChange | None:
+        """Note the present state."""
+        self.steps = driver.attempts + self.every
+        if not self.times or driver.time > self.times[-1]:
+            self.times.append(driver.time)
+            self.states.append(driver.state)
+        if len(self.times) >= 2 * self.most:
+            del self.times[::2], self.states[::2]
+            self.every *= 2
+        return None
+
+
+def instants(scene: Scene, ref: TrialReference, nq: int, nv: int) -> tuple[Array, Array, Array]:
+    """Return times (T,), q (T, nq) and v (T, nv) of the reference at equal distances and where steps end."""
+    count = EVENLY if nv <= LONG_CHAIN else FEW
+    places = np.unique(np.linspace(0, len(ref.times) - 1, count).round().astype(int))
+    q, v = np.split(ref.states[places], [nq], axis=1)
+    if nv > LONG_CHAIN:
+        return ref.times[places], q, v
+    try:
+        times, more_q, more_v = step_ends(scene, ref, int(max(EVENLY, min(MOST, WORK / (nq + nv) ** 3))))
+    except RobodynError:
+        return ref.times[places], q, v
+    times = np.concatenate([ref.times[places], times])
+    order = np.argsort(times, kind="stable")
+    return times[order], np.concatenate([q, more_q])[order], np.concatenate([v, more_v])[order]
+
+
+def step_ends(scene: Scene, ref: TrialReference, most: int) -> tuple[Array, Array, Array]:
+    """Return times, q and v where steps of the reference's method end, ``most`` at most.
+
+    Raises
+    ------
+    RobodynError : the method does not get through.
+    """
+    method = ref.methods[0].partition(" ")[0]
+    changed = dataclasses.replace(scene.simulate, integrator=method, step=None)
+    motion = build_motion(integrable(dataclasses.replace(scene, simulate=changed)), work=False)
+    looks = StepEnds(most)
+    options = Options(TOLERANCE, TOLERANCE, max_steps=scene.simulate.max_steps)
+    driver = Driver(motion.system, method, options, motion.watchers, looks)
+    driver.start(0.0, motion.start)
+    driver.run(ref.until, Grid(ref.until, 0.0, 0), lambda t, x: None)
+    kept = np.unique(np.linspace(0, len(looks.times) - 1, most).round().astype(int))
+    q, v, _ = motion.system.split(np.array(looks.states)[kept])
+    return np.array(looks.times)[kept], q, v

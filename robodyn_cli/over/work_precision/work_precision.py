@@ -16,7 +16,8 @@ from robodyn_cli.motion.baumgarte import GainStudy
 from robodyn_cli.motion.build import build_motion, follow_changes, with_stabilisation
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.over.numerics.entries import (
+from robodyn_cli.over.references import SAMPLES, TrialReference, agreed
+from robodyn_cli.over.work_precision.entries import (
     fields_of,
     in_formulation,
     positions_and_rates,
@@ -25,9 +26,8 @@ from robodyn_cli.over.numerics.entries import (
     tight_runs,
     values_of,
 )
-from robodyn_cli.over.numerics.lock_precision import judge_lock, lock_reference, locks
-from robodyn_cli.over.numerics.sensitivity import Sensitivity, motion_at, sensitivity
-from robodyn_cli.over.numerics.trial import SAMPLES, TrialReference, agreed
+from robodyn_cli.over.work_precision.error_growth import Sensitivity, motion_at, sensitivity
+from robodyn_cli.over.work_precision.lock_precision import judge_lock, lock_reference, locks
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result

@@ -7,8 +7,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.integrators.methods.stability_region import limits
-from robodyn_cli.over.numerics.energy_growth import EnergyGrowth
-from robodyn_cli.over.numerics.spectrum import Spectrum
+from robodyn_cli.over.stability.energy_growth import EnergyGrowth
+from robodyn_cli.over.stability.spectrum import Spectrum
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

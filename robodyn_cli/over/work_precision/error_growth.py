@@ -13,7 +13,7 @@ import numpy as np
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.over.numerics.entries import LONGEST, SECONDS, driver_of, positions_and_rates
+from robodyn_cli.over.work_precision.entries import LONGEST, SECONDS, driver_of, positions_and_rates
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from robodyn_cli.over.numerics.stability_scenes import (
+from robodyn_cli.over.stability.scenes import (
     FOUR_BAR,
     LECTURE_ARM,
     PARALLELOGRAM,

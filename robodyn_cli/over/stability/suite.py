@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.over.numerics.spectrum import Spectrum
-from robodyn_cli.over.numerics.stability import STIFF, along, at_start
-from robodyn_cli.over.numerics.stability_cases import CASES, Case
-from robodyn_cli.over.numerics.trial import Budget, TrialReference, attempts, methods_tried, reference
+from robodyn_cli.over.references import TrialReference
+from robodyn_cli.over.stability.cases import CASES, Case
+from robodyn_cli.over.stability.spectrum import Spectrum
+from robodyn_cli.over.stability.stability import STIFF, along, at_start
+from robodyn_cli.over.stability.trial import Budget, attempts, methods_tried, reference
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.result import Result
