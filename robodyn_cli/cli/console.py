@@ -36,6 +36,7 @@ class Console:
     def __init__(self, as_json: bool = False, quiet: bool = False) -> None:
         self.as_json = as_json
         self.quiet = quiet
+        self.for_people = not quiet and not as_json  # whether results are printed in words
         self._shown = 0.0
         self._width = 0
         self._noted = False
@@ -43,7 +44,7 @@ class Console:
 
     def say(self, text: str) -> None:
         """Print results for people."""
-        if not self.quiet and not self.as_json:
+        if self.for_people:
             _print(fitted(text, sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:

@@ -131,6 +131,8 @@ def publish(
 def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
     """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where."""
     _show_data(directory, console)
+    if not console.for_people:
+        return
     console.say(describe(result.summary))
     if result.events:
         from robodyn_cli.results.moments import moment_lines

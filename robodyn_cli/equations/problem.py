@@ -199,7 +199,7 @@ class Problem:
         ``passive``: springs, dampers, bushings; ``friction``; ``external``: forces and wrenches.
         """
         terms = self.joint_forces(smooth)
-        for name, torques in self.elements.torques.items():
+        for name, torques in self.elements.torques.items() if self.model.forces else ():
             terms[name] = terms[name] + torques if name in terms else torques
         if geared(self.model):
             losses = self.gear_losses(smooth)
@@ -255,9 +255,9 @@ class Problem:
 
         rows: list[Row] = []
         dropped: list[str] = []
-        closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
-        for loop in self.model.loops:
-            for row in closures.of(loop):
+        if self.model.loops:
+            closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
+            for row in (row for loop in self.model.loops for row in closures.of(loop)):
                 if vanishes(row):
                     dropped.append(row.name)
                 else:
@@ -388,7 +388,7 @@ class Problem:
     def potential(self) -> Scalar:
         """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
-        return own + self.elements.potential
+        return own + self.elements.potential if self.model.forces else own
 
     # -- places ---------------------------------------------------------------------------------------
     def world_point(self, frame: FixedFrame) -> Vector:

@@ -23,6 +23,7 @@ MOST_BYTES = 64 << 20  # kept in all; the oldest files go first
 PARTIAL = ".part"
 STALE = 3600.0  # age [s] from which on an unfinished file is left over from a process that was killed
 DIGEST = 32  # bytes of SHA-256
+SWEEPERS = "0"  # first digits of keys whose writing sweeps: one in sixteen, as a sweep looks at every file
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -107,7 +108,8 @@ class ObjectFile:
             except BaseException:
                 os.unlink(name)
                 raise
-            sweep(self.path.parent)
+            if self.key[0] in SWEEPERS:
+                sweep(self.path.parent)
 
     def _digest(self, code: bytes) -> bytes:
         return hashlib.sha256(self.key.encode() + b"\0" + code).digest()
@@ -115,11 +117,18 @@ class ObjectFile:
 
 def contents(folder: Path) -> list[tuple[Path, os.stat_result]]:
     """Return the objects in a cache with what is known of them, oldest first."""
+    return sorted(_files(folder, ".o"), key=lambda pair: pair[1].st_mtime)
+
+
+def _files(folder: Path, suffix: str) -> list[tuple[Path, os.stat_result]]:
+    """Return the files with this ending."""
     found = []
-    for path in folder.glob("*.o"):
-        with contextlib.suppress(OSError):
-            found.append((path, path.lstat()))
-    return sorted(found, key=lambda pair: pair[1].st_mtime)
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(suffix):
+                with contextlib.suppress(OSError):
+                    found.append((Path(entry.path), entry.stat(follow_symlinks=False)))
+    return found
 
 
 def remove_all(folder: Path) -> int:
@@ -148,7 +157,7 @@ def sweep(folder: Path, most_bytes: int | None = None) -> None:
         with contextlib.suppress(OSError):
             path.unlink()
             excess -= found.st_size
-    for path in folder.glob(f"*{PARTIAL}"):
-        with contextlib.suppress(OSError):
-            if time.time() - path.lstat().st_mtime > STALE:
+    for path, found in _files(folder, PARTIAL):
+        if time.time() - found.st_mtime > STALE:
+            with contextlib.suppress(OSError):
                 path.unlink()

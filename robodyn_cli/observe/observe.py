@@ -310,14 +310,16 @@ class Observer:
             path: Column(long_name=MEANINGS[path], **columns.described())
             for path, columns in joint_columns(self.problem.model).items()
         }
-        elements = self.problem.elements.names
-        table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
-        table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
+        if self.problem.model.forces:
+            elements = self.problem.elements.names
+            table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
+            table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
         if self.controlled:
             from robodyn_cli.observe.control import control_columns
 
             table.update({path: Column(**given) for path, given in control_columns(self.problem).items()})
-        table.update(loop_columns(self.problem.constraints.rows, bool(self.problem.dependent)))
+        if self.problem.constraints.rows:
+            table.update(loop_columns(self.problem.constraints.rows, bool(self.problem.dependent)))
         if self.reactions is not None:
             for path, names in self.reactions.names.items():
                 meaning = self.reactions.meanings[path]

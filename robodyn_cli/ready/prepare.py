@@ -48,7 +48,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
         given = initial_positions(scene, problem)
         held = held_columns(scene, problem)
     with watch.stage("assemble"):
-        if problem.constraints.rheonomic or problem.elements.moving:
+        if problem.constraints.rheonomic or (problem.model.forces and problem.elements.moving):
             from robodyn_cli.given.prescribed import check_prescribed
 
             check_prescribed(problem)

@@ -101,7 +101,7 @@ class ScalarReader:
             raise self.wrong(kind, node, path, unit)
         if not isinstance(node.value, str):
             return self.finite(node, path)
-        tree = self.parse(node, path, describe(kind, unit))
+        tree = self.parse(kind, node, path, unit)
         if tree.constant is None:
             name = sorted(tree.names)[0]
             raise self.wrong(kind, node, path, unit, f"is not a number: {name!r} is part of it")
@@ -187,7 +187,7 @@ class ScalarReader:
             raise self.wrong(kind, node, path, unit)
         if not isinstance(node.value, str):
             return fm.FormulaTree.number(self.finite(node, path))
-        tree = self.parse(node, path, describe(kind, unit))
+        tree = self.parse(kind, node, path, unit)
         self.check_moving(tree, node, path)
         try:
             tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates, self.names.states)
@@ -207,8 +207,9 @@ class ScalarReader:
                 message = f"joint {joint!r} is fixed: it has no coordinate for a formula"
                 raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
 
-    def parse(self, node: Scalar, path: Path, allowed: str) -> fm.FormulaTree:
+    @staticmethod
+    def parse(kind: Kind, node: Scalar, path: Path, unit: str) -> fm.FormulaTree:
         try:
             return fm.parse(node.text)
         except SceneError as error:
-            raise located(node, dotted(path), f"{error.message}; allowed: {allowed}") from None
+            raise located(node, dotted(path), f"{error.message}; allowed: {describe(kind, unit)}") from None

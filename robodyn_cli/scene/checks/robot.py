@@ -286,6 +286,14 @@ def _check_points(robot: Robot, check: Check) -> None:
                 problem = spot_problem(robot, point.link, point.at) if isinstance(point.at, str) else None
                 if problem is not None:
                     check.fail((*path, "at"), problem)
+    for name, point in robot.points.items():
+        with check:
+            if point.motion is not None and point.link != BASE:
+                check.fail(
+                    (*ROBOT, "points", name, "motion"),
+                    f"only points on 'base' move by formulas (this one is on {point.link!r}); let a prescribed joint "
+                    "move it",
+                )
 
 
 def check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:
