@@ -143,7 +143,7 @@ COMMANDS: dict[str, Command] = {
         "Find the cheapest or lightest motors and gears for a motion.",
         run="works.size.size:size",
         check="over.checks:size",
-        summary=("inverse:InverseSummary", "drives:DriveKeys", "size:SizeSummary"),
+        summary=("inverse:InverseSummary", "drives:DriveKeys", "inverse:SizeSummary"),
         plots=("size_front", "drives"),
         blames="trajectory",
     ),

@@ -174,7 +174,7 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
 
 def _tell_of_compiled_code(console: Console) -> None:
     """Say what kept compiled code from being kept, where anything was compiled; it does not touch the results."""
-    compiler = sys.modules.get("robodyn_cli.kernels.report")
+    compiler = sys.modules.get("robodyn_cli.kernels.cache")
     for text in compiler.REPORT.warnings if compiler is not None else ():
         console.note(f"robodyn: warning: {text}")
 

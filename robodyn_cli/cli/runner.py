@@ -16,7 +16,7 @@ from robodyn_cli.exit_codes import OF_STATUS, REPLACING
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.going_on.journal import Journal
+    from robodyn_cli.motion.going_on import Journal
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.output_dir import OutputDirectory
@@ -182,7 +182,7 @@ def _journal(
 
     journal = None
     if keeps_journal(job.command, scene):
-        from robodyn_cli.motion.going_on.journal import Journal
+        from robodyn_cli.motion.going_on import Journal
         from robodyn_cli.results.output_dir import UNFINISHED_NAME
 
         journal = stack.enter_context(Journal(directory.path / UNFINISHED_NAME, scene, job.resume))
@@ -234,8 +234,8 @@ def placed(scene: Path, overrides: Sequence[str], command: str) -> Iterator[None
 
 
 def place_in_files(error: RobodynError, scene: Path, overrides: Sequence[str], command: str) -> None:
-    """Put file, line, column and key before the message of an error about a scene; see ``over/placing.py``."""
-    from robodyn_cli.over.placing import place
+    """Put file, line, column and key before the message of an error about a scene; see ``over/commands.py``."""
+    from robodyn_cli.over.commands import place
     from robodyn_cli.scene.load import examine
 
     place(error, lambda: examine(scene, list(overrides)).root, command)

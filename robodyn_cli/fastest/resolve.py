@@ -12,7 +12,7 @@ from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.fastest.limits import LimitedPath, PathLimits, Torques
 from robodyn_cli.fastest.profile import NoProfile
 from robodyn_cli.fastest.search import Fastest, fastest, merged
-from robodyn_cli.given.along_path import motion_along, motion_at
+from robodyn_cli.given.guided_motion import motion_along, motion_at
 from robodyn_cli.given.motion import Planned, led_by
 from robodyn_cli.model.model import Model
 from robodyn_cli.scene.types import Scene

@@ -21,8 +21,7 @@ from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.solve.point_kinematics import Led, PointKinematics, what_is_left
 from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
-from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.trajectories.motion import PoseMotion
+from robodyn_cli.trajectories.motion import PoseMotion, position_columns
 
 if TYPE_CHECKING:
     from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory

@@ -24,7 +24,7 @@ from robodyn_cli.summaries.motion import (
 )
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.redundancy import Redundant
+    from robodyn_cli.motion.self_check import Redundant
 
 
 def final_state(run: Run) -> FinalState:

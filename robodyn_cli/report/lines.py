@@ -1,25 +1,99 @@
-"""Lines over time: many columns, long records, single samples."""
+"""Lines over time: many columns (as a map where there are very many), long records, single samples, limits."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import crest, envelope, finite
-from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.joint_limits import NOTE as LIMIT_NOTE
-from robodyn_cli.report.joint_limits import draw_limits, limits_near
 from robodyn_cli.report.ticks import degree_axis, labelled
-from robodyn_cli.results.columns import by_unit, column_names
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.catalogue import JOINT_LIMITS
+from robodyn_cli.results.result import Result, Variable, by_unit, column_names
 from robodyn_cli.spatial.algebra import Array
+
+NEAR = 0.3  # of the largest value of a joint: a limit further away would only make the curve small
+LIMIT_NOTE = "; dotted: limits of the joints"
+
+
+def limits_near(result: Result, path: str) -> dict[str, list[float]]:
+    """Return the limits that the columns of a dataset come near or pass, by the names of the columns."""
+    variable = result.variables[path]
+    names = column_names(variable)
+    found: dict[str, list[float]] = {}
+    for limit, sides in JOINT_LIMITS.get(path, {}).items():
+        stored = result.variables.get(f"joint_limits/{limit}")
+        for name, size in zip(column_names(stored), stored.data) if stored is not None else ():
+            values = finite(variable.data[:, names.index(name)])
+            bottom, top = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+            room = NEAR * max(abs(bottom), abs(top))
+            levels = [side * size for side in sides if bottom - room <= side * size <= top + room]
+            if levels:
+                found.setdefault(name, []).extend(levels)
+    return found
+
+
+def draw_limits(ax: Axes, near: dict[str, list[float]], names: Sequence[str], handles: Sequence[Any]) -> None:
+    """Draw the limits of joints in the colours of their curves."""
+    for name, handle in zip(names, handles):
+        for level in near.get(name, ()):
+            ax.axhline(level, color=handle.get_color(), linewidth=1.3, linestyle=(0, (1, 1.5)), zorder=1.5)
+
+
+# More instants than pixels add nothing.
+INSTANTS = 800
+ROWS = 400
+
+
+def draw_map(result: Result, variable: Variable, quantity: str, subtitle: str) -> Any:
+    """Return a figure of a variable (T, n) with columns upwards and time to the right, a map for each unit."""
+    names, groups = column_names(variable), by_unit(variable)
+    sheet = TimeSheet(
+        result,
+        f"{subtitle}; {len(names)} columns, one row each",
+        panels=len(groups),
+        height=3.3 if len(groups) == 1 else 2.2,
+        bars=True,
+    )
+    for ax, bar, (units, columns) in zip(sheet.axes, sheet.bars, groups.items()):
+        drawn = _map(ax, result.time, variable.data[:, columns], [names[k] for k in columns])
+        sheet.figure.colorbar(drawn, cax=bar).set_label(labelled(quantity, units))
+    sheet.label_time()
+    sheet.legend([], [])
+    return sheet.figure
+
+
+def _map(ax: Axes, time: Array, data: Array, names: list[str]) -> AxesImage:
+    """Draw one map."""
+    rows = _spread(len(names), ROWS)
+    image = finite(data)[np.ix_(_spread(len(time), INSTANTS), rows)].T
+    half = 0.5 if len(time) == 1 else 0.0
+    extent = (time[0] - half, time[-1] + half, 0.5, len(names) + 0.5)
+    # Lightness grows with the value, so a grey print keeps the order.
+    drawn = ax.imshow(
+        image, aspect="auto", origin="lower", extent=extent, cmap="cividis", interpolation="nearest"
+    )
+    ax.grid(False)
+    marks = sorted({round(1 + index * (len(names) - 1) / 8) for index in range(9)})
+    ax.set_yticks(marks, [_short(names[mark - 1]) for mark in marks])
+    return drawn
+
+
+def _spread(count: int, most: int) -> Any:
+    """Return at most ``most`` indices evenly over ``count``."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 9 else name[:4] + "…" + name[-4:]
+
 
 # of the largest value of its unit: less is what rounding leaves of zero
 NOTHING = 1e-12

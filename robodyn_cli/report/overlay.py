@@ -19,8 +19,7 @@ from robodyn_cli.report.lines import panel_height
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
 from robodyn_cli.report.ticks import unit
 from robodyn_cli.results.atomic import output_errors
-from robodyn_cli.results.columns import column_names, units_of
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.spatial.algebra import Array
 
 

@@ -12,12 +12,19 @@ from typing import TYPE_CHECKING, Any
 from robodyn_cli.errors import SceneError, did_you_mean, nearest_word, unknown_name
 from robodyn_cli.expr.statements import Expectation, parse_expectation
 from robodyn_cli.record import record
-from robodyn_cli.scene.joint_values import joint_map
-from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader
-from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader, joint_map
 from robodyn_cli.scene.text.includes import concrete
-from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, describe_node, dotted, located
-from robodyn_cli.schema.describe import describe
+from robodyn_cli.scene.text.nodes import (
+    Faults,
+    Mapping,
+    Node,
+    Path,
+    Scalar,
+    Sequence,
+    describe_node,
+    dotted,
+    located,
+)
 from robodyn_cli.schema.fields import (
     ByPart,
     Choice,
@@ -37,6 +44,7 @@ from robodyn_cli.schema.fields import (
     Tagged,
     Variations,
     Vector,
+    describe,
     key_name,
 )
 
@@ -204,7 +212,7 @@ class Reader(ScalarReader):
 
     def settings(self, kind: Settings, node: Node, path: Path, unit: str) -> dict[str, str]:
         """Return by key path the value as ``--set`` writes it; maps below a key are the same as dots in it."""
-        from robodyn_cli.scene.text.emit import flow
+        from robodyn_cli.scene.text.yaml_text import flow
 
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):

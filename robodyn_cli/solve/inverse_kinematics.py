@@ -18,8 +18,14 @@ from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik, TaskSpaceTrajectory
-from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.trajectories.motion import Asked, JointMotion, PointMotion, PoseMotion, in_frame
+from robodyn_cli.trajectories.motion import (
+    Asked,
+    JointMotion,
+    PointMotion,
+    PoseMotion,
+    in_frame,
+    position_columns,
+)
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.newton import Drift
@@ -229,8 +235,7 @@ def _moves_most(model: Model, failure: Singular) -> str:
 def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) -> FollowedPath:
     """Follow the path by Newton's method from one time to the next."""
     from robodyn_cli.model.manifold import Manifold
-    from robodyn_cli.solve.continuation import PathFollower
-    from robodyn_cli.solve.newton import PointSolver
+    from robodyn_cli.solve.newton import PathFollower, PointSolver
 
     ik = task.ik
     function = compile(task.kinematics())

@@ -6,7 +6,7 @@ import contextlib
 import time
 from collections.abc import Callable, Iterator
 
-from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.kernels.cache import REPORT
 
 
 class Stopwatch:

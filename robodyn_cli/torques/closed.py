@@ -18,8 +18,8 @@ from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, velocity_places
 from robodyn_cli.given.motion import Planned, motion_duration
 from robodyn_cli.loops.base import Row
-from robodyn_cli.observe.closing import add_rows
 from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.observe import add_rows
 from robodyn_cli.observe.rounding import few
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.record import record
@@ -28,7 +28,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.program import InverseProgram, LoopSamples, Sampled, expressions_of
-from robodyn_cli.trajectories.led import led_joints
+from robodyn_cli.trajectories.motion import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
 
 

@@ -13,7 +13,7 @@ from robodyn_cli.schema.fields import Choice, Formula, JointMap, ListOf, Number,
 from robodyn_cli.trajectories.base import Problems, SceneNames, joint_problems, led_joints, position_problems
 from robodyn_cli.trajectories.formulas import evaluated, texts
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
-from robodyn_cli.trajectories.led import with_attitudes
+from robodyn_cli.trajectories.motion import with_attitudes
 
 
 @record

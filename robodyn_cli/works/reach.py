@@ -8,9 +8,9 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics, explain_miss
 from robodyn_cli.given.poses.targets import Poses, Way
-from robodyn_cli.model.placement import orientation
-from robodyn_cli.observe.closing import add_sample
+from robodyn_cli.model.joints import orientation
 from robodyn_cli.observe.evaluation import refuse_result
+from robodyn_cli.observe.observe import add_sample
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.results.result import Result

@@ -23,7 +23,7 @@ from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.going_on.journal import Journal
+    from robodyn_cli.motion.going_on import Journal
 from robodyn_cli.summaries.motion import MotionErrors
 
 
@@ -77,7 +77,7 @@ def motion_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
     if scene.initial.source is None:
         motion = build_motion(integrable(scene, watch), watch)
         return motion, motion.beginning
-    from robodyn_cli.motion.going_on.stored import stored_run
+    from robodyn_cli.motion.going_on import stored_run
 
     stored = stored_run(scene)
     motion = build_motion(integrable(stored.completed(), watch), watch)

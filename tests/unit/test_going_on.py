@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.going_on.journal import Journal
+from robodyn_cli.motion.going_on import Journal
 from robodyn_cli.over.commands import execute
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.result import Result

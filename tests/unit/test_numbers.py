@@ -17,8 +17,8 @@ from robodyn_cli.expr.formula import Formula
 from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import Interpreter, evaluate
+from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.kernels.program import make_program
-from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model import build as models
 from robodyn_cli.model.model import MOTION_GROUPS

@@ -314,8 +314,7 @@ def test_large_files_take_linear_time(tmp_path: Path) -> None:
     def seconds(n: int) -> float:
         links = "".join(f'<link name="l{k}"/>' for k in range(n + 1))
         joints = "".join(joint(f"j{k}", f"l{k}", f"l{k + 1}", "fixed", "") for k in reversed(range(n)))
-        from robodyn_cli.scene.text.faults import Faults
-        from robodyn_cli.scene.text.nodes import Source
+        from robodyn_cli.scene.text.nodes import Faults, Source
         from robodyn_cli.scene.urdf.read import read_urdf
 
         gc.collect()

@@ -13,7 +13,7 @@ from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import NoPlan, Quiet, ReportAsJson, StoredResults
 
 if TYPE_CHECKING:
-    from robodyn_cli.report.page.section import Shown
+    from robodyn_cli.report.page.page import Shown
     from robodyn_cli.results.result import Result
 
 SUFFIXES = (".html", ".htm")
@@ -64,7 +64,7 @@ def shown(paths: list[Path], planned: bool) -> list[Shown]:
     """
     from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.overlay import path_ends
-    from robodyn_cli.report.page.section import Shown
+    from robodyn_cli.report.page.page import Shown
 
     read = [read_stored(path) for path in paths]
     for path, result in zip(paths, read):

@@ -12,7 +12,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.exit_codes import FAILED, worst
 from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.reports import datasets_of
-from robodyn_cli.over.batch.trees import Compared, compare_stored, is_run
+from robodyn_cli.over.batch.stored import Compared, compare_stored, is_run
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, publish, temporary_path, uninterrupted
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, set_in_summary

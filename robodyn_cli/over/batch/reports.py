@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 from robodyn_cli.exit_codes import worst
 from robodyn_cli.over.batch.entries import BatchEntry
-from robodyn_cli.over.batch.trees import Compared
+from robodyn_cli.over.batch.stored import Compared
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.compare import Comparison, Difference
 from robodyn_cli.summaries.checks import (

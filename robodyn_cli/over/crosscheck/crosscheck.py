@@ -10,8 +10,7 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.over.commands import command_of, locks
-from robodyn_cli.over.crosscheck.engine import PeerEngine
-from robodyn_cli.over.crosscheck.translation import Translation, translate
+from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translate
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.summaries.checks import ComparedQuantity, CrosscheckReport

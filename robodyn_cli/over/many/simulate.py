@@ -14,8 +14,7 @@ from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
 from robodyn_cli.motion.build import build_motion
-from robodyn_cli.motion.error.attempts import First, Masks
-from robodyn_cli.motion.error.estimate import time_errors
+from robodyn_cli.motion.error import First, Masks, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.groups import first_of

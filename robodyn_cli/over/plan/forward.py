@@ -1,4 +1,5 @@
-"""The plan of ``simulate`` and ``deploy``: the accelerations, and the other programs of a step."""
+"""The plan of ``simulate`` and ``deploy``: the accelerations, how they are solved for, and the other programs of a
+step."""
 
 from __future__ import annotations
 
@@ -9,7 +10,6 @@ from collections.abc import Iterator
 
 from robodyn_cli.decision import Decision
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.equations.solver import solver
 from robodyn_cli.expr.graph import Scalar, count_operations, free_symbols
 from robodyn_cli.formulations.build import build_system
 from robodyn_cli.formulations.events import EventFunction
@@ -34,6 +34,20 @@ from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene import types as sc
 from robodyn_cli.summaries.checks import Kernel, LoopCosts
 from robodyn_cli.tools.stopwatch import Stopwatch
+
+
+def solver(problem: Problem) -> Decision:
+    """Return the way that ``Problem.forward`` takes, and why."""
+    what = "accelerations"
+    if problem.has_multipliers:
+        return Decision(what, "factored mass matrix", "the multipliers need the factor of M")
+    ways = problem.ways_to_accelerations(problem.applied - problem.bias)
+    counts = {name: count_operations(list(a)) for name, a in ways.items()}
+    reason = "fewer operations"
+    if len(counts) == 1:
+        reason = f"{problem.model.nv} joints: the factored mass matrix grows with their cube"
+    return Decision(what, min(counts, key=counts.__getitem__), reason, counts)
+
 
 PROJECTION = "projection"
 

@@ -18,9 +18,9 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.keys import NUMBER, STRUCTURE, Key
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
+from robodyn_cli.over.sensitivity.differences import EXACT, Slope
 from robodyn_cli.over.sensitivity.motion.end import Ending, MotionSlopes
 from robodyn_cli.over.sensitivity.motion.variational import programs_of
-from robodyn_cli.over.sensitivity.slope import EXACT, Slope
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.registry import Registry
 from robodyn_cli.scene.types import Scene

@@ -20,11 +20,10 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
+from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.exact import Found, compared
-from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
-from robodyn_cli.over.sensitivity.gradients import MotionGradients
+from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
-from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import share_change

@@ -12,11 +12,10 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
+from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.exact import Found, compared
-from robodyn_cli.over.sensitivity.figures import every_second, slopes_along
-from robodyn_cli.over.sensitivity.gradients import MotionGradients
+from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
-from robodyn_cli.over.sensitivity.slope import Slope
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.mechanism import KinematicsSummary

@@ -1,7 +1,5 @@
-"""The result of sensitivities: derivatives with their errors, ranked by how much a part of a key moves an output.
-
-Derivatives of outputs of a scene's command by keys of the scene, for Python.
-"""
+"""Sensitivities: derivatives of outputs of a command by keys of its scene, with their errors, ranked by how much a part
+of a key moves an output."""
 
 from __future__ import annotations
 
@@ -13,14 +11,57 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.observe.units import unit_text
-from robodyn_cli.over.sensitivity.asked import prepare
-from robodyn_cli.over.sensitivity.slope import EXACT, Slope, why_not
-from robodyn_cli.over.sensitivity.slopes import Sensitivities, sensitivities
+from robodyn_cli.over.sensitivity.asked import AskedSlopes, prepare
+from robodyn_cli.over.sensitivity.differences import (
+    DIFFERENCES,
+    EXACT,
+    Slope,
+    differences,
+    is_time_of_sample,
+    why_not,
+)
+from robodyn_cli.over.sensitivity.exact import exact_slopes
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.study import OF_KEY, OF_OUTPUT, NominalNumber, SensitivitySummary, SlopeKeys
+
+JUMPS = Slope(
+    math.nan,
+    math.nan,
+    DIFFERENCES,
+    "it is the time of one of the samples, which stays or jumps to another one",
+)
+
+
+@record
+class Sensitivities:
+    """All derivatives (outputs, keys), and why those by differences are not exact, by the number of the key."""
+
+    asked: AskedSlopes
+    slopes: tuple[tuple[Slope, ...], ...]
+    obstacles: dict[int, str]
+
+
+def sensitivities(asked: AskedSlopes, jobs: int = 1) -> Sensitivities:
+    """Return the derivatives of all outputs by all keys.
+
+    Parameters
+    ----------
+    jobs : processes or threads for runs of central differences.
+    """
+    exact, obstacles = exact_slopes(asked)
+    outputs, count = asked.task.outputs, len(asked.keys)
+    exact |= {(name, k): JUMPS for name in outputs if is_time_of_sample(name) for k in range(count)}
+    rest = [k for k in range(count) if any((name, k) not in exact for name in outputs)]
+    others = differences(asked, rest, jobs)
+    slopes = tuple(
+        tuple(exact.get((name, k)) or others[k][place] for k in range(count))
+        for place, name in enumerate(outputs)
+    )
+    return Sensitivities(asked, slopes, obstacles)
 
 
 def report(found: Sensitivities, seconds: float) -> Result:

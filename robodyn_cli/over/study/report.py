@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import ResultFileError
 from robodyn_cli.over.batch.stored import read_stored
+from robodyn_cli.over.study.design import strata
 from robodyn_cli.over.study.rows import RowFile
-from robodyn_cli.over.study.samples import strata
 from robodyn_cli.over.study.statistics import MOST, Blocks, Moments, influences, quantiles, share, sobol
 from robodyn_cli.over.study.study import Study
 from robodyn_cli.results.result import Result

@@ -11,8 +11,7 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.drawing.bodies import Links, colour_of, hide, payload_parts
-from robodyn_cli.report.drawing.joints import Connections
+from robodyn_cli.report.drawing.parts import Connections, Links, colour_of, hide, payload_parts
 from robodyn_cli.report.drawing.places import STILL, DrawnExpressions, arrows, evenly, loads, moving_paths
 from robodyn_cli.report.drawing.record import Drawing, Trail
 from robodyn_cli.results.moments import lock_time

@@ -11,8 +11,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.ticks import number
-from robodyn_cli.results.columns import column_names
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, column_names
 from robodyn_cli.spatial.algebra import Array
 
 MOST = 8  # motors that are drawn: those that use most of their envelope

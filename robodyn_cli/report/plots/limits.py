@@ -11,8 +11,7 @@ from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.ticks import number
-from robodyn_cli.results.columns import column_names
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, column_names
 
 MOST = 8  # limits that are drawn with a name of their own: those that bind longest
 

@@ -12,10 +12,10 @@ from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, make_drawing
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
+from robodyn_cli.report.drawing.paper import name_lines
 from robodyn_cli.report.drawing.places import along_motion, evenly
 from robodyn_cli.report.drawing.record import Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
-from robodyn_cli.report.placing import name_lines
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result

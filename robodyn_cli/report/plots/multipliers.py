@@ -12,9 +12,8 @@ from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.lines import draw_columns
 from robodyn_cli.report.marks import growth_times, loop_columns, sharing_note
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
-from robodyn_cli.results.columns import by_unit, column_names
 from robodyn_cli.results.moments import lock_time
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, by_unit, column_names
 from robodyn_cli.spatial.algebra import Array
 
 

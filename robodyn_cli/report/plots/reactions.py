@@ -9,11 +9,10 @@ import numpy as np
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, where_largest
-from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.lines import NOTHING, draw_columns, quiet_axis
+from robodyn_cli.report.lines import NOTHING, draw_columns, draw_map, quiet_axis
 from robodyn_cli.report.marks import sharing_note
 from robodyn_cli.report.ticks import labelled, log_axis, number
-from robodyn_cli.results import columns as wrenches
+from robodyn_cli.results import result as wrenches
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
 

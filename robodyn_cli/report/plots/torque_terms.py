@@ -11,8 +11,7 @@ from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.lines import draw_columns, quiet_axis
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
 from robodyn_cli.report.ticks import load_label
-from robodyn_cli.results.columns import column_names, units_of
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, column_names, units_of
 
 # The order of the contract, so that a term has the same colour in every drawing.
 ORDER = ("inertia", "coriolis", "gravity", "friction", "passive", "external", "stops", "gear")

@@ -10,14 +10,18 @@ import numpy as np
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import finite, where_largest
-from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.joint_limits import NOTE as LIMIT_NOTE
-from robodyn_cli.report.joint_limits import draw_limits, limits_near
-from robodyn_cli.report.lines import draw_groups, panel_height, quiet_axis
+from robodyn_cli.report.lines import (
+    LIMIT_NOTE,
+    draw_groups,
+    draw_limits,
+    draw_map,
+    limits_near,
+    panel_height,
+    quiet_axis,
+)
 from robodyn_cli.report.marks import torque_note
 from robodyn_cli.report.ticks import load_label, number, unit
-from robodyn_cli.results.columns import by_unit, column_names, units_of
-from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.result import Result, Variable, by_unit, column_names, units_of
 from robodyn_cli.solve.quadrature import root_mean_square_over
 from robodyn_cli.spatial.algebra import Array
 

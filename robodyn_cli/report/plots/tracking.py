@@ -12,8 +12,7 @@ from robodyn_cli.report.canvas import TimeSheet
 from robodyn_cli.report.decimate import envelope, finite
 from robodyn_cli.report.lines import draw_columns, panel_height
 from robodyn_cli.report.ticks import load_label, number
-from robodyn_cli.results.columns import by_unit, column_names
-from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.result import Result, Variable, by_unit, column_names
 
 MOST = 6  # coordinates that are drawn: those with the largest error
 BAND = {"linewidth": 4.5, "alpha": 0.3, "solid_capstyle": "butt"}  # the reference, which motion lies on

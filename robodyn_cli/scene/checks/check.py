@@ -7,8 +7,18 @@ from collections.abc import Sequence as SequenceOf
 from typing import NoReturn
 
 from robodyn_cli.errors import unknown_name
-from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, dotted, find, located, nearest
+from robodyn_cli.scene.text.nodes import (
+    Faults,
+    Mapping,
+    Node,
+    Path,
+    Scalar,
+    Sequence,
+    dotted,
+    find,
+    located,
+    nearest,
+)
 
 
 class Check(Faults):

@@ -13,7 +13,7 @@ from robodyn_cli.scene.checks.robot import columns
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.base import SceneNames
-from robodyn_cli.trajectories.led import velocity_columns
+from robodyn_cli.trajectories.motion import velocity_columns
 
 KNOWN_TO_CONTROL = ("ref", "refd", "refdd", "s")
 SAMPLED = ("delay", "rate_limit", "sensors")  # keys that only a sampled controller has

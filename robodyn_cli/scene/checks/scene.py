@@ -25,7 +25,7 @@ from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, m
 from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import DeployOptions, KinematicsOptions, Robot, Scene, Torque
-from robodyn_cli.trajectories.led import (
+from robodyn_cli.trajectories.motion import (
     FOLLOW,
     follow_trajectory,
     position_columns,
@@ -103,7 +103,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     check_moving_points(scene, check)
     check_forces(scene, check)
     if scene.payloads:
-        from robodyn_cli.scene.checks.payloads import check_payloads
+        from robodyn_cli.scene.checks.carried import check_payloads
 
         check_payloads(scene, check)
     check_spans(scene, check)
@@ -295,15 +295,15 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 ("simulate", "max_step"), f"{message}; allowed: with methods that choose their own steps"
             )
     if scene.kinematics != KinematicsOptions():
-        from robodyn_cli.scene.checks.mechanism import check_kinematics
+        from robodyn_cli.scene.checks.options import check_kinematics
 
         check_kinematics(scene, check)
     if scene.deploy != DeployOptions():
-        from robodyn_cli.scene.checks.mechanism import check_deploy
+        from robodyn_cli.scene.checks.options import check_deploy
 
         check_deploy(scene, check)
     if scene.reach is not None:
-        from robodyn_cli.scene.checks.reach import check_reach
+        from robodyn_cli.scene.checks.options import check_reach
 
         check_reach(scene.robot, scene.reach, check)
 

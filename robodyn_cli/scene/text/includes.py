@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import ResultFileError, SceneError, shown
 from robodyn_cli.registry import Registry
-from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.nodes import (
+    Faults,
     Mapping,
     Node,
     Path,
@@ -29,7 +29,7 @@ from robodyn_cli.scene.text.nodes import (
     scalar,
     sequence,
 )
-from robodyn_cli.scene.text.yaml_nodes import compose, read_text
+from robodyn_cli.scene.text.yaml_text import compose, read_text
 from robodyn_cli.schema.fields import (
     ATTACH,
     INCLUDE,

@@ -19,7 +19,7 @@ from robodyn_cli.scene.text.nodes import (
     name_of,
     sequence,
 )
-from robodyn_cli.scene.text.yaml_nodes import compose
+from robodyn_cli.scene.text.yaml_text import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
 HELP = (

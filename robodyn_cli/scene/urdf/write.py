@@ -8,8 +8,8 @@ from collections import Counter
 from collections.abc import Iterator
 from collections.abc import Mapping as MappingOf
 
-from robodyn_cli.scene.text.emit import block
 from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence, mapping, scalar, sequence
+from robodyn_cli.scene.text.yaml_text import block
 from robodyn_cli.scene.urdf.read import Urdf
 
 WIDTH = 110

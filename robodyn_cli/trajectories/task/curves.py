@@ -100,7 +100,7 @@ class Parametric:
 
     def _fitted(self, u: Array) -> Course:
         """Return u as quintics of the arc length, between places u (N,)."""
-        from robodyn_cli.trajectories.quintic_spline import hermite
+        from robodyn_cli.trajectories.course import hermite
 
         c = self.curve(u)
         first, second = c[1], 2.0 * c[2]
@@ -148,7 +148,7 @@ def blend(before: Line, after: Line, distance: float) -> Parametric:
     A polynomial of degree 5 whose direction and curvature are those of the lines at both ends. Its speed there keeps
     the curvature and its rate low: of a right angle 1.5 / distance and 3.4 / distance^2.
     """
-    from robodyn_cli.trajectories.quintic_spline import hermite
+    from robodyn_cli.trajectories.course import hermite
 
     corner, rest = after.start, np.zeros(3)
     half = math.sqrt(

@@ -25,7 +25,7 @@ from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import MotionErrors
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
-from robodyn_cli.trajectories.led import led_joints
+from robodyn_cli.trajectories.motion import led_joints
 from robodyn_cli.works.deploy.lock import (
     Latch,
     Lock,
@@ -38,8 +38,13 @@ from robodyn_cli.works.deploy.lock import (
     find_lock,
     time_error,
 )  # fmt: skip
-from robodyn_cli.works.deploy.locked_motion import FollowedLock, first_overload, follow_locked, join
-from robodyn_cli.works.deploy.recording import record_motion
+from robodyn_cli.works.deploy.recording import (
+    FollowedLock,
+    first_overload,
+    follow_locked,
+    join,
+    record_motion,
+)
 from robodyn_cli.works.deploy.scan import Scan, ScanEnd, decide, follow_deployment, latch_position, scan
 
 

@@ -18,10 +18,22 @@ from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSum
 from robodyn_cli.tools.progress import Progress, no_progress
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.motion import JointMotion
-from robodyn_cli.works.linearise.modes import modes_of, stability_of
-from robodyn_cli.works.linearise.nominal import Nominal, Question, nominal
-from robodyn_cli.works.linearise.signals import LinearOutputs, input_signals, state_signals
-from robodyn_cli.works.linearise.stored import Systems, add_matrices, add_poses, add_responses
+from robodyn_cli.works.linearise.modes import (
+    Systems,
+    add_matrices,
+    add_poses,
+    add_responses,
+    modes_of,
+    stability_of,
+)
+from robodyn_cli.works.linearise.nominal import (
+    LinearOutputs,
+    Nominal,
+    Question,
+    input_signals,
+    nominal,
+    state_signals,
+)
 
 REST = 1e-8  # an acceleration this small beside that of the freed weights counts as none
 NEAR = 1e-9  # s beyond the ends of a motion that still count as the ends

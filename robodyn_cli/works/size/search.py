@@ -22,7 +22,7 @@ from robodyn_cli.motors.drive import Catalogue, Drive, Train
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.size import MotorAndGear
+from robodyn_cli.summaries.inverse import MotorAndGear
 from robodyn_cli.works.size.candidates import Candidates, stacked
 from robodyn_cli.works.size.responses import Responses
 

@@ -19,12 +19,13 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.motion.error.attempts import First, first_attempt
+from robodyn_cli.motion.error import First, first_attempt
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.keys import OPTION, Key
 from robodyn_cli.over.sensitivity.motion.course import (
     BESIDE,
     Switch,
+    Updated,
     follow,
     parts_of,
     plain_states,
@@ -33,7 +34,6 @@ from robodyn_cli.over.sensitivity.motion.course import (
     switches_of,
 )
 from robodyn_cli.over.sensitivity.motion.start import start_slopes
-from robodyn_cli.over.sensitivity.motion.updates import Updated
 from robodyn_cli.over.sensitivity.motion.variational import (
     Linearised,
     Slopes,
