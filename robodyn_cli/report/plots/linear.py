@@ -1,4 +1,4 @@
-"""Gain and phase of a linear model's outputs over the frequency of its inputs (Bode's diagram)."""
+"""Linear models: poles and frequency responses."""
 
 from __future__ import annotations
 
@@ -7,15 +7,87 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.report.analysis import powers
-from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.style import GREY, dashed_style
+from robodyn_cli.report.analysis import powers, titled
+from robodyn_cli.report.canvas import Sheet, TimeSheet
+from robodyn_cli.report.registry import plot
+from robodyn_cli.report.style import COLOURS, GREY, dashed_style
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+
+
+@plot(lambda result: "linear/poles_real" in result)
+def poles(result: Result) -> Any:
+    """The poles of a linear model in the complex plane; poles along a motion are shaded by time."""
+    real, imaginary = result["linear/poles_real"], result["linear/poles_imaginary"]
+    along = real.ndim == 2
+    text = "Poles of the linear model: left decays, right grows" + ("; shaded by time" if along else "")
+    figure = titled(6.4, 5.2, result, text)
+    ax = figure.add_axes((0.13, 0.11, 0.7 if along else 0.83, 0.74))
+    ax.axvline(0.0, color=GREY, linewidth=0.8)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    if along:
+        shades = np.repeat(result.time[:, None], real.shape[1], axis=1)
+        dots = ax.scatter(
+            real.ravel(), imaginary.ravel(), c=shades.ravel(), cmap="cividis", s=9, linewidths=0
+        )
+        figure.colorbar(dots, cax=figure.add_axes((0.86, 0.11, 0.022, 0.74))).set_label("time [s]")
+    else:
+        ax.plot(real, imaginary, "x", markersize=8.0, markeredgewidth=1.8)
+    size = float(np.hypot(real, imaginary).max()) or 1.0
+    # rounding beside the axes is not to fill the picture
+    for part, limits in ((real, ax.set_xlim), (imaginary, ax.set_ylim)):
+        reach = max(float(np.abs(part).max()), 0.05 * size) * 1.15
+        limits(-reach, reach)
+    ax.set_xlabel("real part [1/s]")
+    ax.set_ylabel("imaginary part [rad/s]")
+    return figure
+
+
+GROWS, DECAYS, STAYS = COLOURS[6], COLOURS[0], COLOURS[2]
+
+
+@plot(
+    lambda result: (
+        "linear/poles_real" in result and result["linear/poles_real"].ndim == 2 and result.time.size > 1
+    )
+)
+def poles_over_time(result: Result) -> Any:
+    """The poles of a linear model along a motion: what grows and decays, and how fast it swings, over time; real
+    parts above, oscillations (if any) below; dots, for poles meet and part."""
+    real, imaginary = result["linear/poles_real"], result["linear/poles_imaginary"]
+    time = np.repeat(result.time[:, None], real.shape[1], axis=1)
+    kinds = [
+        (name, colour, chosen)
+        for name, colour, chosen in (
+            ("grows", GROWS, real > 0.0), ("decays", DECAYS, real < 0.0), ("neither", STAYS, real == 0.0)
+        )
+        if chosen.any()
+    ]  # fmt: skip
+    labels = [name for name, _, _ in kinds]
+    text = "Poles of the linear model along the motion, each instant as if it stayed so"
+    swinging = imaginary > 0.0
+    sheet = TimeSheet(result, text, panels=2 if swinging.any() else 1, height=2.1, labels=labels)
+    upper, lower = sheet.axes[0], sheet.axes[-1]
+    handles = []
+    for _, colour, chosen in kinds:
+        handles += upper.plot(time[chosen], real[chosen], ".", color=colour, markersize=2.6)
+        swings = chosen & swinging
+        lower.plot(time[swings], imaginary[swings] / (2.0 * np.pi), ".", color=colour, markersize=2.6)
+    upper.axhline(0.0, color=GREY, linewidth=0.8)
+    upper.set_ylabel("real part [1/s]")
+    if lower is not upper:
+        lower.set_ylabel("oscillation [Hz]")
+        lower.set_ylim(bottom=0.0)
+    for ax in sheet.axes:
+        ax.set_xlim(float(result.time[0]), float(result.time[-1]))
+    sheet.label_time()
+    sheet.legend(handles, labels)
+    return sheet.figure
+
 
 FEW = 6  # curves that are drawn
 ROUNDING = 1e-13  # of the largest gain, below which a response counts as none
@@ -31,11 +103,6 @@ class ResponseCurve:
     input: int
 
 
-def applies(result: Result) -> bool:
-    """Tell whether there is a response."""
-    return "linear/response_real" in result and bool(shown(result))
-
-
 def shown(result: Result) -> list[ResponseCurve]:
     """Return what is drawn: of the pairs of output and input the strongest, each at all instants."""
     found = np.abs(_responses(result))
@@ -46,8 +113,9 @@ def shown(result: Result) -> list[ResponseCurve]:
     return [ResponseCurve(k, *place) for place in sorted(strongest) for k in range(instants)]
 
 
-def draw(result: Result) -> Any:
-    """Return the figure."""
+@plot(lambda result: "linear/response_real" in result and bool(shown(result)))
+def frequency_response(result: Result) -> Any:
+    """Gain and phase of a linear model's outputs over the frequency of its inputs (Bode's diagram)."""
     curves, found = shown(result), _responses(result)
     every = found[:, 0].size
     more = "" if len(curves) == every else f"; {len(curves)} of {every} drawn"
