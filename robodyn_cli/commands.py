@@ -20,7 +20,8 @@ class Command:
     summary : the records of its summary, one after another, as ``module:class`` below ``summaries/``.
     plan : f(scene) -> the ``Subject`` of a plan.
     batch : class of ``many.command.Command``, which makes many runs in compiled code.
-    slopes : exact derivatives: f(asked, numbers of keys) -> a ``Slope`` for each of these keys, by output.
+    slopes : exact derivatives: f(asked, numbers of keys) -> a ``Slope`` for each of these keys, by output; or the class
+    of them, ``Direct``, of a command that integrates nothing.
     good : status of a run that ended as it should.
     given : sections with what the motion is asked to be, which are no numbers of the equations.
     plots : those of its result, below ``report/plots/``, in the order of pages.
@@ -69,7 +70,7 @@ COMMANDS: dict[str, Command] = {
         summary=("inverse:InverseSummary", "drives:DriveKeys"),
         plan="over.plan.inverse:InversePlan",
         batch="over.many.inverse:InverseRuns",
-        slopes="over.sensitivity.inverse:slopes",
+        slopes="over.sensitivity.inverse:InverseSlopes",
         given=("trajectory",),
         plots=(
             *JOINTS,
@@ -118,7 +119,7 @@ COMMANDS: dict[str, Command] = {
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
         summary=("mechanism:KinematicsSummary",),
-        slopes="over.sensitivity.kinematics:slopes",
+        slopes="over.sensitivity.kinematics:KinematicsSlopes",
         given=("trajectory", "kinematics"),
         plots=(*JOINTS, "mechanism:tip_path", "joints:point_motion", "joints:transmission_angle", *MOTION),
         blames="trajectory",
@@ -144,7 +145,7 @@ COMMANDS: dict[str, Command] = {
         run="works.statics:statics",
         check="over.checks:statics",
         summary=("mechanism:StaticsSummary",),
-        slopes="over.sensitivity.statics:slopes",
+        slopes="over.sensitivity.statics:StaticsSlopes",
         plots=STILL,
     ),
     "linearise": Command(

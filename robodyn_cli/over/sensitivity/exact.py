@@ -28,12 +28,11 @@ from robodyn_cli.tools.stopwatch import Stopwatch
 
 Programs = Sequence[Program]
 Found = dict[str, list[Slope]]  # by output, a derivative for each key
-Work = Callable[[AskedSlopes, Sequence[int]], Found]  # of keys by their numbers
 FOLLOWS = 1e-2  # part of a small change of a number by which its derivatives may miss it
 ROUNDING = 1e-11  # of numbers that are computed, far below NEARBY
 NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equations are compared
 
-works: Registry[Work] = Registry("robodyn_cli", places("slopes"))
+works: Registry[Any] = Registry("robodyn_cli", places("slopes"))
 
 
 def exact_slopes(asked: AskedSlopes) -> tuple[dict[tuple[str, int], Slope], dict[int, str]]:
@@ -46,7 +45,7 @@ def exact_slopes(asked: AskedSlopes) -> tuple[dict[tuple[str, int], Slope], dict
 
     def attempt(numbers: Sequence[int]) -> None:
         try:
-            slopes = work(asked, numbers)
+            slopes = compared(work, asked, numbers) if isinstance(work, type) else work(asked, numbers)
         except RobodynError as obstacle:
             if len(numbers) == 1:
                 why[numbers[0]] = obstacle.message

@@ -21,7 +21,6 @@ from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.record import record
@@ -47,16 +46,6 @@ class InverseFigures:
     drives: dict[str, DriveFigures] | Absent = ABSENT
 
 
-def slopes(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
-    """Return the derivatives of the figures of ``inverse`` by some keys.
-
-    Raises
-    ------
-    CapabilityError : they cannot be computed exactly.
-    """
-    return compared(InverseSlopes, asked, numbers)
-
-
 class InverseSlopes:
     """The samples of an inverse run, and their derivatives by some keys, which are named by their numbers.
 
@@ -66,14 +55,12 @@ class InverseSlopes:
     """
 
     def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
-        if scene.trajectory is not None and not scene.trajectory.in_time:
-            raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
+        self.led = LedSlopes(asked, scene, numbers, self._course)
         self.program = program_of(scene)
         self.problem = self.program.problem
         _refuse(self.program)
         self.samples = scene.inverse.samples
-        self.led = LedSlopes(asked, scene, numbers, self._course)
         self.loads = ReactionSamples(self.problem, self.samples) if scene.outputs.reactions else None
         self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
 

@@ -6,30 +6,18 @@ import dataclasses
 from collections.abc import Sequence
 from functools import cached_property
 
-from robodyn_cli.errors import CapabilityError
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.mechanism import KinematicsSummary
 from robodyn_cli.works.kinematics import leading, outputs, plan, problem_of, report, summarise
-
-
-def slopes(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
-    """Return the derivatives of the figures of ``kinematics`` by some keys.
-
-    Raises
-    ------
-    CapabilityError : they cannot be computed exactly.
-    """
-    return compared(KinematicsSlopes, asked, numbers)
 
 
 class KinematicsSlopes:
@@ -41,8 +29,6 @@ class KinematicsSlopes:
     """
 
     def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
-        if scene.trajectory is not None and not scene.trajectory.in_time:
-            raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers = asked, numbers
         self.led = LedSlopes(asked, scene, numbers, _course)
         self.problem = self.led.course.problem

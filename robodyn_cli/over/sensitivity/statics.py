@@ -24,7 +24,6 @@ from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.exact import Found, compared
 from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients, slopes_along
 from robodyn_cli.over.sensitivity.led import velocity_map
 from robodyn_cli.over.sensitivity.motion.start import Closing, given_slopes
@@ -64,16 +63,6 @@ class Rest:
 
     values: dict[str, Array]
     changes: dict[str, Array]
-
-
-def slopes(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
-    """Return the derivatives of the figures of ``statics`` by some keys.
-
-    Raises
-    ------
-    CapabilityError : they cannot be computed exactly.
-    """
-    return compared(StaticsSlopes, asked, numbers)
 
 
 class StaticsSlopes:
