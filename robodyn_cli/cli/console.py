@@ -15,8 +15,14 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
-from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
+from robodyn_cli.errors import (
+    INTERNAL,
+    INTERRUPTED,
+    OutputError,
+    RobodynError,
+    no_linear_algebra,
+    out_of_range,
+)
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere

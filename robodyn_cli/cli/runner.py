@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.errors import RobodynError, SceneError, StrictError
-from robodyn_cli.exit_codes import OF_STATUS, REPLACING
+from robodyn_cli.errors import OF_STATUS, REPLACING, RobodynError, SceneError, StrictError
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -22,7 +21,7 @@ if TYPE_CHECKING:
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
     from robodyn_cli.scene.types import Scene
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Stopwatch
 
 Describe = Callable[[Mapping[str, Any]], str]
 
@@ -53,7 +52,7 @@ class SceneRun:
 
 def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
     """Run one scene, write its results, print its summary; return the exit code."""
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Stopwatch
 
     watch = Stopwatch()
     with output(job.directory, job.scene, console) as directory:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.result import Result
     from robodyn_cli.scene.types import Scene
-    from robodyn_cli.tools.progress import Progress
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Progress, Stopwatch
 
 # samples above which a simulation writes its file while it runs
 STREAMED_ABOVE = 200_000

@@ -14,7 +14,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
 from robodyn_cli.solve.closure import rank
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.trajectories.motion import position_columns, velocity_columns
 
 if TYPE_CHECKING:

@@ -28,8 +28,7 @@ from robodyn_cli.solve.closure import RANK, halton, rank, search
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import AssembleSummary, BranchSearch, ClosedBranch
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.motion import position_columns
 
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign

@@ -22,8 +22,7 @@ from robodyn_cli.summaries.inverse import (
     LoadedMechanism,
     definitions_of,
 )
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
     error_estimate,

@@ -35,8 +35,7 @@ from robodyn_cli.summaries.mechanism import (
     SingularRatio,
     TransmissionAngle,
 )
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.motion import velocity_columns
 
 

@@ -19,8 +19,7 @@ from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.mechanism import ReachedBranch, ReachSummary
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite

@@ -29,13 +29,11 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
-from robodyn_cli.solve.equilibrium import Balance, balance
-from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, share
+from robodyn_cli.solve.load_sharing import Balance, LostRank, Shared, TooFewActuators, balance, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, Mobility, StaticsSummary
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank
 from robodyn_cli.trajectories.motion import JointMotion, led_joints, position_columns
 

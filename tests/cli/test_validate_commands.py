@@ -12,8 +12,7 @@ from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.over.batch.findings import Finding, findings
 from robodyn_cli.over.commands import execute, place
 from robodyn_cli.scene.load import examine, load_scene
-from robodyn_cli.tools.progress import no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch, no_progress
 
 ARM = """\
 schema: 1

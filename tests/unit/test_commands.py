@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS, places
-from robodyn_cli.exit_codes import OF_STATUS
+from robodyn_cli.errors import OF_STATUS
 from robodyn_cli.over.many.command import BatchCommand
 from robodyn_cli.registry import Registry
 from robodyn_cli.report.registry import PLOTS, Plot

@@ -26,11 +26,11 @@ WRITERS = {
     "report/style.py: styled": "NOT SAFE, as matplotlib: docs/cli.md",
     "results/atomic.py: uninterrupted": "in the main thread alone",
     "results/hdf5/reader.py: survive": "the child only reads with h5py, which holds its own lock across a fork",
-    "tools/stopwatch.py: Stopwatch.listen": "main thread of the command line",
+    "tools/progress.py: Stopwatch.listen": "main thread of the command line",
     "over/study/cluster.py: _code_of": "behind a lock",
     "over/study/runs.py: _begin": "of a worker process, before its first run",
     "over/study/design.py: Sobol.rows": "main thread of the command `sweep`",
-    "over/study/statistics.py: sobol": "main thread of the command `sweep`",
+    "over/study/report.py: sobol": "main thread of the command `sweep`",
 }
 # Functions that keep what they have returned: pure, so that it does not matter which thread's result is kept.
 KEEPERS = {

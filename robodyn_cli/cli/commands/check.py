@@ -9,7 +9,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, file
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED
 
 
 def command(

@@ -10,7 +10,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import ATOL, RTOL, AbsoluteTolerance, Quiet, RelativeTolerance, ReportAsJson
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED
 
 if TYPE_CHECKING:
     from robodyn_cli.over.batch.stored import Compared

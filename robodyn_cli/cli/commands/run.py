@@ -27,8 +27,7 @@ from robodyn_cli.cli.options import (
     number,
 )
 from robodyn_cli.cli.worker import command_line
-from robodyn_cli.errors import CapabilityError
-from robodyn_cli.exit_codes import worst
+from robodyn_cli.errors import CapabilityError, worst
 
 if TYPE_CHECKING:
     from robodyn_cli.over.batch.entries import BatchEntry

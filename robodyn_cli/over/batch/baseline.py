@@ -8,8 +8,7 @@ import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.exit_codes import FAILED, worst
+from robodyn_cli.errors import FAILED, CapabilityError, RobodynError, worst
 from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.reports import datasets_of
 from robodyn_cli.over.batch.stored import Compared, compare_stored, is_run

@@ -12,8 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
-from robodyn_cli.errors import ResultFileError, RobodynError, SceneError
-from robodyn_cli.exit_codes import FAILED, worst
+from robodyn_cli.errors import FAILED, ResultFileError, RobodynError, SceneError, worst
 from robodyn_cli.over.batch.criteria import EXIT_CODE, exit_code, judge
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, same_run

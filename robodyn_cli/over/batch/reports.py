@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from xml.etree import ElementTree
 
-from robodyn_cli.exit_codes import worst
+from robodyn_cli.errors import worst
 from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.stored import Compared
 from robodyn_cli.results.atomic import write_bytes

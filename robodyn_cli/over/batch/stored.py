@@ -9,8 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.errors import ResultFileError, RobodynError, SceneError
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED, ResultFileError, RobodynError, SceneError
 from robodyn_cli.record import record
 from robodyn_cli.results.compare import Difference, compare
 from robodyn_cli.results.hdf5 import read

@@ -72,10 +72,10 @@ def compared_command(scene: Scene) -> str:
 
 def _engine(name: str) -> Callable[[Any], PeerEngine]:
     if name == "pinocchio":
-        from robodyn_cli.over.crosscheck.in_pinocchio import InPinocchio
+        from robodyn_cli.over.crosscheck.engines import InPinocchio
 
         return InPinocchio
-    from robodyn_cli.over.crosscheck.in_mujoco import InMujoco
+    from robodyn_cli.over.crosscheck.engines import InMujoco
 
     return InMujoco
 

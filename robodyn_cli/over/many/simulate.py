@@ -27,7 +27,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment
 from robodyn_cli.works.deploy.lock import TRUSTED
 

@@ -26,7 +26,7 @@ from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients, slopes_along
 from robodyn_cli.over.sensitivity.led import velocity_map
-from robodyn_cli.over.sensitivity.motion.start import Closing, given_slopes
+from robodyn_cli.over.sensitivity.motion.ends import Closing, given_slopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, share, share_change
@@ -41,7 +41,7 @@ from robodyn_cli.works.statics import (
     staying,
 )
 
-RANK = 1e-8  # as ``solve/equilibrium.py`` solves for multipliers
+RANK = 1e-8  # as ``solve/load_sharing.py`` solves for multipliers
 INDIFFERENT = 1e-9  # part of the largest stiffness below which a configuration may be any
 
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.exit_codes import INTERNAL
+from robodyn_cli.errors import INTERNAL
 from robodyn_cli.over.study.design import Design
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, write_bytes

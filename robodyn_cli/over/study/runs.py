@@ -27,8 +27,7 @@ from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed
 from robodyn_cli.registry import Registry
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.tools.progress import no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch, no_progress
 
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen

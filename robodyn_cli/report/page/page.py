@@ -15,10 +15,9 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
-from robodyn_cli.report.canvas import below_heading, print_figure
+from robodyn_cli.report.canvas import below_heading, decisive_text, print_figure
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes
-from robodyn_cli.report.marks import decisive_text
 from robodyn_cli.report.page import tables
 from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned
 from robodyn_cli.report.page.motion import motion_data

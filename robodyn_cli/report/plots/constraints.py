@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import TimeSheet
+from robodyn_cli.report.canvas import TimeSheet, growth_times, loop_columns, sharing_note
 from robodyn_cli.report.decimate import finite, largest, where_largest
 from robodyn_cli.report.lines import (
     NOTHING,
@@ -17,7 +17,6 @@ from robodyn_cli.report.lines import (
     panel_height,
     quiet_axis,
 )
-from robodyn_cli.report.marks import growth_times, loop_columns, sharing_note
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
 from robodyn_cli.results import result as wrenches

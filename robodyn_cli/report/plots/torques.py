@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import TimeSheet
+from robodyn_cli.report.canvas import TimeSheet, torque_note
 from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.lines import (
     LIMIT_NOTE,
@@ -20,7 +20,6 @@ from robodyn_cli.report.lines import (
     panel_height,
     quiet_axis,
 )
-from robodyn_cli.report.marks import torque_note
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
 from robodyn_cli.report.ticks import load_label, number, unit

@@ -10,8 +10,7 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.spatial.orientation import rotation_of
-from robodyn_cli.trajectories.task.curves import STILL, Curve, Line, blend
-from robodyn_cli.trajectories.task.segments import BEYOND, FARTHEST, PathProblem
+from robodyn_cli.trajectories.task.segments import BEYOND, FARTHEST, STILL, Curve, Line, PathProblem, blend
 from robodyn_cli.trajectories.task.stretch import (
     Attitudes,
     Facing,

@@ -16,7 +16,7 @@ from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.legs import CUBIC, MINIMUM_JERK, TimeLaw, fastest, polynomial
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.task import taylor
-from robodyn_cli.trajectories.task.curves import ORDER, STILL, Curve, series_of
+from robodyn_cli.trajectories.task.segments import ORDER, STILL, Curve, series_of
 
 
 class Turning(Protocol):

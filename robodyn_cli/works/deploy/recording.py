@@ -20,15 +20,14 @@ from robodyn_cli.motion.joint_limits import JointLimits
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import FirstRun, estimate_error
-from robodyn_cli.motion.summary import residual_of
+from robodyn_cli.motion.self_check import residual_of
 from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, magnitude
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.deploy import AfterLock, LatchLoad, Overload
-from robodyn_cli.tools.progress import Progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch
 from robodyn_cli.works.deploy.lock import Latch, Lock
 from robodyn_cli.works.deploy.scan import Pose, Scan, ScanEnd
 

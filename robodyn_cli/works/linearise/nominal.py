@@ -22,7 +22,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
 from robodyn_cli.summaries.linear import LinearSignal
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.functions.derivatives import frame_jacobian
 
 TORQUES = "tau"  # symbol group of the torques beside those of the equations

@@ -1,8 +1,8 @@
-"""The tree of a mechanism in MuJoCo."""
+"""The tree of a mechanism in Pinocchio and in MuJoCo."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
@@ -15,14 +15,115 @@ from robodyn_cli.over.crosscheck.engine import (
     PeerEngine,
     PeerPlace,
     children,
+    depth_first,
     mass_properties,
     real,
     refuse_joint,
 )
 from robodyn_cli.spatial.algebra import Array
 
+XYZW = (1, 2, 3, 0)  # places of x, y, z, w among w, x, y, z
+
+
+def _composite(pin: Any, *parts: Any) -> Any:
+    found = pin.JointModelComposite()
+    for part in parts:
+        found.addJoint(part)
+    return found
+
+
+# by our joint: Pinocchio's, and where each of its positions is among ours
+PINOCCHIO_KINDS: dict[str, tuple[Callable[[Any, Any], Any], tuple[int, ...]]] = {
+    "revolute": (lambda pin, joint: pin.JointModelRZ(), (0,)),
+    "prismatic": (lambda pin, joint: pin.JointModelPZ(), (0,)),
+    "helical": (lambda pin, joint: pin.JointModelHZ(float(joint.pitch)), (0,)),
+    "cylindrical": (lambda pin, joint: _composite(pin, pin.JointModelRZ(), pin.JointModelPZ()), (0, 1)),
+    "universal": (lambda pin, joint: _composite(pin, pin.JointModelRZ(), pin.JointModelRX()), (0, 1)),
+    "planar": (
+        lambda pin, joint: _composite(pin, pin.JointModelPX(), pin.JointModelPY(), pin.JointModelRZ()),
+        (0, 1, 2),
+    ),
+    "spherical": (lambda pin, joint: pin.JointModelSpherical(), XYZW),
+    "floating": (lambda pin, joint: pin.JointModelFreeFlyer(), (0, 1, 2, *(3 + k for k in XYZW))),
+}
+
+
+class InPinocchio(PeerEngine):
+    """A tree in Pinocchio: recursive Newton-Euler, composite and articulated bodies, rotors as armature.
+
+    Raises
+    ------
+    CapabilityError : Pinocchio is not installed, or has no counterpart of a joint.
+    """
+
+    name = "pinocchio"
+
+    def __init__(self, model: Model) -> None:
+        try:
+            import pinocchio as pin
+        except ImportError:
+            raise CapabilityError(MISSING.format("Pinocchio", "pinocchio")) from None
+        super().__init__(model)
+        self.pin, self.version = pin, pin.__version__
+        out = pin.Model()
+        out.gravity.linear = real(model.gravity)
+        self.joint = {BASE: 0}
+        rotors = np.zeros(model.nv)
+        for k in depth_first(model):
+            body = model.bodies[k]
+            if body.joint.type not in PINOCCHIO_KINDS:
+                raise refuse_joint("Pinocchio", body, tuple(PINOCCHIO_KINDS))
+            make, places = PINOCCHIO_KINDS[body.joint.type]
+            placement = pin.SE3(real(body.X_tree.E).T, real(body.X_tree.r))
+            at = out.addJoint(self.joint[body.parent], make(pin, body.joint), placement, body.joint_name)
+            m, c, I = mass_properties(body)
+            out.appendBodyToJoint(at, pin.Inertia(m, c, I), pin.SE3.Identity())
+            self.joint[k] = at
+            self.q_places[out.idx_qs[at] : out.idx_qs[at] + body.joint.nq] = [body.q + j for j in places]
+            self.v_places[out.idx_vs[at] : out.idx_vs[at] + body.joint.nv] = range(
+                body.v, body.v + body.joint.nv
+            )
+            rotors[out.idx_vs[at] : out.idx_vs[at] + body.joint.nv] = [float(x) for x in body.rotors]
+        out.armature = rotors
+        self.model, self.data = out, out.createData()
+
+    def _to(self, *arrays: Array) -> list[Array]:
+        q, *others = arrays
+        return [q[self.q_places], *(x[self.v_places] for x in others)]
+
+    def torques(self, q: Array, v: Array, a: Array) -> Array:
+        return self.in_our_order(np.array(self.pin.rnea(self.model, self.data, *self._to(q, v, a))))
+
+    def free_accelerations(self, q: Array, v: Array, tau: Array) -> Array:
+        return self.in_our_order(np.array(self.pin.aba(self.model, self.data, *self._to(q, v, tau))))
+
+    def mass_matrix(self, q: Array) -> Array:
+        M = np.array(self.pin.crba(self.model, self.data, *self._to(q)))
+        return self.in_our_order(self.in_our_order(np.triu(M) + np.triu(M, 1).T).T)
+
+    def place(self, q: Array, v: Array, frame: FixedFrame) -> PeerPlace:
+        pin, joint = self.pin, self.joint[frame.body]
+        at = self.pin.SE3(real(frame.R), real(frame.p))
+        here, rates = self._to(q, v)
+        pin.computeJointJacobians(self.model, self.data, here)
+        pin.forwardKinematics(self.model, self.data, here, rates, np.zeros(self.size))
+        local = pin.Frame("", joint, 0, at, pin.FrameType.OP_FRAME)
+        pose = self.data.oMi[joint] * local.placement
+        axes = pin.LOCAL_WORLD_ALIGNED
+        J = pin.getFrameJacobian(self.model, self.data, joint, at, axes)
+        velocity = pin.getFrameVelocity(self.model, self.data, joint, at, axes)
+        drift = pin.getFrameClassicalAcceleration(self.model, self.data, joint, at, axes)
+        return PeerPlace(
+            pose.translation.copy(),
+            pose.rotation.copy(),
+            self.in_our_order(np.concatenate([J[3:], J[:3]])),
+            np.concatenate([drift.angular, drift.linear]),
+            velocity.angular.copy(),
+        )
+
+
 # by our joint: MuJoCo's joints of one body, outermost first, each with its axis
-KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
+MUJOCO_KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
     "revolute": (("hinge", "0 0 1"),),
     "prismatic": (("slide", "0 0 1"),),
     "cylindrical": (("hinge", "0 0 1"), ("slide", "0 0 1")),
@@ -109,8 +210,8 @@ def _mjcf(model: Model, mujoco: Any) -> str:
 
     def write(k: int) -> list[str]:
         body = model.bodies[k]
-        if body.joint.type not in KINDS:
-            raise refuse_joint("MuJoCo", body, tuple(KINDS))
+        if body.joint.type not in MUJOCO_KINDS:
+            raise refuse_joint("MuJoCo", body, tuple(MUJOCO_KINDS))
         turn = np.zeros(4)
         mujoco.mju_mat2Quat(turn, np.ascontiguousarray(real(body.X_tree.E).T).ravel())
         m, c, I = mass_properties(body)
@@ -120,7 +221,7 @@ def _mjcf(model: Model, mujoco: Any) -> str:
             f'<inertial pos="{_numbers(c)}" mass="{m!r}" fullinertia="{_numbers(full)}"/>',
         ]
         used = 0
-        for j, (kind, axis) in enumerate(KINDS[body.joint.type]):
+        for j, (kind, axis) in enumerate(MUJOCO_KINDS[body.joint.type]):
             lines.append(
                 f'<joint name={quoteattr(f"{k}.{j}")} type="{kind}" axis="{axis}" '
                 f'armature="{float(body.rotors[used])!r}"/>'
