@@ -21,18 +21,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.points import point_problem, with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import rank, size_number
-from robodyn_cli.solve.poses.steps import (
-    CRITERION_STEP,
-    MOST_STEP,
-    ORIENTATIONS,
-    TARGET,
-    PoseTask,
-    StepBounds,
-    criterion_step,
-    damped_step,
-    pose_rows,
-    position_after,
-)
+from robodyn_cli.solve.poses import steps
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array, Matrix, dot, matrix
 
@@ -56,14 +45,14 @@ class PoseDemand:
     limits: bool = True
     method: str = "auto"
 
-    def task(self, frame: FixedFrame) -> PoseTask:
+    def task(self, frame: FixedFrame) -> steps.PoseTask:
         """Return the task for a frame.
 
         Raises
         ------
         SceneError : a choice that there is not, or nothing is asked.
         """
-        check_choice("orientation", self.orientation, ORIENTATIONS)
+        check_choice("orientation", self.orientation, steps.ORIENTATIONS)
         check_choice("method", self.method, ("auto", "damped"))
         check_choice("criterion", self.criterion, tuple(x.value for x in Criterion))
         position, length = self.position, float(np.linalg.norm(self.axis))
@@ -74,7 +63,9 @@ class PoseDemand:
         if len(self.axis) != 3 or not length > 0.0:
             raise SceneError(f"axis {list(self.axis)}: three numbers, not all zero")
         x, y, z = (float(x) / length for x in self.axis)
-        return PoseTask(frame, tuple(sorted("xyz".index(x) for x in position)), self.orientation, (x, y, z))
+        return steps.PoseTask(
+            frame, tuple(sorted("xyz".index(x) for x in position)), self.orientation, (x, y, z)
+        )
 
 
 @record
@@ -103,7 +94,7 @@ class Way:
     within_limits: bool
 
 
-def packed_targets(task: PoseTask, position: Array, rotation: Array | None) -> Array:
+def packed_targets(task: steps.PoseTask, position: Array, rotation: Array | None) -> Array:
     """Return targets (T, 12) of positions and rotations as ``InverseKinematics.solve`` takes them.
 
     Raises
@@ -193,27 +184,27 @@ class PoseEquations:
     """
 
     def __init__(
-        self, problem: Problem, task: PoseTask, limits: PositionLimits, criterion: Criterion
+        self, problem: Problem, task: steps.PoseTask, limits: PositionLimits, criterion: Criterion
     ) -> None:
         self.problem, self.task, self.limits, self.criterion = problem, task, limits, criterion
         model, graph = problem.model, problem.graph
         self.size = size_number(model)
         self.lengths = [self.size if unit == "m" else 1.0 for unit in model.v_units]
-        names = [*(f"target{k}" for k in range(TARGET)), *(f"near.{name}" for name in model.q_names)]
+        names = [*(f"target{k}" for k in range(steps.TARGET)), *(f"near.{name}" for name in model.q_names)]
         data = graph.symbols(names, DATA)
-        self.target, self.near = data[:TARGET], data[TARGET:]
+        self.target, self.near = data[: steps.TARGET], data[steps.TARGET :]
         count = len(limits.places)
         p = graph.symbols([f"limit{k}" for k in range(2 * count)], PARAMETERS)
         self.lower, self.upper = p[:count], p[count:]
         place = dict(zip(limits.velocities, limits.places))
-        self.bounds = StepBounds(
+        self.bounds = steps.StepBounds(
             dict(zip(limits.velocities, self.lower)), dict(zip(limits.velocities, self.upper)), place
         )
         self.rows = self._scaled()
 
     def _scaled(self) -> Scaled:
         problem = self.problem
-        task = pose_rows(problem.model, problem.q, self.task, self.target)
+        task = steps.pose_rows(problem.model, problem.q, self.task, self.target)
         loops, at_start = problem.constraints.rows, dict[int, Scalar]({problem.t.index: 0.0})
         eta = substitute([row.eta for row in loops], at_start)
         e = [*(-x for x in eta), *task.error]
@@ -258,8 +249,8 @@ class PoseEquations:
         J = rows.J
         if self.limits.places:
             J = J * self.bounds.free(problem.q, J.T @ np.array(rows.e, dtype=object))
-        dq = damped_step(rows.e, J)
-        step = position_after(problem.model, problem.q, dq, self.lengths, self.bounds, MOST_STEP)
+        dq = steps.damped_step(rows.e, J)
+        step = steps.position_after(problem.model, problem.q, dq, self.lengths, self.bounds, steps.MOST_STEP)
         return IterationKernel(step, rows.measure)
 
     @cached_property
@@ -297,11 +288,13 @@ class PoseEquations:
         damping, before = (
             problem.graph.symbol(n, STATE, nq + k) for k, n in enumerate(("damping", "before"))
         )
-        dq = criterion_step(e, J, c, C, damping)
+        dq = steps.criterion_step(e, J, c, C, damping)
         if self.limits.places:
             free = self.bounds.free(problem.q, dq)
-            dq = criterion_step(e, J * free, c, C * free, damping)
-        step = position_after(problem.model, problem.q, dq, self.lengths, self.bounds, CRITERION_STEP)
+            dq = steps.criterion_step(e, J * free, c, C * free, damping)
+        step = steps.position_after(
+            problem.model, problem.q, dq, self.lengths, self.bounds, steps.CRITERION_STEP
+        )
         value = 0.5 * dot(c, c) + dot(e, e)
         factor = where(value - before, DAMPING_UP, DAMPING_DOWN)
         after = minimum(maximum(damping * factor, LEAST_DAMPING), MOST_DAMPING)

@@ -12,28 +12,17 @@ from robodyn_cli.over.batch.entries import BatchEntry
 from robodyn_cli.over.batch.stored import Compared
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.compare import Comparison, Difference
-from robodyn_cli.summaries.checks import (
-    BatchReport,
-    CheckReport,
-    ComparisonReport,
-    DatasetReport,
-    JudgedCriterion,
-    ResultReport,
-    SceneFindings,
-    SceneReport,
-    TreeReport,
-    ValidationReport,
-)
+from robodyn_cli.summaries import checks
 from robodyn_cli.summaries.facts import ABSENT
 
 
-def batch_of(entries: Sequence[BatchEntry], exit_code: int) -> BatchReport:
+def batch_of(entries: Sequence[BatchEntry], exit_code: int) -> checks.BatchReport:
     """Return how a batch ended."""
-    return BatchReport(_status(exit_code), exit_code, [_scene(entry) for entry in entries])
+    return checks.BatchReport(_status(exit_code), exit_code, [_scene(entry) for entry in entries])
 
 
-def _scene(entry: BatchEntry) -> SceneReport:
-    return SceneReport(
+def _scene(entry: BatchEntry) -> checks.SceneReport:
+    return checks.SceneReport(
         scene=str(entry.path),
         name=entry.name,
         command=entry.command or None,
@@ -48,48 +37,50 @@ def _scene(entry: BatchEntry) -> SceneReport:
     )
 
 
-def check_of(criteria: list[JudgedCriterion]) -> CheckReport:
+def check_of(criteria: list[checks.JudgedCriterion]) -> checks.CheckReport:
     """Return how a result meets its criteria."""
     failed = sum(not criterion.holds for criterion in criteria)
-    return CheckReport(_status(failed), failed, criteria)
+    return checks.CheckReport(_status(failed), failed, criteria)
 
 
-def validation_of(scenes: list[SceneFindings], exit_code: int) -> ValidationReport:
+def validation_of(scenes: list[checks.SceneFindings], exit_code: int) -> checks.ValidationReport:
     """Return what is wrong with scenes."""
-    return ValidationReport(_status(exit_code), exit_code, scenes)
+    return checks.ValidationReport(_status(exit_code), exit_code, scenes)
 
 
 def _status(wrong: int) -> str:
     return "failed" if wrong else "ok"
 
 
-def datasets_of(items: Iterable[Difference]) -> list[DatasetReport]:
+def datasets_of(items: Iterable[Difference]) -> list[checks.DatasetReport]:
     """Return how datasets compare."""
     return [_dataset(item) for item in items]
 
 
-def _dataset(item: Difference) -> DatasetReport:
+def _dataset(item: Difference) -> checks.DatasetReport:
     if item.verdict not in ("equal", "differs"):
-        return DatasetReport(item.path, item.verdict, detail=item.detail or ABSENT)
-    return DatasetReport(
+        return checks.DatasetReport(item.path, item.verdict, detail=item.detail or ABSENT)
+    return checks.DatasetReport(
         item.path, item.verdict, item.error, item.ratio, item.value, item.expected, item.time,
         item.column or None, item.stated, item.within_stated,
     )  # fmt: skip
 
 
-def comparison_of(found: Comparison, rtol: float, atol: float) -> ComparisonReport:
+def comparison_of(found: Comparison, rtol: float, atol: float) -> checks.ComparisonReport:
     """Return what ``compare`` says of two results."""
-    return ComparisonReport("ok" if found.agrees else "failed", rtol, atol, datasets_of(found.differences))
+    return checks.ComparisonReport(
+        "ok" if found.agrees else "failed", rtol, atol, datasets_of(found.differences)
+    )
 
 
-def trees_of(found: Sequence[Compared], rtol: float, atol: float) -> TreeReport:
+def trees_of(found: Sequence[Compared], rtol: float, atol: float) -> checks.TreeReport:
     """Return what ``compare`` says of two directories with results."""
     code = worst(item.exit_code for item in found)
     results = [
-        ResultReport(item.name, item.verdict, item.message or None, datasets_of(item.differing))
+        checks.ResultReport(item.name, item.verdict, item.message or None, datasets_of(item.differing))
         for item in found
     ]
-    return TreeReport("failed" if code else "ok", code, rtol, atol, results)
+    return checks.TreeReport("failed" if code else "ok", code, rtol, atol, results)
 
 
 # characters that XML 1.0 has no way to write

@@ -10,16 +10,7 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.over.crosscheck.engine import (
-    MISSING,
-    PeerEngine,
-    PeerPlace,
-    children,
-    depth_first,
-    mass_properties,
-    real,
-    refuse_joint,
-)
+from robodyn_cli.over.crosscheck import engine
 from robodyn_cli.spatial.algebra import Array
 
 XYZW = (1, 2, 3, 0)  # places of x, y, z, w among w, x, y, z
@@ -48,7 +39,7 @@ PINOCCHIO_KINDS: dict[str, tuple[Callable[[Any, Any], Any], tuple[int, ...]]] = 
 }
 
 
-class InPinocchio(PeerEngine):
+class InPinocchio(engine.PeerEngine):
     """A tree in Pinocchio: recursive Newton-Euler, composite and articulated bodies, rotors as armature.
 
     Raises
@@ -62,21 +53,21 @@ class InPinocchio(PeerEngine):
         try:
             import pinocchio as pin
         except ImportError:
-            raise CapabilityError(MISSING.format("Pinocchio", "pinocchio")) from None
+            raise CapabilityError(engine.MISSING.format("Pinocchio", "pinocchio")) from None
         super().__init__(model)
         self.pin, self.version = pin, pin.__version__
         out = pin.Model()
-        out.gravity.linear = real(model.gravity)
+        out.gravity.linear = engine.real(model.gravity)
         self.joint = {BASE: 0}
         rotors = np.zeros(model.nv)
-        for k in depth_first(model):
+        for k in engine.depth_first(model):
             body = model.bodies[k]
             if body.joint.type not in PINOCCHIO_KINDS:
-                raise refuse_joint("Pinocchio", body, tuple(PINOCCHIO_KINDS))
+                raise engine.refuse_joint("Pinocchio", body, tuple(PINOCCHIO_KINDS))
             make, places = PINOCCHIO_KINDS[body.joint.type]
-            placement = pin.SE3(real(body.X_tree.E).T, real(body.X_tree.r))
+            placement = pin.SE3(engine.real(body.X_tree.E).T, engine.real(body.X_tree.r))
             at = out.addJoint(self.joint[body.parent], make(pin, body.joint), placement, body.joint_name)
-            m, c, I = mass_properties(body)
+            m, c, I = engine.mass_properties(body)
             out.appendBodyToJoint(at, pin.Inertia(m, c, I), pin.SE3.Identity())
             self.joint[k] = at
             self.q_places[out.idx_qs[at] : out.idx_qs[at] + body.joint.nq] = [body.q + j for j in places]
@@ -101,9 +92,9 @@ class InPinocchio(PeerEngine):
         M = np.array(self.pin.crba(self.model, self.data, *self._to(q)))
         return self.in_our_order(self.in_our_order(np.triu(M) + np.triu(M, 1).T).T)
 
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> PeerPlace:
+    def place(self, q: Array, v: Array, frame: FixedFrame) -> engine.PeerPlace:
         pin, joint = self.pin, self.joint[frame.body]
-        at = self.pin.SE3(real(frame.R), real(frame.p))
+        at = self.pin.SE3(engine.real(frame.R), engine.real(frame.p))
         here, rates = self._to(q, v)
         pin.computeJointJacobians(self.model, self.data, here)
         pin.forwardKinematics(self.model, self.data, here, rates, np.zeros(self.size))
@@ -113,7 +104,7 @@ class InPinocchio(PeerEngine):
         J = pin.getFrameJacobian(self.model, self.data, joint, at, axes)
         velocity = pin.getFrameVelocity(self.model, self.data, joint, at, axes)
         drift = pin.getFrameClassicalAcceleration(self.model, self.data, joint, at, axes)
-        return PeerPlace(
+        return engine.PeerPlace(
             pose.translation.copy(),
             pose.rotation.copy(),
             self.in_our_order(np.concatenate([J[3:], J[:3]])),
@@ -134,7 +125,7 @@ MUJOCO_KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
 VELOCITIES = {"hinge": 1, "slide": 1, "ball": 3}
 
 
-class InMujoco(PeerEngine):
+class InMujoco(engine.PeerEngine):
     """A tree in MuJoCo, without contacts and without constraints of its own.
 
     Raises
@@ -148,7 +139,7 @@ class InMujoco(PeerEngine):
         try:
             import mujoco
         except ImportError:
-            raise CapabilityError(MISSING.format("MuJoCo", "mujoco")) from None
+            raise CapabilityError(engine.MISSING.format("MuJoCo", "mujoco")) from None
         super().__init__(model)
         self.mj, self.version = mujoco, mujoco.__version__
         try:
@@ -188,16 +179,18 @@ class InMujoco(PeerEngine):
             self.mj.mj_mulM(self.model, self.data, M[k], unit[k])
         return self.in_our_order(self.in_our_order(M).T)
 
-    def place(self, q: Array, v: Array, frame: FixedFrame) -> PeerPlace:
+    def place(self, q: Array, v: Array, frame: FixedFrame) -> engine.PeerPlace:
         self._set(q, v)
         self.mj.mj_forward(self.model, self.data)
         body, data = self.body[frame.body], self.data
         R = data.xmat[body].reshape(3, 3).copy()
-        p = data.xpos[body] + R @ real(frame.p)
+        p = data.xpos[body] + R @ engine.real(frame.p)
         J, rate = np.zeros((6, self.size)), np.zeros((6, self.size))
         self.mj.mj_jac(self.model, data, J[3:], J[:3], p, body)
         self.mj.mj_jacDot(self.model, data, rate[3:], rate[:3], p, body)
-        return PeerPlace(p, R @ real(frame.R), self.in_our_order(J), rate @ data.qvel, J[:3] @ data.qvel)
+        return engine.PeerPlace(
+            p, R @ engine.real(frame.R), self.in_our_order(J), rate @ data.qvel, J[:3] @ data.qvel
+        )
 
 
 def _numbers(x: Any) -> str:
@@ -206,15 +199,15 @@ def _numbers(x: Any) -> str:
 
 def _mjcf(model: Model, mujoco: Any) -> str:
     """Return the MJCF of a tree."""
-    below = children(model)
+    below = engine.children(model)
 
     def write(k: int) -> list[str]:
         body = model.bodies[k]
         if body.joint.type not in MUJOCO_KINDS:
-            raise refuse_joint("MuJoCo", body, tuple(MUJOCO_KINDS))
+            raise engine.refuse_joint("MuJoCo", body, tuple(MUJOCO_KINDS))
         turn = np.zeros(4)
-        mujoco.mju_mat2Quat(turn, np.ascontiguousarray(real(body.X_tree.E).T).ravel())
-        m, c, I = mass_properties(body)
+        mujoco.mju_mat2Quat(turn, np.ascontiguousarray(engine.real(body.X_tree.E).T).ravel())
+        m, c, I = engine.mass_properties(body)
         full = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
         lines = [
             f'<body name="body{k}" pos="{_numbers(body.X_tree.r)}" quat="{_numbers(turn)}">',

@@ -10,18 +10,7 @@ from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults, Mapping, Node, Scalar, Source, mapping, scalar, sequence
-from robodyn_cli.scene.urdf.elements import (
-    ZERO,
-    Inertial,
-    UrdfJoint,
-    UrdfLink,
-    UrdfPose,
-    UrdfRobot,
-    UrdfShape,
-    drawn_shapes,
-    missing_meshes,
-    read_elements,
-)
+from robodyn_cli.scene.urdf import elements
 from robodyn_cli.scene.urdf.structure import (
     SINGLE,
     Relation,
@@ -33,7 +22,7 @@ from robodyn_cli.scene.urdf.structure import (
 from robodyn_cli.scene.urdf.xml import GROUND, joint_names, link_names, parse_xml, scene_names
 
 ROOT_JOINT = "root_joint"
-Drawn = tuple[UrdfShape, str]  # with the file of a mesh
+Drawn = tuple[elements.UrdfShape, str]  # with the file of a mesh
 # the scene's type where it has another name
 _TYPES = {"continuous": "revolute"}
 
@@ -48,19 +37,23 @@ class RobotTree:
 
 
 def robot_tree(
-    robot: UrdfRobot, relations: dict[str, Relation], urdf: str, packages: MappingOf[str, str]
+    robot: elements.UrdfRobot, relations: dict[str, Relation], urdf: str, packages: MappingOf[str, str]
 ) -> RobotTree:
     """Return the tree of a robot whose structure and mimics have been checked.
 
     urdf, packages : where the meshes are looked for, see ``mesh_file``.
     """
-    shapes = {link.name: drawn_shapes(link, urdf, packages) for link in robot.links}
+    shapes = {link.name: elements.drawn_shapes(link, urdf, packages) for link in robot.links}
     return _Tree(robot, relations, shapes, os.path.dirname(os.path.abspath(urdf))).tree()
 
 
 class _Tree:
     def __init__(
-        self, robot: UrdfRobot, relations: dict[str, Relation], shapes: dict[str, list[Drawn]], folder: str
+        self,
+        robot: elements.UrdfRobot,
+        relations: dict[str, Relation],
+        shapes: dict[str, list[Drawn]],
+        folder: str,
     ) -> None:
         self.robot, self.relations, self.shapes, self.folder = robot, relations, shapes, folder
         self.joints = joint_names(joint.name for joint in robot.joints)
@@ -87,7 +80,7 @@ class _Tree:
         return RobotTree(_map(place, entries), self.joint_remarks, self.link_remarks)
 
     # -- joints ---------------------------------------------------------------------------------------
-    def joint(self, joint: UrdfJoint) -> Mapping:
+    def joint(self, joint: elements.UrdfJoint) -> Mapping:
         name = self.joints[joint.name]
         remarks = self.joint_remarks.setdefault(name, [])
         if name != joint.name:
@@ -113,7 +106,7 @@ class _Tree:
             entries |= self.drive(joint, remarks)
         return _map(place, entries)
 
-    def drive(self, joint: UrdfJoint, remarks: list[str]) -> dict[str, Any]:
+    def drive(self, joint: elements.UrdfJoint, remarks: list[str]) -> dict[str, Any]:
         """Return limits and friction of a joint with one coordinate."""
         if joint.type not in SINGLE:
             return {}
@@ -155,7 +148,7 @@ class _Tree:
         return _map(place, entries)
 
     # -- links ----------------------------------------------------------------------------------------
-    def link(self, link: UrdfLink) -> Mapping:
+    def link(self, link: elements.UrdfLink) -> Mapping:
         name = self.links[link.name]
         remarks = self.link_remarks.setdefault(name, [])
         if name != link.name:
@@ -179,12 +172,12 @@ class _Tree:
             },
         )
 
-    def visual(self, link: UrdfLink) -> dict[str, Any]:
+    def visual(self, link: elements.UrdfLink) -> dict[str, Any]:
         """Return the key ``visual``, left out where there is nothing to draw."""
         shapes = [self.shape(shape, file) for shape, file in self.shapes[link.name]]
         return {"visual": sequence(link.element.place, shapes)} if shapes else {}
 
-    def shape(self, shape: UrdfShape, file: str) -> Mapping:
+    def shape(self, shape: elements.UrdfShape, file: str) -> Mapping:
         """Return a shape; the file of a mesh is named from the folder of the URDF."""
         place = shape.element.place
         if shape.kind == "mesh":
@@ -215,31 +208,31 @@ def _map(place: Node, entries: dict[str, Any]) -> Mapping:
     return mapping(place, [(scalar(place, k), x) for k, x in items])
 
 
-def _origin(place: Node, pose: UrdfPose) -> dict[str, Any]:
+def _origin(place: Node, pose: elements.UrdfPose) -> dict[str, Any]:
     """Return the key ``origin``, left out where the frames coincide."""
-    entries: dict[str, Any] = {"xyz": _numbers(place, pose.xyz)} if pose.xyz != ZERO else {}
+    entries: dict[str, Any] = {"xyz": _numbers(place, pose.xyz)} if pose.xyz != elements.ZERO else {}
     if pose.quaternion is not None:
         entries["quaternion"] = _numbers(place, pose.quaternion)
-    elif pose.rpy != ZERO:
+    elif pose.rpy != elements.ZERO:
         entries["rpy"] = _numbers(place, pose.rpy)
     return {"origin": _map(place, entries)} if entries else {}
 
 
 # -- geometry ----------------------------------------------------------------------------------------------
-def _quaternion(pose: UrdfPose) -> Any:
+def _quaternion(pose: elements.UrdfPose) -> Any:
     from robodyn_cli.spatial import quaternion
 
     return quaternion.from_rpy(pose.rpy) if pose.quaternion is None else quaternion.unit(pose.quaternion)
 
 
-def _rotation(pose: UrdfPose) -> Any:
+def _rotation(pose: elements.UrdfPose) -> Any:
     from robodyn_cli.spatial import quaternion
     from robodyn_cli.spatial.algebra import rotation_rpy
 
     return rotation_rpy(pose.rpy) if pose.quaternion is None else quaternion.rotation(_quaternion(pose))
 
 
-def _moved(joint: UrdfJoint, q: float) -> UrdfPose:
+def _moved(joint: elements.UrdfJoint, q: float) -> elements.UrdfPose:
     """Return the pose of a joint's link at q, in the parent link's frame."""
     from robodyn_cli.spatial import quaternion
 
@@ -247,15 +240,15 @@ def _moved(joint: UrdfJoint, q: float) -> UrdfPose:
     step = [q * a / length for a in joint.axis]
     if joint.type == "prismatic":
         xyz = tuple(float(p + d) for p, d in zip(joint.pose.xyz, _rotation(joint.pose) @ step))
-        return UrdfPose(xyz, joint.pose.rpy, joint.pose.quaternion)
+        return elements.UrdfPose(xyz, joint.pose.rpy, joint.pose.quaternion)
     turned = quaternion.product(_quaternion(joint.pose), quaternion.from_rotation_vector(step))
-    return UrdfPose(joint.pose.xyz, quaternion=tuple(float(x) for x in turned))
+    return elements.UrdfPose(joint.pose.xyz, quaternion=tuple(float(x) for x in turned))
 
 
-def _turned(inertial: Inertial) -> dict[str, float]:
+def _turned(inertial: elements.Inertial) -> dict[str, float]:
     """Return the inertia about the centre of mass in the axes of the link: R I R^T."""
     pose, given = inertial.pose, inertial.inertia
-    if pose.quaternion is None and pose.rpy == ZERO:
+    if pose.quaternion is None and pose.rpy == elements.ZERO:
         return given
     import numpy as np
 
@@ -277,7 +270,7 @@ class Urdf:
     """
 
     file: str
-    robot: UrdfRobot
+    robot: elements.UrdfRobot
     tree: RobotTree
     notes: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -301,12 +294,12 @@ def read_urdf(text: str, source: Source, faults: Faults, packages: MappingOf[str
     return Urdf(source.name, robot, tree, notes, _warnings(robot))
 
 
-def _checked(text: str, source: Source, faults: Faults) -> tuple[UrdfRobot, dict[str, Relation]]:
+def _checked(text: str, source: Source, faults: Faults) -> tuple[elements.UrdfRobot, dict[str, Relation]]:
     own = Faults()
     robot = None
     found: dict[str, Relation] = {}
     with own:
-        robot = read_elements(parse_xml(text, source), own)
+        robot = elements.read_elements(parse_xml(text, source), own)
     if robot is not None and not own.found:
         check_structure(robot, own)
     if robot is not None and not own.found:
@@ -319,20 +312,20 @@ def _checked(text: str, source: Source, faults: Faults) -> tuple[UrdfRobot, dict
     return robot, found
 
 
-def _notes(robot: UrdfRobot) -> tuple[str, ...]:
+def _notes(robot: elements.UrdfRobot) -> tuple[str, ...]:
     massless = [link.name for link in robot.links if link.massless]
     return (f"massless links: {', '.join(massless)}",) if massless else ()
 
 
-def _missing(robot: UrdfRobot, urdf: str, packages: MappingOf[str, str]) -> tuple[str, ...]:
-    missing = missing_meshes(robot, urdf, packages)
+def _missing(robot: elements.UrdfRobot, urdf: str, packages: MappingOf[str, str]) -> tuple[str, ...]:
+    missing = elements.missing_meshes(robot, urdf, packages)
     if not missing:
         return ()
     what = "a mesh is" if len(missing) == 1 else f"{len(missing)} meshes are"
     return (f"{what} not there, which matters for pictures only; the first: {missing[0]}",)
 
 
-def _warnings(robot: UrdfRobot) -> tuple[str, ...]:
+def _warnings(robot: elements.UrdfRobot) -> tuple[str, ...]:
     moving = moving_links(robot)
     hollow = [link.name for link in robot.links if link.massless and link.shapes and link.name in moving]
     drag = [j.name for j in robot.joints if j.type in ("floating", "planar") and (j.damping or j.friction)]
@@ -344,7 +337,7 @@ def _warnings(robot: UrdfRobot) -> tuple[str, ...]:
     return tuple(f"{what}: {', '.join(names)}" for what, names in texts.items() if names)
 
 
-def _crossed(robot: UrdfRobot) -> list[str]:
+def _crossed(robot: elements.UrdfRobot) -> list[str]:
     """List the joints whose limits are the wrong way round, with their lines."""
     found = []
     for joint in robot.joints:
