@@ -8,9 +8,9 @@ it, and -b_j a_j takes that off again: with b_j in M and -b_j a_j in h, motion a
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from robodyn_cli.equations.constraints import coordinate_row
+from robodyn_cli.equations.constraints import Constraints, coordinate_row
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.loops.base import Row
@@ -19,9 +19,6 @@ from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Matrix, Vector, cross, dot, vector, zeros
 from robodyn_cli.trajectories.formulas import evaluated, joint_expressions
 from robodyn_cli.trajectories.motion import POSITION, led_joints, position_columns
-
-if TYPE_CHECKING:
-    from robodyn_cli.equations.constraints import Constraints
 
 
 def prescribed_rows(

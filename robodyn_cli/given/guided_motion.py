@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
-from robodyn_cli.given.loop_conditions import Lead, LoopConditions
+from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of
 from robodyn_cli.given.motion import Planned, by_columns, plan_motion
 from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.loops.base import closure_of
@@ -184,7 +184,6 @@ def motion_at(problem: Problem, times: Array) -> JointMotion:
     """
     if not problem.model.closures:
         return plan_motion(problem, times).motion
-    from robodyn_cli.given.loop_conditions import lead_of
 
     found = guided_motion(problem, lead_of(problem), times)
     if found.stopped is not None:

@@ -7,18 +7,15 @@ import math
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robodyn_cli.errors import SceneError, did_you_mean, nearest_word, unknown_name
-from robodyn_cli.expr.statements import Expectation, parse_expectation
+from robodyn_cli.expr.statements import Expectation, Variation, parse_expectation, parse_variation
 from robodyn_cli.record import record
 from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader, joint_map
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import concrete
 from robodyn_cli.schema import fields as kinds
-
-if TYPE_CHECKING:
-    from robodyn_cli.expr.statements import Variation
 
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
@@ -172,8 +169,6 @@ class Reader(ScalarReader):
         self, kind: kinds.Variations, node: nodes.Node, path: nodes.Path, unit: str
     ) -> dict[str, Variation]:
         """Return by key path what it varies over."""
-        from robodyn_cli.expr.statements import parse_variation
-
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):
             given: Any = None

@@ -9,16 +9,14 @@ the joints then). Times run from 0 to its ``duration``.
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
-
-if TYPE_CHECKING:
-    from robodyn_cli.expr.graph import Expr
 
 
 @record

@@ -28,7 +28,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.progress import Stopwatch
-from robodyn_cli.works.deploy.deploy import build_deployment
+from robodyn_cli.works.deploy.deploy import build_deployment, deploy
 from robodyn_cli.works.deploy.lock import TRUSTED
 
 SECOND_STEPS = "error_estimate.steps"
@@ -253,8 +253,6 @@ class Deploy(MotionCommand):
         return result.time_error[rows] if key == LOCK_TIME else math.nan
 
     def single(self, scene: Scene) -> Result:
-        from robodyn_cli.works.deploy.deploy import deploy
-
         return deploy(scene)
 
     def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:

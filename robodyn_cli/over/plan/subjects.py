@@ -1,4 +1,4 @@
-"""The plans of ``simulate``, ``deploy`` and ``inverse``: accelerations or torques, how they are solved for, and the other programs."""
+"""The plans of ``simulate``, ``deploy`` and ``inverse``: accelerations or torques, and the other programs."""
 
 from __future__ import annotations
 

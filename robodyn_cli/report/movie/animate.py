@@ -12,12 +12,13 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, did_you_mean
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
+from robodyn_cli.report.canvas import Sheet, save
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import make_drawing, require_poses
 from robodyn_cli.report.drawing.camera import View, default_camera
 from robodyn_cli.report.drawing.places import along_motion, evenly
 from robodyn_cli.report.movie.frames import Frames, plan_movie
+from robodyn_cli.report.style import styled
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.result import Result
@@ -206,8 +207,6 @@ def animate(
         )
     if suffix == ".png":
         return _strip(result, target, follow)
-    from robodyn_cli.report.movie.frames import Frames
-    from robodyn_cli.report.style import styled
 
     require_encoder(suffix)
     plan = plan_movie(result, speed, fps, suffix == ".gif")
@@ -218,9 +217,6 @@ def animate(
 
 
 def _strip(result: Result, target: Path, follow: str | None) -> dict[str, Any]:
-    from robodyn_cli.report.canvas import save
-    from robodyn_cli.report.style import styled
-
     with styled():
         figure = draw_strip(result, follow)
         save(figure, target)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 
 from robodyn_cli.record import record
 from robodyn_cli.report.analysis import powers, titled
@@ -14,9 +15,6 @@ from robodyn_cli.report.style import COLOURS, GREY, dashed_style
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
 
 @plot(lambda result: "linear/poles_real" in result)

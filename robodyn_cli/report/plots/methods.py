@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from robodyn_cli.integration_methods import REPRESENTATIVES
 from robodyn_cli.report.analysis import STATUS
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import GREY
+from robodyn_cli.report.style import GREY, HANDLE_LENGTH, marked_style
 from robodyn_cli.results.result import Result
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 LIGHT = {
     "stable": "#CDEBE0",
@@ -151,7 +150,6 @@ def work_precision(result: Result) -> Figure:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    from robodyn_cli.report.style import HANDLE_LENGTH, marked_style
     from robodyn_cli.report.ticks import PowerFormatter
 
     summary = result.summary

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from robodyn_cli.integration_methods import EXTREMES, METHODS
 from robodyn_cli.report.analysis import LEAST, STATUS, legend_below, powers, titled
@@ -13,10 +15,6 @@ from robodyn_cli.report.canvas import CHARACTER, legend_shape
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import GREY, MARKERS, dashed_style
 from robodyn_cli.results.result import Result
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 # step limits that are drawn
 SHOWN = tuple(name for name in EXTREMES if not METHODS[name].stiff)

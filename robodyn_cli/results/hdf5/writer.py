@@ -22,7 +22,7 @@ from robodyn_cli.results import catalogue, provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path, uninterrupted
 from robodyn_cli.results.hdf5 import low
 from robodyn_cli.results.result import Meta, Result, Variable, make_variable
-from robodyn_cli.results.summary import dumps
+from robodyn_cli.results.summary import dumps, jsonable
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -354,7 +354,5 @@ def write(result: Result, path: str | Path) -> Path:
 def dumps_any(value: Any) -> str:
     """Return an attribute that is not text or a number as JSON."""
     import json
-
-    from robodyn_cli.results.summary import jsonable
 
     return json.dumps(jsonable(value), ensure_ascii=False, allow_nan=False)

@@ -25,7 +25,7 @@ from robodyn_cli.schema.fields import (
     like,
 )
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.course import Course
+from robodyn_cli.trajectories.course import Course, hermite
 from robodyn_cli.trajectories.task import taylor
 
 ORDER = 4  # of the series of positions: tangents have one less, and jerks need three
@@ -116,8 +116,6 @@ class Parametric:
 
     def _fitted(self, u: Array) -> Course:
         """Return u as quintics of the arc length, between places u (N,)."""
-        from robodyn_cli.trajectories.course import hermite
-
         c = self.curve(u)
         first, second = c[1], 2.0 * c[2]
         speed = np.linalg.norm(first, axis=1)
@@ -164,8 +162,6 @@ def blend(before: Line, after: Line, distance: float) -> Parametric:
     A polynomial of degree 5 whose direction and curvature are those of the lines at both ends. Its speed there keeps
     the curvature and its rate low: of a right angle 1.5 / distance and 3.4 / distance^2.
     """
-    from robodyn_cli.trajectories.course import hermite
-
     corner, rest = after.start, np.zeros(3)
     half = math.sqrt(
         max(0.5 * (1.0 + float(before.direction @ after.direction)), 0.0)

@@ -12,7 +12,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.model.model import FixedFrame
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.threads import ThreadSafe, once, one_at_a_time
-from robodyn_cli.torques.dynamics import StateFunction
+from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics, StateFunction
 
 if TYPE_CHECKING:
     from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics
@@ -132,8 +132,6 @@ class ModelFunctions(ThreadSafe):
     @once
     def inverse_dynamics(self) -> InverseDynamics:
         """Torques tau (T, nv) of samples (q, qd, qdd): M qdd + C qd + G less springs, friction and forces."""
-        from robodyn_cli.torques.dynamics import InverseDynamics
-
         return InverseDynamics(self._problem)
 
     @once
@@ -146,7 +144,6 @@ class ModelFunctions(ThreadSafe):
             from robodyn_cli.works.functions.derivatives import ConstrainedDynamics
 
             return ConstrainedDynamics(self._problem)
-        from robodyn_cli.torques.dynamics import ForwardDynamics
 
         return ForwardDynamics(self._problem)
 
