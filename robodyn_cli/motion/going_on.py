@@ -30,8 +30,8 @@ from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors
-from robodyn_cli.results.provenance import robodyn_version, sha256
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import robodyn_version, sha256
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters

@@ -14,8 +14,8 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import BASE, STATE_GROUPS, unknown_among
+from robodyn_cli.observe.joint_limits import add_motion, joint_columns
 from robodyn_cli.observe.places import FORCES, add_places, place_dataset, place_outputs, point_motion
-from robodyn_cli.observe.units import add_motion, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

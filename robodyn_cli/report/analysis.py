@@ -13,8 +13,7 @@ from matplotlib.figure import Figure
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet, legend_shape
-from robodyn_cli.report.style import GREY, HANDLE_LENGTH
-from robodyn_cli.report.ticks import PowerFormatter, labelled
+from robodyn_cli.report.style import GREY, HANDLE_LENGTH, PowerFormatter, labelled
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 

@@ -23,7 +23,7 @@ from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
-from robodyn_cli.report.ticks import PlainFormatter, number
+from robodyn_cli.report.style import PlainFormatter, number
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.moments import DECISIVE, Moment, lock, moments
 from robodyn_cli.results.output_dir import CREATOR, MARK

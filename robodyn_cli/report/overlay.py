@@ -14,11 +14,9 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet, save
-from robodyn_cli.report.decimate import envelope, finite
-from robodyn_cli.report.lines import panel_height
+from robodyn_cli.report.lines import envelope, finite, panel_height
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
-from robodyn_cli.report.style import styled
-from robodyn_cli.report.ticks import unit
+from robodyn_cli.report.style import styled, unit
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.spatial.algebra import Array

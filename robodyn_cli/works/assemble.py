@@ -15,8 +15,8 @@ from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.evaluation import refuse_result
+from robodyn_cli.observe.joint_limits import joint_columns
 from robodyn_cli.observe.observe import add_sample
-from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import mobility

@@ -9,8 +9,8 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.observe.evaluation import refuse_result
+from robodyn_cli.observe.joint_limits import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.observe.places import FORCES, add_places
-from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -189,7 +189,7 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
         asked[:, : planned.target.shape[1]] = planned.target
         result.add(f"targets/{planned.point}", asked)
     if program.scaling is not None:
-        from robodyn_cli.fastest.report import add_limits
+        from robodyn_cli.fastest.resolve import add_limits
 
         add_limits(result, program.scaling, problem.model, sampled)
     if loads is not None:
@@ -209,7 +209,7 @@ def summarise(
     fastest: FastestFigures | Absent = ABSENT
     inexact: list[str] = []
     if program.scaling is not None:
-        from robodyn_cli.fastest.report import figures, warnings
+        from robodyn_cli.fastest.resolve import figures, warnings
 
         fastest, inexact = figures(program.scaling, problem.model, sampled), warnings(program.scaling)
     return InverseSummary(

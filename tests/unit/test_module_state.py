@@ -44,7 +44,7 @@ KEEPERS = {
     "kernels/rolled/recursion.py: make_recursion",
     "report/drawing/build.py: scene_of",
     "report/drawing/strokes.py: _lit",
-    "results/provenance.py: cpu_name",
+    "results/summary.py: cpu_name",
     "fastest/profile.py: _passes",
     "over/sensitivity/motion/variational.py: integrals",
     "solve/quadrature.py: _weights",

@@ -19,13 +19,12 @@ from robodyn_cli.cli.app import run
 from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
-from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
+from robodyn_cli.report.lines import crest, envelope, finite, thin_path
 from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots.methods import MOST_METHODS, work_precision
 from robodyn_cli.report.plots.stability import energy_growth
 from robodyn_cli.report.registry import Drawings, applicable
-from robodyn_cli.report.style import dashed_style, marked_style, styled
-from robodyn_cli.report.ticks import log_axis, number, unit
+from robodyn_cli.report.style import dashed_style, log_axis, marked_style, number, styled, unit
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.moments import moment_lines
 from robodyn_cli.results.output_dir import SIGNATURE, is_ours

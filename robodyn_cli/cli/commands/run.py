@@ -84,9 +84,9 @@ def command(
     tidy_up_first()
     try:
         from robodyn_cli.kernels.cache import cache_directory
-        from robodyn_cli.over.batch.baseline import Baseline, note
         from robodyn_cli.over.batch.batch import Batch
         from robodyn_cli.over.batch.entries import listed, load
+        from robodyn_cli.over.batch.reports import Baseline, note
         from robodyn_cli.over.batch.stored import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes

@@ -18,8 +18,7 @@ from robodyn_cli.report.drawing.build import make_drawing, require_poses
 from robodyn_cli.report.drawing.camera import View, default_camera
 from robodyn_cli.report.drawing.places import along_motion, evenly
 from robodyn_cli.report.movie.frames import Frames, plan_movie
-from robodyn_cli.report.style import styled
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.style import number, styled
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

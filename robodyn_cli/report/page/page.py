@@ -23,8 +23,7 @@ from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinn
 from robodyn_cli.report.page.motion import motion_data
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.registry import applicable, draw
-from robodyn_cli.report.style import styled
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.style import number, styled
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result

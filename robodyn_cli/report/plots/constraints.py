@@ -8,17 +8,19 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet, growth_times, loop_columns, sharing_note
-from robodyn_cli.report.decimate import finite, largest, where_largest
 from robodyn_cli.report.lines import (
     NOTHING,
     draw_columns,
     draw_magnitudes,
     draw_map,
+    finite,
+    largest,
     panel_height,
     quiet_axis,
+    where_largest,
 )
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.ticks import labelled, log_axis, number, positive_floor, unit
+from robodyn_cli.report.style import labelled, log_axis, number, positive_floor, unit
 from robodyn_cli.results import result as wrenches
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result, Variable, by_unit, column_names

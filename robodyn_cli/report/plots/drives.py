@@ -11,7 +11,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.ticks import log_axis, number
+from robodyn_cli.report.style import log_axis, number
 from robodyn_cli.results.result import Result, column_names
 from robodyn_cli.spatial.algebra import Array
 

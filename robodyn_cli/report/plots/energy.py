@@ -7,10 +7,9 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.decimate import finite, largest, where_largest
-from robodyn_cli.report.lines import draw_columns, draw_magnitudes
+from robodyn_cli.report.lines import draw_columns, draw_magnitudes, finite, largest, where_largest
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.ticks import log_axis, number, positive_floor
+from robodyn_cli.report.style import log_axis, number, positive_floor
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 

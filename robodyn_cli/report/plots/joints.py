@@ -9,10 +9,9 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.decimate import envelope, finite
-from robodyn_cli.report.lines import draw_columns, panel_height, time_plot
+from robodyn_cli.report.lines import draw_columns, envelope, finite, panel_height, time_plot
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.ticks import labelled, load_label, number
+from robodyn_cli.report.style import labelled, load_label, number
 from robodyn_cli.results.result import Result, Variable, by_unit, column_names
 
 

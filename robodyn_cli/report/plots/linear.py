@@ -11,8 +11,7 @@ from robodyn_cli.record import record
 from robodyn_cli.report.analysis import powers, titled
 from robodyn_cli.report.canvas import Sheet, TimeSheet
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import COLOURS, GREY, dashed_style
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.style import COLOURS, GREY, dashed_style, number
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 

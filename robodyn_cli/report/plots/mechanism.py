@@ -12,7 +12,6 @@ from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import finite, largest, thin_path
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
@@ -20,9 +19,9 @@ from robodyn_cli.report.drawing.paper import Painted, name_lines
 from robodyn_cli.report.drawing.places import along_motion, drawing_of_paths, evenly, moving_paths
 from robodyn_cli.report.drawing.record import Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
+from robodyn_cli.report.lines import finite, largest, thin_path
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import FEW, GREY, TARGET, line_styles
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.style import FEW, GREY, TARGET, line_styles, number
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array

@@ -150,7 +150,7 @@ def work_precision(result: Result) -> Figure:
     from matplotlib.figure import Figure
     from matplotlib.ticker import NullFormatter
 
-    from robodyn_cli.report.ticks import PowerFormatter
+    from robodyn_cli.report.style import PowerFormatter
 
     summary = result.summary
     curves = _readable(_curves(summary["runs"]), summary["best"])

@@ -87,7 +87,7 @@ def _sparse(ax: Axes, name: str, smallest: float, largest: float) -> None:
     """Put a handful of ticks on a symmetric logarithmic axis."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
 
-    from robodyn_cli.report.ticks import power
+    from robodyn_cli.report.style import power
 
     first, last = int(np.ceil(np.log10(smallest))), int(np.floor(np.log10(largest)))
     every = max(1, (last - first) // 4)

@@ -9,20 +9,20 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet, torque_note
-from robodyn_cli.report.decimate import finite, where_largest
 from robodyn_cli.report.lines import (
     LIMIT_NOTE,
     draw_columns,
     draw_groups,
     draw_limits,
     draw_map,
+    finite,
     limits_near,
     panel_height,
     quiet_axis,
+    where_largest,
 )
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE
-from robodyn_cli.report.ticks import load_label, number, unit
+from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE, load_label, number, unit
 from robodyn_cli.results.result import Result, Variable, by_unit, column_names, units_of
 from robodyn_cli.solve.quadrature import root_mean_square_over
 from robodyn_cli.spatial.algebra import Array

@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.record import mutable_record
-from robodyn_cli.results import catalogue, provenance
+from robodyn_cli.results import catalogue
+from robodyn_cli.results import summary as provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path, uninterrupted
 from robodyn_cli.results.hdf5 import low
 from robodyn_cli.results.result import Meta, Result, Variable, make_variable

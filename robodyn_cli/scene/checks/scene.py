@@ -121,7 +121,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         if not check.found:
             scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
     if scene.control is not None or scene.outputs.signals:
-        from robodyn_cli.scene.checks.control import check_control
+        from robodyn_cli.scene.checks.drives import check_control
 
         scene = check_control(scene, names_of(scene), check)
     if follow is not None:
