@@ -1,6 +1,5 @@
-"""Exit codes of the program that no error class carries, and which of several is the worst (docs/cli.md).
-
-Errors that a user can cause or meet, each with the exit code of the command line.
+"""Errors that a user can cause or meet, each with the exit code of the command line; exit codes that no error carries,
+and which of several is the worst (docs/cli.md).
 
 Every message is one or two sentences that name the place (file, line, key), the value and what is allowed.
 """

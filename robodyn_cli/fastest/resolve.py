@@ -1,7 +1,5 @@
-"""How a motion in the least time uses its limits: which of them binds when.
-
-From a path that is to be run through as fast as the drives allow to a motion in time.
-"""
+"""From a path that is to be run through as fast as the drives allow to a motion in time, and which of its limits binds
+when."""
 
 from __future__ import annotations
 

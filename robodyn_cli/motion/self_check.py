@@ -1,8 +1,5 @@
-"""A run checks itself: redundant rows that were left out and do not hold, numbers that are not finite, energy out of
-balance, doubts.
-
-What the summary says of a motion that was integrated: the keys that ``simulate`` and ``deploy`` share.
-"""
+"""A run checks itself (redundant rows that were left out and do not hold, numbers that are not finite, energy out of
+balance, doubts), and says in the summary what ``simulate`` and ``deploy`` share."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""The limits of joints, and where a sampled motion passes them.
-
-Names and units of the columns of joint quantities.
-"""
+"""The limits of joints and where a sampled motion passes them; names and units of the columns of joint quantities."""
 
 from __future__ import annotations
 

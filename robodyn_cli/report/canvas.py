@@ -1,6 +1,5 @@
-"""What a drawing says about the course of a run: a failure, moments that matter, the growth of the multipliers.
-
-Figures with a fixed layout in inches, and their way into a PNG.
+"""Figures with a fixed layout in inches, what they say about the course of a run (a failure, moments that matter), and
+their way into a file.
 
 Automatic layout draws everything once more to measure it; with legends below the axes and known font sizes
 the room needed is known beforehand.

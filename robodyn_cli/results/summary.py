@@ -1,7 +1,5 @@
-"""The summary of a run: a record, a dictionary of its keys, and strict JSON in the same key order every time.
-
-Where a result comes from: versions of the libraries in use, and the processor.
-"""
+"""The summary of a run (a record, a dictionary of its keys, strict JSON in the same key order every time), and where a
+result comes from: versions of the libraries in use, and the processor."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""How actuators and loop closures of a mechanism share the generalised force u of a motion, or of rest.
+"""How actuators and loop closures share the generalised force u of a motion or of rest, and configurations in which the
+constraints alone hold it.
 
 u = B tau + Psi^T lambda, where B selects the actuated coordinates. With the columns of N spanning the null space of
 Psi (the motions that the loops allow), the principle of virtual work gives N^T u = N^T B tau: one equation for each
 degree of freedom. The loops bear the rest, u - B tau.
-
-Balanced configurations of mechanisms: generalised forces that the constraints can hold.
 
 r(q) = Psi^T lambda, F(q) = 0. With the columns of N spanning the motions that the constraints allow, N^T r = 0. The
 balance is stable if every eigenvalue of the reduced stiffness K = N^T (d/dq)(r - Psi^T lambda) N has a positive real

@@ -1,10 +1,9 @@
-"""Locating events: from a step that contains an event to the state at the event.
+"""Events in a step: the search for sign changes of event functions along dense output, all lanes at once, and the way
+to the state at the event.
 
 The compiled loop looks at dense output only to see that some function changes sign in a step. Here the motion
 is integrated to trial times by steps that end there, which have the full order of the method, so that an event
 is as accurate as the states themselves.
-
-Search for events in a step: sign changes of event functions along dense output, all lanes at once.
 
 The functions are evaluated at ``LANES`` points of a window. Where one changes sign between two points, these two bound
 the next window; where one comes so near to zero that it may cross and come back, the points beside it do. The search

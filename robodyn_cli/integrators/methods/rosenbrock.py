@@ -1,7 +1,5 @@
-"""Coefficients of Rosenbrock methods in transformed form; each table checks its order on import.
-
-Linearly implicit methods for stiff motion: no iteration, one factored matrix per step, exact Jacobian.
-"""
+"""Linearly implicit methods for stiff motion (no iteration, one factored matrix per step, exact Jacobian), and their
+tables in transformed form, each of which checks its order on import."""
 
 from __future__ import annotations
 

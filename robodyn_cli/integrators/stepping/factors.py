@@ -1,15 +1,10 @@
-"""Newton's rounds inside a step: when another is worth while, when the step is solved, when it has to be shorter.
-
-The matrix g E - J of a large system, made and factored by loops in compiled code.
+"""What implicit methods share in a step: Newton's rounds, and the factors of g E - J with the triangular sweeps that
+solve with them, straight-line code that skips structural zeros for small systems, loops for large ones.
 
 Columns of J are derivatives of the rates along the axes of the state, LANES of them at once (``System.tangents``). What
 takes most time in straight-line code, the elimination of a hundred rows, takes three short loops here. They pass over
 zeros of the upper triangle when they meet them; since the rows of q-dot = v come first, that leaves the elimination of
 a matrix of the size of the rates.
-
-The factors of g E - J inside compiled code, and the triangular sweeps that solve with them.
-
-Small systems have them as straight-line code that skips structural zeros, large ones as loops (``columns``).
 """
 
 from __future__ import annotations

@@ -1,7 +1,5 @@
-"""What commands on many scenes print: their records, comparisons and reports in JSON, Markdown and JUnit.
-
-The baseline of a batch: a directory of stored results that the runs are compared with, and may replace.
-"""
+"""What commands on many scenes print (records, comparisons and reports in JSON, Markdown and JUnit), and the baseline
+that their results are compared with."""
 
 from __future__ import annotations
 

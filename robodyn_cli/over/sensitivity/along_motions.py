@@ -1,10 +1,9 @@
-"""Exact derivatives of the figures of ``inverse``: of the motion, of the torques along it, and of how loops share them.
+"""Exact derivatives of the figures of ``inverse`` and ``kinematics``: of a motion, of points, loops and torques along
+it.
 
     d tau / dk = tau_k + tau_t dt + tau_q dq + tau_v dv + tau_a da
 
 in an open chain; with loops it is the change of the load B tau + Psi^T lambda, which actuators and loops share.
-
-Exact derivatives of the figures of ``kinematics``: of the motion, and of points and loops along it.
 """
 
 from __future__ import annotations

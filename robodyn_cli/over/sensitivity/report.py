@@ -1,10 +1,5 @@
-"""Exact derivatives of the outputs of a command, where it has such.
-
-Exact derivatives of what motions that are integrated end with: of a simulation, and of a lock.
-
-Sensitivities: derivatives of outputs of a command by keys of its scene, with their errors, ranked by how much a part
-of a key moves an output.
-"""
+"""Sensitivities: derivatives of outputs of a command by keys of its scene, exact where the command has such, with their
+errors, ranked by how much a part of a key moves an output."""
 
 from __future__ import annotations
 

@@ -1,11 +1,8 @@
-"""How outputs spread over the runs of a study, found block by block in a memory that does not grow with their number.
+"""The result of a study: its rows as datasets, how outputs spread over its runs, the influence of each key. Statistics
+take a memory that does not grow with the number of runs.
 
 Mean, deviation and extremes come from one pass. Quantiles of more than ``MOST`` runs take a second one: those of a
 sample tell between which values a quantile lies, values below are counted, and those between are kept.
-
-What the runs of a study say together: shares of runs, influence of each key.
-
-The result of a study: its rows as datasets, and the summary.
 """
 
 from __future__ import annotations

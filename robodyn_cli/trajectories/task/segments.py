@@ -1,7 +1,5 @@
-"""Curves in space by their arc length, as Taylor series at any place (see ``taylor``).
-
-The segments of a path: a curve in space each, from where the one before it ends.
-"""
+"""The segments of a path, each from where the one before it ends: curves in space by their arc length, as Taylor series
+at any place (see ``taylor``)."""
 
 from __future__ import annotations
 

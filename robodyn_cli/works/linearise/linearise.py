@@ -1,7 +1,5 @@
-"""A linear system: its poles and modes, what its inputs reach and its outputs show, and all of it as datasets.
-
-``linearise``: a scene as x-dot = A x + B u, y = C x + D u about a state, a balance, or along a motion.
-"""
+"""``linearise``: a scene as x-dot = A x + B u, y = C x + D u about a state, a balance, or along a motion; its poles and
+modes, what its inputs reach and its outputs show, and all of it as datasets."""
 
 from __future__ import annotations
 

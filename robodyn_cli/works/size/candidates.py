@@ -1,4 +1,5 @@
-"""How the torques of a motion depend on the masses and inertias of drives.
+"""All combinations of a catalogue for one joint, how much of its limits each uses, and how torques depend on the masses
+and inertias of drives.
 
 A torque of inverse dynamics is linear in the inertial data of the bodies (C. G. Atkeson, C. H. An and J. M. Hollerbach,
 IJRR 5(3), 1986), and so are the torques that share a load. With the drives' masses m_j on their links and the inertias
@@ -7,8 +8,6 @@ I_j that they reflect on their joints,
     tau = tau_0 + sum_j m_j A_j + sum_j I_j B_j.
 
 The equations are built once, with numbers for m_j and I_j; tables with one of them changed give A_j and B_j.
-
-All combinations of a catalogue for one joint: how much of its limits each uses.
 """
 
 from __future__ import annotations
