@@ -18,7 +18,7 @@ from robodyn_cli.model.model import Body, Model
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Matrix, Vector, cross, dot, vector, zeros
 from robodyn_cli.trajectories.formulas import evaluated, joint_expressions
-from robodyn_cli.trajectories.motion import POSITION, led_joints, position_columns
+from robodyn_cli.trajectories.led import POSITION, led_joints, position_columns
 
 
 def prescribed_rows(

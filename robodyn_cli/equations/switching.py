@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.scene import types as sc
-from robodyn_cli.trajectories.motion import followed_by, given_by_formulas
+from robodyn_cli.trajectories.led import followed_by, given_by_formulas
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Constraints

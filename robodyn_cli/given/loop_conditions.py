@@ -21,7 +21,8 @@ from robodyn_cli.solve.point_kinematics import Led, PointKinematics, what_is_lef
 from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
-from robodyn_cli.trajectories.motion import PoseMotion, position_columns
+from robodyn_cli.trajectories.led import position_columns
+from robodyn_cli.trajectories.motion import PoseMotion
 
 INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
 # the given motion at times (T,): values, rates and accelerations (T, k)

@@ -16,7 +16,8 @@ from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
-from robodyn_cli.trajectories.motion import JointMotion, given_by_formulas, position_columns
+from robodyn_cli.trajectories.led import given_by_formulas, position_columns
+from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:

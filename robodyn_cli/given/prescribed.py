@@ -17,7 +17,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, zeros
 from robodyn_cli.trajectories.formulas import FORMS, evaluated, joint_expressions, time_symbol
 from robodyn_cli.trajectories.joint_space import attitude_places
-from robodyn_cli.trajectories.motion import Follows, position_columns
+from robodyn_cli.trajectories.led import Follows, position_columns
 
 BESIDE = (1e-9, 1e-7, 1e-5)  # parts of the duration: distances from a jump at which both sides are evaluated
 JUMP = 1e-6  # rad, rad/s, m or m/s

@@ -15,7 +15,7 @@ from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.mass_matrix import nearly_singular
 from robodyn_cli.ready.singularity import driven_dead_point, is_dead_point
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import led_joints
+from robodyn_cli.trajectories.led import led_joints
 
 # kinds of failure that lie in the motion rather than in what the run may take
 BREAKDOWNS = ("step_too_small", "not_finite", "not_solved")

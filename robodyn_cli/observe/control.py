@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.observe.joint_limits import unit_text
+from robodyn_cli.observe.units import unit_text
 from robodyn_cli.scene.types import Signal
 from robodyn_cli.spatial.algebra import Array
 

@@ -14,12 +14,11 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import BASE, STATE_GROUPS, unknown_among
-from robodyn_cli.observe.joint_limits import add_motion, joint_columns
 from robodyn_cli.observe.places import FORCES, add_places, place_dataset, place_outputs, point_motion
+from robodyn_cli.observe.units import add_motion, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import JointMotion
 
 if TYPE_CHECKING:
     from robodyn_cli.observe.evaluation import SampleFunction
@@ -331,6 +330,8 @@ class Observer:
 def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:
     """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and the places of points, frames and links, to a
     result."""
+    from robodyn_cli.trajectories.motion import JointMotion
+
     add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
     places = place_outputs(problem)
     # all at once, for places share most of what they are computed from

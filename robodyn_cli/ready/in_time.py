@@ -16,7 +16,7 @@ from robodyn_cli.given.motion import led_by
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.base import Lacks, Trajectory
 from robodyn_cli.trajectories.fastest import FastestTrajectory
-from robodyn_cli.trajectories.motion import (
+from robodyn_cli.trajectories.led import (
     follow_trajectory,
     given_by_formulas,
     position_columns,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.tools.progress import Stopwatch
-from robodyn_cli.trajectories.motion import Follows
+from robodyn_cli.trajectories.led import Follows
 
 
 def integrable(scene: Scene, watch: Stopwatch | None = None) -> Ready:

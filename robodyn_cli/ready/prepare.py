@@ -15,7 +15,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.tools.progress import Stopwatch
-from robodyn_cli.trajectories.motion import position_columns, velocity_columns
+from robodyn_cli.trajectories.led import position_columns, velocity_columns
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Dependence

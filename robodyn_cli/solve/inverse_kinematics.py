@@ -18,14 +18,8 @@ from robodyn_cli.solve.planar_2r import BRANCHES, ELBOW_DOWN, ELBOW_UP, Planar2R
 from robodyn_cli.solve.reach import Singular, Unreachable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import Ik, TaskSpaceTrajectory
-from robodyn_cli.trajectories.motion import (
-    Asked,
-    JointMotion,
-    PointMotion,
-    PoseMotion,
-    in_frame,
-    position_columns,
-)
+from robodyn_cli.trajectories.led import position_columns
+from robodyn_cli.trajectories.motion import Asked, JointMotion, PointMotion, PoseMotion, in_frame
 
 if TYPE_CHECKING:
     from robodyn_cli.solve.newton import Drift

@@ -28,7 +28,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.program import InverseProgram, LoopSamples, Sampled, expressions_of
-from robodyn_cli.trajectories.motion import led_joints
+from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
 
 

@@ -32,8 +32,9 @@ from robodyn_cli.trajectories.base import (
 )
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import CourseTrajectory, JointSpaceTrajectory
+from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.legs import Scaling
-from robodyn_cli.trajectories.motion import PointMotion, PoseMotion, position_columns
+from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
 from robodyn_cli.trajectories.registry import PACKAGE, PLACES
 
 # whose path can be taken; `fastest` has that of another one itself

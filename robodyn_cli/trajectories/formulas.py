@@ -18,7 +18,8 @@ from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import mutable_record
 from robodyn_cli.spatial import quaternion
 from robodyn_cli.spatial.algebra import Array, Vector, vector
-from robodyn_cli.trajectories.motion import POSITION, column_order
+from robodyn_cli.trajectories.led import POSITION
+from robodyn_cli.trajectories.motion import column_order
 
 
 def time_derivatives(

@@ -29,7 +29,7 @@ from robodyn_cli.trajectories.joint_space import (
     attitude_places,
     the_shorter_way,
 )
-from robodyn_cli.trajectories.motion import with_attitudes
+from robodyn_cli.trajectories.led import with_attitudes
 from robodyn_cli.trajectories.way_points import monotone_rates
 
 

@@ -13,7 +13,8 @@ from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.base import Trajectory
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.formulas import evaluated, joint_expressions, sampled, time_symbol
-from robodyn_cli.trajectories.motion import QUATERNION, JointMotion, with_attitudes
+from robodyn_cli.trajectories.led import QUATERNION, with_attitudes
+from robodyn_cli.trajectories.motion import JointMotion
 
 
 class JointSpaceTrajectory(Trajectory):

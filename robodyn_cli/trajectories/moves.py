@@ -26,8 +26,8 @@ from robodyn_cli.trajectories.base import (
 )
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
+from robodyn_cli.trajectories.led import with_attitudes
 from robodyn_cli.trajectories.legs import Leg, TimeLaw, fastest, start_times, superposed
-from robodyn_cli.trajectories.motion import with_attitudes
 
 BOUNDS = ("speed", "acceleration", "jerk")
 STILL = 1e-14  # rad or m: no way at all

@@ -17,7 +17,8 @@ from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.base import Lacks, Problems, SceneNames
 from robodyn_cli.trajectories.formulas import FORMS
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, attitude_places
-from robodyn_cli.trajectories.motion import QUATERNION, JointMotion, position_columns, with_attitudes
+from robodyn_cli.trajectories.led import QUATERNION, position_columns, with_attitudes
+from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.trajectories.registry import trajectory_types
 
 MEET = 1e-9  # rad, m, and the same per second: how well segments have to meet

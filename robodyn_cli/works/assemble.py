@@ -15,8 +15,8 @@ from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.evaluation import refuse_result
-from robodyn_cli.observe.joint_limits import joint_columns
 from robodyn_cli.observe.observe import add_sample
+from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import mobility
@@ -29,7 +29,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import AssembleSummary, BranchSearch, ClosedBranch
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
-from robodyn_cli.trajectories.motion import position_columns
+from robodyn_cli.trajectories.led import position_columns
 
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
 

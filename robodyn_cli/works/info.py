@@ -18,8 +18,8 @@ from robodyn_cli.expr.rebuild import Values
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.model.model import Model
 from robodyn_cli.model.parts import carried_at_start
-from robodyn_cli.observe.joint_limits import joint_columns
 from robodyn_cli.observe.places import quaternions
+from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.prepare import Setup, prepare
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result

@@ -9,8 +9,8 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.observe.evaluation import refuse_result
-from robodyn_cli.observe.joint_limits import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.observe.places import FORCES, add_places
+from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene

@@ -10,8 +10,8 @@ from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics, explai
 from robodyn_cli.given.poses.targets import Poses, Way
 from robodyn_cli.model.joints import orientation
 from robodyn_cli.observe.evaluation import refuse_result
-from robodyn_cli.observe.joint_limits import joint_columns
 from robodyn_cli.observe.observe import add_sample
+from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.nested_options import ReachOptions

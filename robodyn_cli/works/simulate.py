@@ -11,8 +11,8 @@ from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
-from robodyn_cli.observe.joint_limits import add_joint_limits
 from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result

@@ -19,9 +19,9 @@ from robodyn_cli.given.loop_conditions import Lead, LoopConditions, nothing_led,
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.observe.evaluation import cause, check_formulas, refuse_result, without_idle_unknowns
-from robodyn_cli.observe.joint_limits import joint_columns
 from robodyn_cli.observe.observe import add_rows, add_sample
 from robodyn_cli.observe.reactions import Loads, loads_along
+from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import mobility, psi_at
@@ -35,7 +35,8 @@ from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, Mobility, StaticsSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank
-from robodyn_cli.trajectories.motion import JointMotion, led_joints, position_columns
+from robodyn_cli.trajectories.led import led_joints, position_columns
+from robodyn_cli.trajectories.motion import JointMotion
 
 
 @record

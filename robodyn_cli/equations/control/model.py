@@ -30,7 +30,7 @@ from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, vector, zeros
 from robodyn_cli.trajectories.formulas import joint_expressions
-from robodyn_cli.trajectories.motion import Followed
+from robodyn_cli.trajectories.led import Followed
 
 
 class ControlledEquations(LinearisedEquations, Protocol):

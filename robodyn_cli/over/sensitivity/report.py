@@ -18,7 +18,7 @@ from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.observe.joint_limits import unit_text
+from robodyn_cli.observe.units import unit_text
 from robodyn_cli.over.many.keys import NUMBER, STRUCTURE, Key
 from robodyn_cli.over.sensitivity.asked import AskedSlopes, prepare
 from robodyn_cli.over.sensitivity.differences import (

@@ -18,7 +18,7 @@ from robodyn_cli.scene.points import BASE
 from robodyn_cli.scene.text.nodes import Path, dotted
 from robodyn_cli.scene.types import Joint, Scene
 from robodyn_cli.trajectories.base import SceneNames
-from robodyn_cli.trajectories.motion import velocity_columns
+from robodyn_cli.trajectories.led import velocity_columns
 
 GROUPS = (("motor", "motors"), ("gear", "gears"), ("brake", "brakes"))
 OWN = ("gear_ratio", "rotor_inertia", "gear")

@@ -11,7 +11,7 @@ from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.robot_types import Robot
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.trajectories.motion import led_joints
+from robodyn_cli.trajectories.led import led_joints
 
 
 def check_deploy(scene: Scene, check: Check) -> None:

@@ -25,7 +25,7 @@ from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, m
 from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import DeployOptions, KinematicsOptions, Robot, Scene, Torque
-from robodyn_cli.trajectories.motion import (
+from robodyn_cli.trajectories.led import (
     FOLLOW,
     follow_trajectory,
     position_columns,

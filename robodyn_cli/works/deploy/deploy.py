@@ -10,8 +10,8 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, motion_records, motion_warnings, redundant_rows
-from robodyn_cli.observe.joint_limits import add_joint_limits
 from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import refuse_changes
 from robodyn_cli.ready.singularity import refuse_singular_start
@@ -23,7 +23,7 @@ from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Ove
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import MotionErrors
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
-from robodyn_cli.trajectories.motion import led_joints
+from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.works.deploy.lock import (
     Latch,
     Lock,

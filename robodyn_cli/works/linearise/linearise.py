@@ -14,7 +14,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.evaluation import refuse_result
-from robodyn_cli.observe.joint_limits import add_motion
+from robodyn_cli.observe.units import add_motion
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene

@@ -39,7 +39,7 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.motion import position_columns, velocity_columns
+from robodyn_cli.trajectories.led import position_columns, velocity_columns
 
 STAYED = 1e-9  # of a given value: farther, the assembly has moved it to close the loops
 CLOSES = 1e-8  # of the change of the constraints that a change of the state must take up
