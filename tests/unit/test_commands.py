@@ -77,7 +77,10 @@ def is_batch(name: str, member: Any) -> None:
 
 
 def is_slopes(name: str, member: Any) -> None:
-    assert needed(member) == ["asked", "numbers"]
+    """A function, or the class of what is computed without any integration: of two scenes, which are compared."""
+    assert needed(member) == (
+        ["asked", "scene", "numbers"] if isinstance(member, type) else ["asked", "numbers"]
+    )
 
 
 CONTRACTS = {"run": is_run, "check": is_check, "plan": is_plan, "batch": is_batch, "slopes": is_slopes}
