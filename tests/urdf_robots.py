@@ -21,8 +21,7 @@ from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.ready.mass_matrix import SINGULAR, lightest_joint
-from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Source
+from robodyn_cli.scene.text.nodes import Faults, Source
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.urdf.elements import UrdfRobot, read_elements
 from robodyn_cli.scene.urdf.structure import Relation, relations

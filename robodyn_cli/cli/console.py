@@ -15,8 +15,14 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
-from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
+from robodyn_cli.errors import (
+    INTERNAL,
+    INTERRUPTED,
+    OutputError,
+    RobodynError,
+    no_linear_algebra,
+    out_of_range,
+)
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere
@@ -175,7 +181,7 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
 
 def _tell_of_compiled_code(console: Console) -> None:
     """Say what kept compiled code from being kept, where anything was compiled; it does not touch the results."""
-    compiler = sys.modules.get("robodyn_cli.kernels.report")
+    compiler = sys.modules.get("robodyn_cli.kernels.cache")
     for text in compiler.REPORT.warnings if compiler is not None else ():
         console.note(f"robodyn: warning: {text}")
 

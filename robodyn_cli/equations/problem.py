@@ -20,9 +20,8 @@ from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.elements import Elements, given_torques, spans
+from robodyn_cli.equations.elements import Elements, JointForces, given_torques, spans
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
-from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.model.build import build_model
@@ -51,7 +50,7 @@ class Problem:
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
     dependent : rows that depend on each other in every pose (see ``independent_rows``).
-    braces : inertias that prescribed joints need beside their own (see ``equations/braces.py``).
+    braces : inertias that prescribed joints need beside their own (see ``equations/prescribed.py``).
     """
 
     def __init__(
@@ -121,7 +120,7 @@ class Problem:
         M = crba(self.rigid, self.q, self.X)
         if not self.braces:
             return M
-        from robodyn_cli.equations.braces import with_inertia
+        from robodyn_cli.equations.prescribed import with_inertia
 
         return with_inertia(M, self.braces)
 
@@ -135,7 +134,7 @@ class Problem:
         h = self.newton_euler(self.v, zeros(self.model.nv), self.gravity)
         if not self.braces:
             return h
-        from robodyn_cli.equations.braces import with_force
+        from robodyn_cli.equations.prescribed import with_force
 
         return with_force(h, self.braces, self.all_constraints)
 

@@ -13,8 +13,7 @@ from robodyn_cli.trajectories.led import followed_by, given_by_formulas
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Constraints
     from robodyn_cli.equations.control.control import Control
-    from robodyn_cli.equations.elements import Elements
-    from robodyn_cli.equations.joint_forces import JointForces
+    from robodyn_cli.equations.elements import Elements, JointForces
     from robodyn_cli.equations.time_structure import TimeStructure
     from robodyn_cli.model.model import Model
 

@@ -1,4 +1,5 @@
-"""Compiled code kept on disk: only what this user wrote is used, and only for the key it was written for.
+"""Compiled code kept on disk: only what this user wrote is used, and only for the key it was written for; and a count
+of compilations, which is read without loading LLVM.
 
 An object file is machine code that runs with the user's rights. So a directory or file that belongs to another user, or
 that others may write, is left alone; links and special files are not followed; and each file starts with a digest of
@@ -14,10 +15,55 @@ import platform
 import stat
 import tempfile
 import time
+from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
 
 from robodyn_cli.errors import OutputError
-from robodyn_cli.kernels.report import REPORT
+
+# instructions that take LLVM some seconds, in which no other thread of Python runs
+MANY = 20_000
+
+_seconds: ContextVar[float] = ContextVar("_seconds", default=0.0)
+
+
+class CompileReport:
+    """Seconds that this thread has spent, modules compiled, modules that came from the cache, and warnings, each once.
+
+    ``now`` says in words what is being compiled, empty between compilations. ``listener``, where there is one, is told
+    of a compilation that takes long before it begins.
+    """
+
+    def __init__(self) -> None:
+        self.compiled = 0
+        self.cached = 0
+        self.now = ""
+        self.listener: Callable[[str], None] | None = None
+        self.warnings: list[str] = []
+
+    @property
+    def seconds(self) -> float:
+        """Spent by this thread, so that times of stages of a run are its own."""
+        return _seconds.get()
+
+    def spend(self, seconds: float) -> None:
+        """Add time that this thread has spent."""
+        _seconds.set(_seconds.get() + seconds)
+
+    def begin(self, instructions: int) -> None:
+        """Note the compilation that begins."""
+        self.now = f"compiling {instructions} instructions"
+        if instructions >= MANY and self.listener is not None:
+            self.listener(f"robodyn: {self.now} takes a while; the code is kept for the next run")
+
+    def warn(self, message: str) -> None:
+        """Keep a warning for the report of the run."""
+        if message not in self.warnings:
+            self.warnings.append(message)
+
+
+REPORT = CompileReport()
+
 
 MOST_BYTES = 64 << 20  # kept in all; the oldest files go first
 PARTIAL = ".part"

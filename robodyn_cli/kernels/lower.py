@@ -11,7 +11,7 @@ from robodyn_cli.kernels.mathematics import operation, piecewise, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
 if TYPE_CHECKING:
-    from robodyn_cli.kernels.bytecode.code import Bytecode
+    from robodyn_cli.kernels.bytecode import Bytecode
 
 Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
 
@@ -247,7 +247,7 @@ class Programs:
 
     def _interpret(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
         """Emit the evaluation of a program that is data."""
-        from robodyn_cli.kernels.bytecode.code import encode, interpreter, kinds_of, set_constants
+        from robodyn_cli.kernels.bytecode import encode, interpreter, kinds_of, set_constants
 
         if program.digest not in self._encoded:
             code = encode(program, kinds_of(program))

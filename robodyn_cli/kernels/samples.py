@@ -25,7 +25,7 @@ from robodyn_cli.kernels.program import NUMBERS, PARAMETERS, Program, make_progr
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.kernels.bytecode.samples import InterpretedSamples
+    from robodyn_cli.kernels.bytecode import InterpretedSamples
 
 # measured: compiling takes 80 us an operation, and saves 0.3 ns for each operation at each sample
 LONG = 200  # operations up to which a program is compiled at once
@@ -98,7 +98,7 @@ class SampleKernel:
         """The program as data; None for a program that is compiled at once."""
         if self.program.operations <= LONG:
             return None
-        from robodyn_cli.kernels.bytecode.samples import InterpretedSamples
+        from robodyn_cli.kernels.bytecode import InterpretedSamples
 
         return InterpretedSamples(self.program)
 

@@ -12,9 +12,18 @@ from collections.abc import Mapping as MappingOf
 
 from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
-from robodyn_cli.scene.text.emit import block
-from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence, Source, mapping, scalar, sequence
+from robodyn_cli.scene.text.nodes import (
+    Faults,
+    Mapping,
+    Node,
+    Scalar,
+    Sequence,
+    Source,
+    mapping,
+    scalar,
+    sequence,
+)
+from robodyn_cli.scene.text.yaml_text import block
 from robodyn_cli.scene.urdf.xml import XmlElement, parse_xml
 
 WIDTH = 110

@@ -16,14 +16,14 @@ from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.scene import check_scene
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import BROKEN, Names
-from robodyn_cli.scene.text.emit import emit
-from robodyn_cli.scene.text.faults import Faults, TooMany
 from robodyn_cli.scene.text.includes import Includer
 from robodyn_cli.scene.text.nodes import (
+    Faults,
     Mapping,
     Node,
     Scalar,
     Source,
+    TooMany,
     describe_node,
     located,
     mapping,
@@ -31,7 +31,7 @@ from robodyn_cli.scene.text.nodes import (
     sequence,
 )
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
-from robodyn_cli.scene.text.yaml_nodes import compose
+from robodyn_cli.scene.text.yaml_text import compose, emit
 from robodyn_cli.scene.types import Robot, Scene
 from robodyn_cli.schema.fields import OrFile, Section
 

@@ -51,8 +51,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.statements import Variation
-    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, ReachOptions, Sweep
-    from robodyn_cli.scene.payload import Payload
+    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, Payload, ReachOptions, Sweep
     from robodyn_cli.scene.robot_parts import Coupler
 
 
@@ -316,7 +315,7 @@ class Scene:
         ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
     )
     payloads: tuple[Payload, ...] = key(
-        ListOf(LaterSection("scene.payload:Payload")),
+        ListOf(LaterSection("scene.nested_options:Payload")),
         default=(),
         doc="Masses that links pick up and release.",
     )

@@ -10,7 +10,7 @@ import dataclasses
 from typing import Any
 
 from robodyn_cli.schema import fields as kinds
-from robodyn_cli.schema.describe import describe
+from robodyn_cli.schema.fields import describe
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"

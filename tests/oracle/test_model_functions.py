@@ -10,7 +10,7 @@ import pytest
 
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.over.crosscheck.in_pinocchio import InPinocchio
+from robodyn_cli.over.crosscheck.engines import InPinocchio
 from robodyn_cli.spatial.algebra import Array, matrix, vector
 from robodyn_cli.torques.build import open_problem
 from robodyn_cli.works.functions.model import ModelFunctions

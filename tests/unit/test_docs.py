@@ -20,7 +20,7 @@ import robodyn_cli
 from robodyn_cli import deploy, errors, inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.app import app
 from robodyn_cli.commands import COMMANDS as ROWS
-from robodyn_cli.exit_codes import ALL
+from robodyn_cli.errors import ALL
 from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
 from robodyn_cli.over.work_precision.work_precision import work_precision
 from robodyn_cli.report.registry import PLOTS

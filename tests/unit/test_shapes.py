@@ -15,8 +15,7 @@ from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.record import Drawing
 from robodyn_cli.report.drawing.strokes import strokes
 from robodyn_cli.report.movie.frames import Frames, plan_movie
-from robodyn_cli.report.page.page import write_page
-from robodyn_cli.report.page.section import Shown
+from robodyn_cli.report.page.page import Shown, write_page
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_description, load_scene, load_scene_text

@@ -315,8 +315,7 @@ def test_large_files_take_linear_time(tmp_path: Path) -> None:
         links = "".join(f'<link name="l{k}"/>' for k in range(n + 1))
         joints = "".join(joint(f"j{k}", f"l{k}", f"l{k + 1}", "fixed", "") for k in reversed(range(n)))
         from robodyn_cli.scene.dialects import read_description
-        from robodyn_cli.scene.text.faults import Faults
-        from robodyn_cli.scene.text.nodes import Source
+        from robodyn_cli.scene.text.nodes import Faults, Source
 
         gc.collect()
         gc.disable()  # it goes through all objects again and again

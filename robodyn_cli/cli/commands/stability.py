@@ -11,8 +11,7 @@ import typer
 from robodyn_cli.cli.options import SharedOptions, file
 from robodyn_cli.cli.runner import begun, output, publish, run_scene, show, store
 from robodyn_cli.cli.words import table
-from robodyn_cli.errors import SceneError
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED, SceneError
 
 
 def command(

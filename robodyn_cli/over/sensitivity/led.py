@@ -115,7 +115,7 @@ class LedSlopes:
 
     Raises
     ------
-    CapabilityError : an operation, or a number, has no derivative.
+    CapabilityError : an operation, or a number, has no derivative, or the motion has no times of its own.
     """
 
     def __init__(
@@ -125,6 +125,8 @@ class LedSlopes:
         numbers: Sequence[int],
         course_of: Callable[[Scene], LedCourse],
     ) -> None:
+        if scene.trajectory is not None and not scene.trajectory.in_time:
+            raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers, self.course_of = asked, numbers, course_of
         self.course = course_of(scene)
         self.places = asked.places(numbers)

@@ -29,8 +29,7 @@ from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.stability import GainKeys, MethodTrial, StabilitySummary, StepLimit
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 STIFF = 1e4  # decays of the fastest mode within a run from which on implicit methods give the reference
 FIXED = "rk4"  # the textbook's setting for Baumgarte's gains: a fixed step

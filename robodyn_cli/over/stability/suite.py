@@ -20,8 +20,7 @@ from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.stability import CaseKeys, MethodTrial, SuiteSummary
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 FULL = (Budget(2_000_000, 3.0), Budget(5_000_000, 40.0))  # of a trial, of a reference
 QUICK = (Budget(100_000, 0.3), Budget(400_000, 10.0))

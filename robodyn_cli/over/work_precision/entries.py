@@ -15,7 +15,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integration_methods import REFERENCES
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.integrators.runtime.options import Grid, Options
-from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.motion.build import watched_system
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import LARGEST

@@ -36,8 +36,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, Termination
 from robodyn_cli.summaries.motion import Gains
 from robodyn_cli.summaries.stability import BestRun, GivenGains, TimedRun, WorkPrecisionSummary
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 SHORT_OF = 0.9  # of the time of a lock: up to there a small change of the start is followed

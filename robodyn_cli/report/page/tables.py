@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.report import figures
-from robodyn_cli.report.ticks import number, unit
+from robodyn_cli.report.style import number, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
 

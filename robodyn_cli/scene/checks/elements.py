@@ -24,7 +24,7 @@ def check_elements(scene: Scene, check: Check) -> Scene:
     check_couplers(scene, couplers, check)
     check_forces(scene, check)
     if scene.payloads:
-        from robodyn_cli.scene.checks.payloads import check_payloads
+        from robodyn_cli.scene.checks.carried import check_payloads
 
         check_payloads(scene, check)
     check_spans(scene, check)

@@ -107,7 +107,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         if not check.found:
             scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
     if scene.control is not None or scene.outputs.signals:
-        from robodyn_cli.scene.checks.control import check_control
+        from robodyn_cli.scene.checks.drives import check_control
 
         scene = check_control(scene, names_of(scene), check)
     if follow is not None:
@@ -281,15 +281,15 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 ("simulate", "max_step"), f"{message}; allowed: with methods that choose their own steps"
             )
     if scene.kinematics != KinematicsOptions():
-        from robodyn_cli.scene.checks.mechanism import check_kinematics
+        from robodyn_cli.scene.checks.options import check_kinematics
 
         check_kinematics(scene, check)
     if scene.deploy != DeployOptions():
-        from robodyn_cli.scene.checks.mechanism import check_deploy
+        from robodyn_cli.scene.checks.options import check_deploy
 
         check_deploy(scene, check)
     if scene.reach is not None:
-        from robodyn_cli.scene.checks.reach import check_reach
+        from robodyn_cli.scene.checks.options import check_reach
 
         check_reach(scene.robot, scene.reach, check)
 

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
-from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")

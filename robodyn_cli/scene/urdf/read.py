@@ -7,8 +7,7 @@ from collections import Counter
 from collections.abc import Iterator
 
 from robodyn_cli.scene.dialects import Description, Packages, RobotTree
-from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Mapping, Sequence
+from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
 from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations
 from robodyn_cli.scene.urdf.tree import robot_tree

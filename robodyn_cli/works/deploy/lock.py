@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
-from robodyn_cli.motion.error.attempts import Attempt, First, integrate_again
-from robodyn_cli.motion.error.estimate import time_errors
+from robodyn_cli.motion.error import Attempt, First, integrate_again, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
