@@ -22,7 +22,8 @@ import numpy as np
 from robodyn_cli import load_scene
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.registry import methods as registry
-from robodyn_cli.over.numerics.trial import Budget, TrialReference, reference, solve
+from robodyn_cli.over.references import TrialReference
+from robodyn_cli.over.stability.trial import Budget, reference, solve
 
 ROOT = Path(__file__).resolve().parent.parent
 TOLERANCES = (1e-3, 1e-5, 1e-7, 1e-9, 1e-11, 1e-13)

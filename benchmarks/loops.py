@@ -28,9 +28,9 @@ from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError  # 
 from robodyn_cli.integrators.runtime.integrator import Integrator  # noqa: E402
 from robodyn_cli.integrators.runtime.options import Grid, Options  # noqa: E402
 from robodyn_cli.motion.build import projected_motion  # noqa: E402
-from robodyn_cli.over.numerics.entries import LONGEST  # noqa: E402
-from robodyn_cli.over.numerics.trial import TrialReference, agreed  # noqa: E402
-from robodyn_cli.over.numerics.work_precision import formulations, reference  # noqa: E402
+from robodyn_cli.over.references import TrialReference, agreed  # noqa: E402
+from robodyn_cli.over.work_precision.entries import LONGEST  # noqa: E402
+from robodyn_cli.over.work_precision.work_precision import formulations, reference  # noqa: E402
 from robodyn_cli.ready.prepare import prepare  # noqa: E402
 
 FOLDER = measure.ROOT / "configs" / "benchmarks"

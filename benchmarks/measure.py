@@ -117,7 +117,7 @@ def median_ratio(slow: Sequence[float], fast: Sequence[float]) -> float:
 
 def machine() -> dict[str, Any]:
     """Describe the machine and the versions in use."""
-    from robodyn_cli.results.provenance import cpu_name, robodyn_version
+    from robodyn_cli.results.summary import cpu_name, robodyn_version
 
     found: dict[str, Any] = {
         "cpu": cpu_name(),

@@ -25,9 +25,9 @@ from lock_time import NUMBERS, SLOPES  # noqa: E402
 from robodyn_cli import Mechanism  # noqa: E402
 from robodyn_cli.formulations.events import EventKind  # noqa: E402
 from robodyn_cli.over.many.keys import understand  # noqa: E402
-from robodyn_cli.over.sensitivity.motion.end import BLOCKS, Ending, MotionSlopes  # noqa: E402
+from robodyn_cli.over.sensitivity.motion.ends import BLOCKS, Ending, MotionSlopes  # noqa: E402
 from robodyn_cli.scene.load import Family  # noqa: E402
-from robodyn_cli.tools.stopwatch import Stopwatch  # noqa: E402
+from robodyn_cli.tools.progress import Stopwatch  # noqa: E402
 from robodyn_cli.works.deploy.deploy import build_deployment  # noqa: E402
 from robodyn_cli.works.deploy.scan import scan  # noqa: E402
 

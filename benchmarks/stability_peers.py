@@ -29,9 +29,10 @@ import numpy as np  # noqa: E402
 from suite_peers import exudyn, mujoco, scipy  # noqa: E402
 from suite_peers.case import SECONDS, Mechanism, Refused, Run, TooSlow  # noqa: E402
 
-from robodyn_cli.over.numerics.stability_cases import CASES, Case  # noqa: E402
-from robodyn_cli.over.numerics.stability_suite import _spectrum  # noqa: E402
-from robodyn_cli.over.numerics.trial import INACCURATE, Budget, TrialReference, attempt, reference  # noqa: E402
+from robodyn_cli.over.references import TrialReference  # noqa: E402
+from robodyn_cli.over.stability.cases import CASES, Case  # noqa: E402
+from robodyn_cli.over.stability.suite import _spectrum  # noqa: E402
+from robodyn_cli.over.stability.trial import INACCURATE, Budget, attempt, reference  # noqa: E402
 
 ENGINES = {"mujoco": mujoco.runs, "exudyn": exudyn.runs, "scipy": scipy.runs}
 BUDGET = Budget(2_000_000, 20.0)

@@ -23,7 +23,7 @@ measure.single_thread()
 sys.path.insert(0, str(measure.ROOT))
 
 from robodyn_cli.errors import RobodynError  # noqa: E402
-from robodyn_cli.scene.load import load_urdf  # noqa: E402
+from robodyn_cli.scene.load import load_description  # noqa: E402
 from tests.urdf_robots import compare  # noqa: E402
 
 BOUND = 1e-10
@@ -38,7 +38,7 @@ def row_of(name: str, path: Path) -> dict[str, Any]:
         times = []
         for _ in range(REPEATS):
             start = time.perf_counter()
-            load_urdf(path)
+            load_description(path)
             times.append(time.perf_counter() - start)
         found = compare(path)
     except RobodynError as error:

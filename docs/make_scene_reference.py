@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.schema.describe import describe
 from robodyn_cli.schema.fields import (
     REQUIRED,
     Choice,
@@ -32,6 +31,7 @@ from robodyn_cli.schema.fields import (
     Tagged,
     Text,
     Vector,
+    describe,
     key_name,
 )
 

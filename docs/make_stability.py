@@ -16,9 +16,9 @@ from typing import Any
 
 from PIL import Image
 
-from robodyn_cli.over.numerics.stability_cases import CASES
-from robodyn_cli.over.numerics.stability_suite import judge
-from robodyn_cli.over.numerics.trial import TrialReference
+from robodyn_cli.over.references import TrialReference
+from robodyn_cli.over.stability.cases import CASES
+from robodyn_cli.over.stability.suite import judge
 from robodyn_cli.summaries.stability import MethodTrial
 
 DOCS = Path(__file__).resolve().parent
@@ -75,7 +75,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
     parts = [HEAD, "## Cases\n", f"{len(rows) - missed} of {len(rows)} cases end as expected.\n"]
     parts.append(table(["case", "expected", "found", "reference", "fastest decay [1/s]"], verdicts))
     parts.append(
-        "## What each method does\n\nAt default settings; a fixed-step method takes a thousandth of the duration.\n"
+        "## Results of the methods\n\nAt default settings; a fixed-step method takes a thousandth of the duration.\n"
     )
     parts.append(table(["case", *SHOWN], rows))
     parts.append("![the suite by all methods](images/stability_suite.png)\n")
@@ -110,7 +110,7 @@ of computing a run is too slow; where a solver says that it cannot go on, it giv
 """
 
 MODELS = """\
-How each engine is given what is special in a case:
+Special terms of a case in each engine:
 
 - Loops: in MuJoCo a `connect` equality, in Exudyn plane bodies in redundant coordinates with a joint for each joint and loop, in
   scipy Pinocchio's `constraintDynamics` without projection. Near a fold its proximal parameter counts: 1e-10 leaves
@@ -140,7 +140,7 @@ FUZZING = """\
 
 `python -m tests.fuzz --seconds 600 --seed 1 --jobs 2` changes the scenes of `configs/` and the starters of `robodyn new` (keys, values,
 structure, formulas, units, absurd numbers, text that is no YAML), `--set` and `--at` texts, tables and result files, and runs all
-commands that take them. Each seed is one case. What must not be: an internal error (exit code 70), a traceback, a warning of a
+commands that take them. Each seed is one case. Faults are an internal error (exit code 70), a traceback, a warning of a
 library, a process that hangs or crashes, standard output that is not JSON where that was asked for, an error without a word, and a
 number that is not finite in a result whose run succeeded. A finding is made smaller and stored with its command line. The tests run
 300 cases.
@@ -157,7 +157,7 @@ No number that is not finite has come out with status ok.
 260 runs of six commands were ended at random moments (132 by SIGKILL, 66 by SIGTERM, 62 by SIGINT): 192 left the files of the run before as they
 were, 68 had ended and left their own; no mix, no half-written file, nothing left behind.
 
-What it has found, all mended: a mass that the scene does not give and a damped joint (internal error while the method was
+Faults found, all mended: a mass that the scene does not give and a damped joint (internal error while the method was
 chosen), overflow warnings of numpy from `plan`, matrices of numbers such as 1e18 and 1 that cannot be solved with, now exit code 3. By hand and
 from other scenes: rows that vanish but for rounding, and joints that throw each other on their rigid stops without end.
 
@@ -194,7 +194,7 @@ Seed 220097 showed that the classical method with a fixed step took the last sta
 `spring_damper` on the far side of it, where the force jumps by the damping, so that the rate was off by a sixth of the step times that jump. Fixed steps
 now come close to a jump first: 7e-11 in place of 1e-3 in a scene of one slide. The seed was run again with that.
 
-What it has found, all mended: stages at the end of a step saw the other side of a jump in time (the classical method was wrong by
+Faults found, all mended: stages at the end of a step saw the other side of a jump in time (the classical method was wrong by
 2e-3, unseen by the estimate where a pulse was shorter than a step); joints that came to rest on a stop while they still bounced
 with the root of the tolerance; a pose met again right after an impact beside it, which was stepped over onto another branch; trials beyond
 a pose that took all steps a run may take; a joint that could not leave its stop because its load had vanished; a slide at rest in its
@@ -212,7 +212,7 @@ integration error.
 
 ![drift and error over the plane of gains](images/four_bar_baumgarte.png)
 
-## What the suite has found
+## Faults that the suite has found
 
 - Samples of the linearly implicit methods used to come from a Hermite polynomial through the rates at the ends of a step. In a
   stiff component such a rate is rounding noise times the fastest decay: with a tip 1e6 times lighter, samples were wrong by 1e-5
@@ -226,7 +226,7 @@ integration error.
 - Springs of 1e8 N m/rad and more met their 1e-6 once the reference came from two families: two orders of Gauss's method had
   agreed with each other and were both wrong by 1e-6.
 
-## What to know about these figures
+## Limits of these figures
 
 - Where both methods of a reference are of one family (the table names them), an error that they share would not show.
 - `pendulum_1e5_s` is judged at 1e-3 of the range: at first it was held to 1e-5, which its references, good to 5 digits, could not tell.

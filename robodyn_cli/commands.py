@@ -20,10 +20,11 @@ class Command:
     summary : the records of its summary, one after another, as ``module:class`` below ``summaries/``.
     plan : f(scene) -> the ``Subject`` of a plan.
     batch : class of ``many.command.Command``, which makes many runs in compiled code.
-    slopes : exact derivatives: f(asked, numbers of keys) -> a ``Slope`` for each of these keys, by output.
+    slopes : exact derivatives: f(asked, numbers of keys) -> a ``Slope`` for each of these keys, by output; or the class
+    of them, ``Direct``, of a command that integrates nothing.
     good : status of a run that ended as it should.
     given : sections with what the motion is asked to be, which are no numbers of the equations.
-    plots : modules of ``report/plots/`` that draw its result, in the order of pages, where it has the data for them.
+    plots : those of its result, below ``report/plots/``, in the order of pages.
     blames : key that an error of geometry is about.
     streamed : the function takes a ``writer`` too, which writes long runs block by block.
     goes_on : it takes ``initial.from``, and goes on after it was killed.
@@ -48,17 +49,17 @@ class Command:
 
 # drawings of any motion, beside those of its command
 MOTION = (
-    "multipliers",
-    "reactions",
-    "constraint_residual",
-    "singular_values",
-    "mechanism",
+    "constraints:multipliers",
+    "constraints:reactions",
+    "constraints:constraint_residual",
+    "constraints:singular_values",
+    "mechanism:mechanism",
 )
 # drawings of joints, and of torques
-JOINTS = ("joint_angles", "joint_rates")
-DRIVEN = ("torques", "torque_terms", "drives", "limits")
+JOINTS = ("joints:joint_angles", "joints:joint_rates")
+DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits")
 # drawings of one configuration
-STILL = ("branches", "mechanism")
+STILL = ("mechanism:branches", "mechanism:mechanism")
 
 # what the command line calls is the function ``command`` in cli/commands/NAME.py
 COMMANDS: dict[str, Command] = {
@@ -67,11 +68,18 @@ COMMANDS: dict[str, Command] = {
         run="works.inverse:inverse",
         check="over.checks:inverse",
         summary=("inverse:InverseSummary", "drives:DriveKeys"),
-        plan="over.plan.inverse:InversePlan",
+        plan="over.plan.subjects:InversePlan",
         batch="over.many.inverse:InverseRuns",
-        slopes="over.sensitivity.inverse:slopes",
+        slopes="over.sensitivity.along_motions:InverseSlopes",
         given=("trajectory",),
-        plots=(*JOINTS, "joint_accelerations", *DRIVEN, "tip_path", "energy", *MOTION),
+        plots=(
+            *JOINTS,
+            "joints:joint_accelerations",
+            *DRIVEN,
+            "mechanism:tip_path",
+            "energy:energy",
+            *MOTION,
+        ),
         blames="trajectory",
     ),
     "simulate": Command(
@@ -79,10 +87,18 @@ COMMANDS: dict[str, Command] = {
         run="works.simulate:simulate",
         check="over.checks:simulate",
         summary=("motion:MotionSummary", "drives:ControlKeys", "drives:DriveKeys"),
-        plan="over.plan.forward:Forward",
+        plan="over.plan.subjects:Forward",
         batch="over.many.simulate:Simulate",
-        slopes="over.sensitivity.exact:simulate",
-        plots=(*JOINTS, "tracking", *DRIVEN, "tip_path", "energy", "energy_drift", *MOTION),
+        slopes="over.sensitivity.report:simulate",
+        plots=(
+            *JOINTS,
+            "joints:tracking",
+            *DRIVEN,
+            "mechanism:tip_path",
+            "energy:energy",
+            "energy:energy_drift",
+            *MOTION,
+        ),
         streamed=True,
         goes_on=True,
     ),
@@ -91,11 +107,11 @@ COMMANDS: dict[str, Command] = {
         run="works.deploy.deploy:deploy",
         check="over.checks:deploy",
         summary=("motion:MotionSummary", "drives:ControlKeys", "deploy:DeploySummary"),
-        plan="over.plan.forward:ForwardUntilLock",
+        plan="over.plan.subjects:ForwardUntilLock",
         batch="over.many.simulate:Deploy",
-        slopes="over.sensitivity.exact:deploy",
+        slopes="over.sensitivity.report:deploy",
         good="locked",
-        plots=("joint_angles", "tip_path", *MOTION),
+        plots=("joints:joint_angles", "mechanism:tip_path", *MOTION),
         streamed=True,
     ),
     "kinematics": Command(
@@ -103,9 +119,9 @@ COMMANDS: dict[str, Command] = {
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
         summary=("mechanism:KinematicsSummary",),
-        slopes="over.sensitivity.kinematics:slopes",
+        slopes="over.sensitivity.along_motions:KinematicsSlopes",
         given=("trajectory", "kinematics"),
-        plots=(*JOINTS, "tip_path", "point_motion", "transmission_angle", *MOTION),
+        plots=(*JOINTS, "mechanism:tip_path", "joints:point_motion", "joints:transmission_angle", *MOTION),
         blames="trajectory",
     ),
     "assemble": Command(
@@ -129,7 +145,7 @@ COMMANDS: dict[str, Command] = {
         run="works.statics:statics",
         check="over.checks:statics",
         summary=("mechanism:StaticsSummary",),
-        slopes="over.sensitivity.statics:slopes",
+        slopes="over.sensitivity.statics:StaticsSlopes",
         plots=STILL,
     ),
     "linearise": Command(
@@ -137,14 +153,19 @@ COMMANDS: dict[str, Command] = {
         run="works.linearise.linearise:linearise",
         check="over.checks:linearise",
         summary=("linear:LinearSummary",),
-        plots=("poles", "poles_over_time", "mode_shapes", "frequency_response"),
+        plots=(
+            "linear:poles",
+            "linear:poles_over_time",
+            "mechanism:mode_shapes",
+            "linear:frequency_response",
+        ),
     ),
     "size": Command(
         "Find the cheapest or lightest motors and gears for a motion.",
         run="works.size.size:size",
         check="over.checks:size",
-        summary=("inverse:InverseSummary", "drives:DriveKeys", "size:SizeSummary"),
-        plots=("size_front", "drives"),
+        summary=("inverse:InverseSummary", "drives:DriveKeys", "inverse:SizeSummary"),
+        plots=("drives:size_front", "drives:drives"),
         blames="trajectory",
     ),
     "plan": Command("What a scene needs, what is left out, and operations.", summary=("checks:PlanReport",)),
@@ -158,7 +179,7 @@ COMMANDS: dict[str, Command] = {
     "crosscheck": Command("Compare a scene with Pinocchio or MuJoCo.", summary=("checks:CrosscheckReport",)),
     "import": Command("Write the robot of a URDF file as YAML."),
     "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
-    "info": Command("Tree, frames, M, C, G and Jacobians at a state.", plots=("state",)),
+    "info": Command("Tree, frames, M, C, G and Jacobians at a state.", plots=("mechanism:state",)),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
     "report": Command("Write results as one page for a browser, moving drawings included."),
@@ -167,27 +188,33 @@ COMMANDS: dict[str, Command] = {
     "sensitivity": Command(
         "Derivatives of figures of a run by numbers of its scene.",
         summary=("study:SensitivitySummary",),
-        plots=("sensitivity_tornado",),
+        plots=("study:sensitivity_tornado",),
     ),
     "stability": Command(
         "Stiffness, step limits, and what each method does.",
-        run="over.numerics.stability:stability",
+        run="over.stability.stability:stability",
         check="over.checks:stability",
         summary=("stability:SuiteSummary", "stability:StabilitySummary"),
-        plots=("stability_spectrum", "stability_methods", "energy_growth", "baumgarte", "stability_suite"),
+        plots=(
+            "stability:stability_spectrum",
+            "stability:stability_methods",
+            "stability:energy_growth",
+            "stability:baumgarte",
+            "methods:stability_suite",
+        ),
         studied=False,
     ),
     "sweep": Command(
         "Many runs with other values of some keys: sweeps and Monte Carlo.",
         summary=("study:StudySummary",),
-        plots=("study_response", "study_map", "study_histograms", "study_influence"),
+        plots=("study:study_response", "study:study_map", "study:study_histograms", "study:study_influence"),
     ),
     "validate": Command("Check scenes and list all that is wrong.", summary=("checks:ValidationReport",)),
     "view": Command("Open results in the browser."),
     "work-precision": Command(
         "Error against run time, for every method.",
         summary=("stability:WorkPrecisionSummary",),
-        plots=("work_precision",),
+        plots=("methods:work_precision",),
     ),
 }
 

@@ -1,4 +1,5 @@
-"""Errors that a user can cause or meet, each with the exit code of the command line.
+"""Errors that a user can cause or meet, each with the exit code of the command line; exit codes that no error carries,
+and which of several is the worst (docs/cli.md).
 
 Every message is one or two sentences that name the place (file, line, key), the value and what is allowed.
 """
@@ -7,6 +8,26 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from typing import Any
+
+FAILED = 1  # no lock, an expectation that does not hold, results that differ
+WRONG_USAGE = 2
+INTERNAL = 70
+NO_OUTPUT = 74
+INTERRUPTED = 130
+
+# of a run by its status, where no error says more
+OF_STATUS = {"ok": 0, "locked": 0, "no_lock": FAILED, "overload": FAILED, "undersized": FAILED}
+# with these a run puts what it found in the place of an earlier run's files; with others it leaves them as they are
+REPLACING = (0, FAILED, 3, 4)
+# from good to bad; what is not listed is worse than all of them
+BADNESS = (0, FAILED, 3, WRONG_USAGE, 4, 5, NO_OUTPUT, INTERNAL)
+ALL = (*BADNESS, INTERRUPTED)
+
+
+def worst(codes: Iterable[int]) -> int:
+    """Return the worst of several exit codes: 1 over 0, 3 over 1, 2 over 3, then 4, 5, 74, 70."""
+    return max(codes, key=lambda code: BADNESS.index(code) if code in BADNESS else len(BADNESS), default=0)
+
 
 LONGEST = 60  # characters of a value that a message quotes
 
@@ -84,7 +105,7 @@ def no_linear_algebra(error: Exception) -> NumericalError:
 def out_of_range(error: OverflowError) -> NumericalError:
     """Return the error of a number that no double holds, from Python's OverflowError."""
     return NumericalError(
-        f"a number of the scene, or what follows from some, exceeds what a double holds (1.8e308): {error.args[-1]}"
+        f"a number of the scene, or a result of some, exceeds the range of a double (1.8e308): {error.args[-1]}"
     )
 
 

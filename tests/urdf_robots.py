@@ -21,11 +21,11 @@ from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.ready.mass_matrix import SINGULAR, lightest_joint
-from robodyn_cli.scene.load import load_urdf
+from robodyn_cli.scene.text.nodes import Faults, Source
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.urdf.elements import UrdfRobot
+from robodyn_cli.scene.urdf.elements import UrdfRobot, read_elements
 from robodyn_cli.scene.urdf.structure import Relation, relations
-from robodyn_cli.scene.urdf.xml import joint_names, link_names
+from robodyn_cli.scene.urdf.xml import joint_names, link_names, parse_xml
 
 Array = NDArray[np.float64]
 GRAVITY = (0.3, -1.2, -9.81)
@@ -144,26 +144,27 @@ def scene_of(path: Path, more: str = "") -> Scene:
 
 def compare(path: Path, seed: int = 0) -> Differences:
     """Return how far our equations of a robot are from Pinocchio's at a random state."""
-    urdf, _ = load_urdf(path)
+    root = parse_xml(path.read_text(encoding="utf-8"), Source(str(path), "."))
+    robot = read_elements(root, Faults())
     scene = scene_of(path)
     model = build_model(scene)
-    peer = Peer(path, urdf.robot, model)
+    peer = Peer(path, robot, model)
     rng = np.random.default_rng(seed)
     q, v, a = random_position(model, rng), rng.normal(size=model.nv), rng.normal(size=model.nv)
     tau, M = peer.torques(q, v, a), peer.mass_matrix(q)
     ours = real(rnea(model, list(q), list(v), list(a), model.gravity)) if model.nv else np.zeros(0)
     found = Differences(
         joints=model.nv,
-        mimics=sum(relation.joint is not None for relation in mimics(urdf.robot).values()),
+        mimics=sum(relation.joint is not None for relation in mimics(robot).values()),
         torques=relative(ours, tau),
         mass=relative(real(crba(model, list(q))), M) if model.nv else 0.0,
         frames=_frames(model, q, peer),
-        drag=_drag(scene, urdf.robot, model, q, v, a, ours),
+        drag=_drag(scene, robot, model, q, v, a, ours),
     )
     if model.nv:
         _forward(found, model, peer, q, v, tau)
     if found.mimics:
-        found.coupled = coupled_difference(path, urdf.robot, model, peer, rng)
+        found.coupled = coupled_difference(path, robot, model, peer, rng)
     return found
 
 

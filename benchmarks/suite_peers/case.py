@@ -14,7 +14,7 @@ from robodyn_cli.algorithms.kinematics import poses, transforms
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import SingularConfigurationError
 from robodyn_cli.expr.rebuild import Evaluator
-from robodyn_cli.over.numerics.stability_cases import Case
+from robodyn_cli.over.stability.cases import Case
 from robodyn_cli.ready.prepare import initial_positions, prepare
 from robodyn_cli.scene.load import load_scene_text
 

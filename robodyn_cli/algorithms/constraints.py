@@ -9,7 +9,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from robodyn_cli.algorithms.kinematics import (
-    Motion,
+    BodyMotion,
     Pose,
     motions,
     point_jacobian,
@@ -41,7 +41,7 @@ class LoopRows:
         self, model: Model, X: Sequence[Transform], q: Values, qd: Values, gravity: Vector | None = None
     ) -> None:
         self.model, self.X, self.q, self.qd, self.gravity = model, X, q, qd, gravity
-        self._known: dict[int, tuple[dict[int, Pose], dict[int, Motion]]] = {}
+        self._known: dict[int, tuple[dict[int, Pose], dict[int, BodyMotion]]] = {}
 
     def of(self, loop: Loop) -> list[Row]:
         """Return the rows of one closure."""
@@ -49,17 +49,17 @@ class LoopRows:
         rows: list[Row] = loop.element.rows(self._end(loop.first, root), self._end(loop.second, root))
         return rows
 
-    def _kinematics(self, root: int) -> tuple[dict[int, Pose], dict[int, Motion]]:
+    def _kinematics(self, root: int) -> tuple[dict[int, Pose], dict[int, BodyMotion]]:
         """Return poses and motions (for qdd = 0) relative to a body, in its coordinates."""
         if root not in self._known:
             self._known[root] = poses(self.model, self.X, root), self._motions(root)
         return self._known[root]
 
-    def _motions(self, root: int) -> dict[int, Motion]:
+    def _motions(self, root: int) -> dict[int, BodyMotion]:
         model, rest = self.model, zeros(self.model.nv)
         if root == BASE:
             return motions(model, self.X, self.q, self.qd, rest, self.gravity)
-        found = {root: Motion.at_rest()}
+        found = {root: BodyMotion.at_rest()}
         for k, body in enumerate(model.bodies):
             if k != root and body.parent in found:
                 rates = slice_v(body, self.qd), slice_v(body, rest)

@@ -143,7 +143,7 @@ def velocities(model: Model, X: Sequence[Transform], q: Values, qd: Values) -> d
 
 
 @record
-class Motion:
+class BodyMotion:
     """Angular velocity w, angular acceleration wd and acceleration a of a body's origin, body coordinates.
 
     a is the classical acceleration of the material point, less gravity where the recursion was started with it. The
@@ -156,9 +156,9 @@ class Motion:
     a: Vector
 
     @staticmethod
-    def at_rest(gravity: Vector | None = None) -> Motion:
+    def at_rest(gravity: Vector | None = None) -> BodyMotion:
         """Return the motion of the base; gravity enters as an upward acceleration."""
-        return Motion(zeros(3), zeros(3), zeros(3) if gravity is None else -gravity)
+        return BodyMotion(zeros(3), zeros(3), zeros(3) if gravity is None else -gravity)
 
     def rate_matrix(self) -> Matrix:
         """Return wd~ + w~ w~, the matrix that takes a lever arm to its acceleration."""
@@ -180,7 +180,9 @@ def squared_skew(w: Vector) -> Matrix:
     return out
 
 
-def step_motion(body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, parent: Motion) -> Motion:
+def step_motion(
+    body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, parent: BodyMotion
+) -> BodyMotion:
     """Return a body's motion from its parent's, for any joint (Luh, Walker and Paul 1980, equations 11 to 13).
 
     With the joint's velocity (w_J, v_J) = S qd and its acceleration (wd_J, a_J) = S qdd + S_rate qd, both in body
@@ -194,7 +196,7 @@ def step_motion(body: Body, X: Transform, q: Vector, qd: Vector, qdd: Vector, pa
     w = w_p + v_J.w
     wd = X.E @ parent.wd + cross(w_p, v_J.w) + a_J.w
     a = X.E @ parent.acceleration_of(X.r) + cross(2.0 * w_p + v_J.w, v_J.v) + a_J.v
-    return Motion(w, wd, a)
+    return BodyMotion(w, wd, a)
 
 
 def motions(
@@ -204,9 +206,9 @@ def motions(
     qd: Values,
     qdd: Values,
     gravity: Vector | None = None,
-) -> dict[int, Motion]:
+) -> dict[int, BodyMotion]:
     """Return the motion of each body, the base included."""
-    found = {BASE: Motion.at_rest(gravity)}
+    found = {BASE: BodyMotion.at_rest(gravity)}
     for k, body in enumerate(model.bodies):
         found[k] = step_motion(
             body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), found[body.parent]

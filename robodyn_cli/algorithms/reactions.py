@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.algorithms.kinematics import Motion, Pose, poses
+from robodyn_cli.algorithms.kinematics import BodyMotion, Pose, poses
 from robodyn_cli.algorithms.rnea import carry_down, inertial_wrench
 from robodyn_cli.loops.base import LoopFrame
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
@@ -69,7 +69,7 @@ def _free_end(here: Pose, frame: FixedFrame, place: int) -> LoopFrame:
 def reactions(
     model: Model,
     X: Sequence[Transform],
-    motion: Mapping[int, Motion],
+    motion: Mapping[int, BodyMotion],
     lam: Mapping[str, Any],
     applied: Mapping[int, Wrench] | None = None,
 ) -> Reactions:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robodyn_cli.algorithms.kinematics import Motion, slice_q, slice_v, step_motion, transforms
+from robodyn_cli.algorithms.kinematics import BodyMotion, slice_q, slice_v, step_motion, transforms
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, cross, vector, zeros
 
 
-def inertial_wrench(body: Body, motion: Motion) -> Wrench:
+def inertial_wrench(body: Body, motion: BodyMotion) -> Wrench:
     """Return the wrench about the body's origin that the motion needs, in body coordinates.
 
     f = m a + (wd~ + w~ w~) h;  n = I wd + w x I w + h x a   (Newton and Euler about the origin); the same as
@@ -55,7 +55,7 @@ def rnea(
     the joint's diagonal, without gyroscopic effect.
     """
     X = transforms(model, q) if X is None else X
-    motion = {BASE: Motion.at_rest(gravity)}
+    motion = {BASE: BodyMotion.at_rest(gravity)}
     wrench: list[Wrench] = []
     for k, body in enumerate(model.bodies):
         motion[k] = step_motion(

@@ -15,8 +15,7 @@ from typer.core import TyperGroup
 from robodyn_cli.cli.console import Console, guarded, output_lost
 from robodyn_cli.cli.options import with_shared
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.errors import RobodynError, did_you_mean
-from robodyn_cli.exit_codes import WRONG_USAGE
+from robodyn_cli.errors import WRONG_USAGE, RobodynError, did_you_mean
 from robodyn_cli.version import __version__
 
 PROGRAM = "robodyn"

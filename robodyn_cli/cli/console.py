@@ -15,8 +15,14 @@ from collections.abc import Callable, Iterator
 from typing import Any, TextIO
 
 from robodyn_cli.cli import interrupts
-from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
-from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
+from robodyn_cli.errors import (
+    INTERNAL,
+    INTERRUPTED,
+    OutputError,
+    RobodynError,
+    no_linear_algebra,
+    out_of_range,
+)
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere
@@ -36,6 +42,7 @@ class Console:
     def __init__(self, as_json: bool = False, quiet: bool = False) -> None:
         self.as_json = as_json
         self.quiet = quiet
+        self.for_people = not quiet and not as_json  # whether results are printed in words
         self._shown = 0.0
         self._width = 0
         self._noted = False
@@ -43,7 +50,7 @@ class Console:
 
     def say(self, text: str) -> None:
         """Print results for people."""
-        if not self.quiet and not self.as_json:
+        if self.for_people:
             _print(fitted(text, sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:
@@ -174,7 +181,7 @@ def guarded(command: Callable[..., int]) -> Callable[..., int]:
 
 def _tell_of_compiled_code(console: Console) -> None:
     """Say what kept compiled code from being kept, where anything was compiled; it does not touch the results."""
-    compiler = sys.modules.get("robodyn_cli.kernels.report")
+    compiler = sys.modules.get("robodyn_cli.kernels.cache")
     for text in compiler.REPORT.warnings if compiler is not None else ():
         console.note(f"robodyn: warning: {text}")
 

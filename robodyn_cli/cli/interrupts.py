@@ -11,7 +11,7 @@ import threading
 from types import FrameType
 from typing import Any, NoReturn
 
-from robodyn_cli.exit_codes import INTERRUPTED
+from robodyn_cli.errors import INTERRUPTED
 
 MESSAGE = "interrupted"
 AS_JSON = f"""\

@@ -11,18 +11,17 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import Console, width
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.errors import RobodynError, SceneError, StrictError
-from robodyn_cli.exit_codes import OF_STATUS, REPLACING
+from robodyn_cli.errors import OF_STATUS, REPLACING, RobodynError, SceneError, StrictError
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.going_on.journal import Journal
+    from robodyn_cli.motion.going_on import Journal
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.hdf5.writer import ResultWriter
     from robodyn_cli.results.output_dir import OutputDirectory
     from robodyn_cli.results.result import Result
     from robodyn_cli.scene.types import Scene
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Stopwatch
 
 Describe = Callable[[Mapping[str, Any]], str]
 
@@ -53,7 +52,7 @@ class SceneRun:
 
 def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
     """Run one scene, write its results, print its summary; return the exit code."""
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Stopwatch
 
     watch = Stopwatch()
     with output(job.directory, job.scene, console) as directory:
@@ -131,6 +130,8 @@ def publish(
 def show(result: Result, directory: OutputDirectory, console: Console, describe: Describe) -> None:
     """Print the summary of a result: as JSON where that is asked for, else in words, with what lies where."""
     _show_data(directory, console)
+    if not console.for_people:
+        return
     console.say(describe(result.summary))
     if result.events:
         from robodyn_cli.results.moments import moment_lines
@@ -182,7 +183,7 @@ def _journal(
 
     journal = None
     if keeps_journal(job.command, scene):
-        from robodyn_cli.motion.going_on.journal import Journal
+        from robodyn_cli.motion.going_on import Journal
         from robodyn_cli.results.output_dir import UNFINISHED_NAME
 
         journal = stack.enter_context(Journal(directory.path / UNFINISHED_NAME, scene, job.resume))
@@ -234,8 +235,8 @@ def placed(scene: Path, overrides: Sequence[str], command: str) -> Iterator[None
 
 
 def place_in_files(error: RobodynError, scene: Path, overrides: Sequence[str], command: str) -> None:
-    """Put file, line, column and key before the message of an error about a scene; see ``over/placing.py``."""
-    from robodyn_cli.over.placing import place
+    """Put file, line, column and key before the message of an error about a scene; see ``over/commands.py``."""
+    from robodyn_cli.over.commands import place
     from robodyn_cli.scene.load import examine
 
     place(error, lambda: examine(scene, list(overrides)).root, command)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli import interrupts
 from robodyn_cli.cli.main import prepare_process
-from robodyn_cli.exit_codes import INTERRUPTED
+from robodyn_cli.errors import INTERRUPTED
 
 if TYPE_CHECKING:
     from robodyn_cli.report.registry import Drawings

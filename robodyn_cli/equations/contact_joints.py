@@ -66,7 +66,7 @@ class ContactJoint:
 def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
     """Return the joints with a contact state, in the order of the tree; their parameters follow the model's own."""
     found: list[ContactJoint] = []
-    for forces in (forces for body in model.bodies for forces in _by_coordinate(body)):
+    for forces in (forces for body in model.bodies if body.forces for forces in _by_coordinate(body)):
         friction, limits = _contacts(forces)
         if friction is None and limits is None:
             continue

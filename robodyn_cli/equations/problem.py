@@ -20,9 +20,8 @@ from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.elements import Elements, given_torques, spans
+from robodyn_cli.equations.elements import Elements, JointForces, given_torques, spans
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
-from robodyn_cli.equations.joint_forces import JointForces
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.model.build import build_model
@@ -51,7 +50,7 @@ class Problem:
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
     dependent : rows that depend on each other in every pose (see ``independent_rows``).
-    braces : inertias that prescribed joints need beside their own (see ``equations/braces.py``).
+    braces : inertias that prescribed joints need beside their own (see ``equations/prescribed.py``).
     """
 
     def __init__(
@@ -121,7 +120,7 @@ class Problem:
         M = crba(self.rigid, self.q, self.X)
         if not self.braces:
             return M
-        from robodyn_cli.equations.braces import with_inertia
+        from robodyn_cli.equations.prescribed import with_inertia
 
         return with_inertia(M, self.braces)
 
@@ -135,7 +134,7 @@ class Problem:
         h = self.newton_euler(self.v, zeros(self.model.nv), self.gravity)
         if not self.braces:
             return h
-        from robodyn_cli.equations.braces import with_force
+        from robodyn_cli.equations.prescribed import with_force
 
         return with_force(h, self.braces, self.all_constraints)
 
@@ -199,7 +198,7 @@ class Problem:
         ``passive``: springs, dampers, bushings; ``friction``; ``external``: forces and wrenches.
         """
         terms = self.joint_forces(smooth)
-        for name, torques in self.elements.torques.items():
+        for name, torques in self.elements.torques.items() if self.model.forces else ():
             terms[name] = terms[name] + torques if name in terms else torques
         if geared(self.model):
             losses = self.gear_losses(smooth)
@@ -255,9 +254,9 @@ class Problem:
 
         rows: list[Row] = []
         dropped: list[str] = []
-        closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
-        for loop in self.model.loops:
-            for row in closures.of(loop):
+        if self.model.loops:
+            closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
+            for row in (row for loop in self.model.loops for row in closures.of(loop)):
                 if vanishes(row):
                     dropped.append(row.name)
                 else:
@@ -388,7 +387,7 @@ class Problem:
     def potential(self) -> Scalar:
         """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
-        return own + self.elements.potential
+        return own + self.elements.potential if self.model.forces else own
 
     # -- places ---------------------------------------------------------------------------------------
     def world_point(self, frame: FixedFrame) -> Vector:

@@ -13,8 +13,7 @@ from robodyn_cli.trajectories.led import followed_by, given_by_formulas
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Constraints
     from robodyn_cli.equations.control.control import Control
-    from robodyn_cli.equations.elements import Elements
-    from robodyn_cli.equations.joint_forces import JointForces
+    from robodyn_cli.equations.elements import Elements, JointForces
     from robodyn_cli.equations.time_structure import TimeStructure
     from robodyn_cli.model.model import Model
 
@@ -67,8 +66,10 @@ class Switching:
         rows = [e.constraints.rows[i] for i in e.constraints.rheonomic]
         for row in (row for row in rows if row.name not in known):
             found.append((row.name, [row.eta, row.eta_t, row.gamma]))
-        found += [(key, [*place, *rate]) for key, place, rate in e.elements.moving]
-        return [*found, *e.elements.formulas]
+        if e.model.forces:
+            found += [(key, [*place, *rate]) for key, place, rate in e.elements.moving]
+            found += e.elements.formulas
+        return found
 
     @property
     def followed(self) -> tuple[float, ...] | None:
@@ -110,10 +111,11 @@ class Switching:
         scene, t = self.equations.scene, self.equations.t
         duration = scene.simulate.duration
         tables = [torque for torque in scene.torques.values() if isinstance(torque, sc.Torque)]
-        times = {
-            float(row[0]) for torque in tables for row in torque.table
-        } | self.equations.elements.breakpoints
-        times.update(self.followed or ())
+        times = {float(row[0]) for torque in tables for row in torque.table}
+        if self.equations.model.forces:
+            times |= self.equations.elements.breakpoints
+        if scene.prescribed:
+            times.update(self.followed or ())
         if self.equations.control is not None:
             times.update(x for x in self.equations.control.breakpoints if 0.0 < x < duration)
         for _, switch in self.switches:

@@ -41,7 +41,7 @@ def applied_powers(problem: Problem) -> dict[str, Scalar]:
     return {
         "actuators": total(tau * rate for tau, rate in zip(problem.actuator_torques, v)),
         "friction, dampers or stops": total(torque * v[place] for place, torque in problem.dissipated),
-        "forces on points and between bodies": problem.elements.power,
+        "forces on points and between bodies": problem.elements.power if problem.model.forces else 0.0,
     }
 
 

@@ -7,7 +7,16 @@ from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean, shown
-from robodyn_cli.expr.formula_tree import CONSTANTS, QUALIFIERS, SPANS, FormulaNode, Name, Num, fail, prefix
+from robodyn_cli.expr.formula_tree import (
+    CONSTANTS,
+    QUALIFIERS,
+    SPANS,
+    FormulaNode,
+    Identifier,
+    Num,
+    fail,
+    prefix,
+)
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 
@@ -20,7 +29,7 @@ OWN = ("length", "rate")
 
 
 @record
-class Formula:
+class FormulaTree:
     """A parsed formula; equal when the trees are equal.
 
     text : as written.
@@ -36,9 +45,9 @@ class Formula:
     where: str = dataclasses.field(default="", compare=False, repr=False)
 
     @staticmethod
-    def number(value: float) -> Formula:
+    def number(value: float) -> FormulaTree:
         """Return the constant formula."""
-        return Formula(Num(float(value)), repr(float(value)))
+        return FormulaTree(Num(float(value)), repr(float(value)))
 
     @property
     def names(self) -> frozenset[str]:
@@ -76,7 +85,7 @@ class Formula:
         variables: Collection[str] = ("t", "q", "qd"),
         rates: Collection[str] | None = None,
         states: Collection[str] = (),
-    ) -> Formula:
+    ) -> FormulaTree:
         """Return the formula with canonical names: ``t``, ``q.JOINT``, ``qd.JOINT``, ``p.PARAMETER``.
 
         ``joints`` are the columns of q (``ball.qw`` is one), ``rates`` those of v where they differ, ``states`` those
@@ -116,7 +125,7 @@ class Formula:
             fail(self.text, column, f"{what}{hint}; allowed: {_listed(options)}", self.where)
 
         def renamed(node: FormulaNode) -> FormulaNode:
-            return Name(canonical.get(node.name, node.name)) if isinstance(node, Name) else node
+            return Identifier(canonical.get(node.name, node.name)) if isinstance(node, Identifier) else node
 
         return dataclasses.replace(
             self,
@@ -138,7 +147,7 @@ def points_of(name: str) -> tuple[str, str]:
     return first, second
 
 
-def parse(text: str, where: str = "") -> Formula:
+def parse(text: str, where: str = "") -> FormulaTree:
     """Parse a formula.
 
     Parameters
@@ -156,12 +165,12 @@ def parse(text: str, where: str = "") -> Formula:
         raise SceneError(f"{prefix(where)}formula of {len(text)} characters; allowed: at most {MAX_LENGTH}")
     parser = Parser(text, where)
     root = parser.whole()
-    return Formula(root, text, parser.names, parser.degrees, where)
+    return FormulaTree(root, text, parser.names, parser.degrees, where)
 
 
-def formulas_in(value: Any) -> Iterator[Formula]:
+def formulas_in(value: Any) -> Iterator[FormulaTree]:
     """Yield the formulas in records, maps and lists."""
-    if isinstance(value, Formula):
+    if isinstance(value, FormulaTree):
         yield value
     elif isinstance(value, Mapping):
         yield from formulas_in(tuple(value.values()))

@@ -15,23 +15,7 @@ from collections.abc import Sequence
 from typing import NoReturn
 
 from robodyn_cli.errors import unknown_name
-from robodyn_cli.expr.formula_tree import (
-    CONSTANTS,
-    FUNCTIONS,
-    MANY,
-    QUALIFIERS,
-    SPANS,
-    SWITCHING,
-    Call,
-    Chain,
-    FormulaNode,
-    If,
-    Name,
-    Negative,
-    Num,
-    Power,
-    fail,
-)
+from robodyn_cli.expr import formula_tree as tree
 from robodyn_cli.record import record
 
 MAX_DEPTH = 60
@@ -65,7 +49,7 @@ def _tokens(text: str, where: str) -> list[_Token]:
             continue
         match = _TOKEN.match(text, position)
         if match is None:
-            fail(text, position + 1, f"unexpected {text[position]!r}", where)
+            tree.fail(text, position + 1, f"unexpected {text[position]!r}", where)
         tokens.append(_Token(str(match.lastgroup), match.group(), position + 1))
         position = match.end()
     return [*tokens, _Token("end", "end of the formula", len(text) + 1)]
@@ -84,7 +68,7 @@ class Parser:
         self.calls = 0
         self.switches = 0
 
-    def whole(self) -> FormulaNode:
+    def whole(self) -> tree.FormulaNode:
         root = self.expression(0, 0)
         if self.token.kind != "end":
             self.unexpected(self.token)
@@ -105,7 +89,7 @@ class Parser:
         self.next()
 
     def fail(self, token: _Token, message: str) -> NoReturn:
-        fail(self.text, token.column, message, self.where)
+        tree.fail(self.text, token.column, message, self.where)
 
     def unexpected(self, token: _Token, wanted: str = "") -> NoReturn:
         shown = token.text if token.kind == "end" else repr(token.text)
@@ -115,9 +99,9 @@ class Parser:
             wanted = "an operator such as '*' is missing before it"
         self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
 
-    def fold(self, node: FormulaNode, token: _Token, *arguments: FormulaNode) -> FormulaNode:
+    def fold(self, node: tree.FormulaNode, token: _Token, *arguments: tree.FormulaNode) -> tree.FormulaNode:
         """Return the node's number if its arguments are numbers, else the node."""
-        if not all(isinstance(x, Num) for x in arguments):
+        if not all(isinstance(x, tree.Num) for x in arguments):
             return node
         try:
             number = float(node.value({}))
@@ -125,9 +109,9 @@ class Parser:
             self.fail(token, f"{token.text!r} has no value here: {error}")
         if not math.isfinite(number):
             self.fail(token, f"{token.text!r} gives {number}; allowed: finite numbers")
-        return Num(number)
+        return tree.Num(number)
 
-    def expression(self, binding: int, depth: int) -> FormulaNode:
+    def expression(self, binding: int, depth: int) -> tree.FormulaNode:
         if depth > MAX_DEPTH:
             self.fail(self.token, f"nested more than {MAX_DEPTH} levels deep")
         left = self.operand(depth)
@@ -135,11 +119,11 @@ class Parser:
             left = self.operation(left, self.next(), depth)
         return left
 
-    def operation(self, left: FormulaNode, token: _Token, depth: int) -> FormulaNode:
+    def operation(self, left: tree.FormulaNode, token: _Token, depth: int) -> tree.FormulaNode:
         level = _BINDING[token.text]
         if level == _BINDING["^"]:
             right = self.expression(level, depth + 1)  # the same level again: a^b^c is a^(b^c)
-            node: FormulaNode = Power(left, right)
+            node: tree.FormulaNode = tree.Power(left, right)
         else:
             right = self.expression(level + 1, depth + 1)
             node = self.chain(left, token.text, right)
@@ -148,39 +132,39 @@ class Parser:
             self.fail(
                 self.tokens[self.position - 1], f"'deg' after {token.text!r} is ambiguous; use parentheses"
             )
-        if token.text == "/" and right == Num(0.0):
+        if token.text == "/" and right == tree.Num(0.0):
             self.fail(token, "division by zero")
         return self.fold(node, token, left, right)
 
     @staticmethod
-    def chain(left: FormulaNode, op: str, right: FormulaNode) -> Chain:
-        if isinstance(left, Chain) and _BINDING[left.rest[0][0]] == _BINDING[op]:
-            return Chain(left.first, (*left.rest, (op, right)))
-        return Chain(left, ((op, right),))
+    def chain(left: tree.FormulaNode, op: str, right: tree.FormulaNode) -> tree.Chain:
+        if isinstance(left, tree.Chain) and _BINDING[left.rest[0][0]] == _BINDING[op]:
+            return tree.Chain(left.first, (*left.rest, (op, right)))
+        return tree.Chain(left, ((op, right),))
 
-    def operand(self, depth: int) -> FormulaNode:
+    def operand(self, depth: int) -> tree.FormulaNode:
         token = self.next()
         if token.kind == "sign" and token.text in ("+", "-"):
             operand = self.expression(_UNARY_BINDING, depth + 1)
-            return operand if token.text == "+" else self.fold(Negative(operand), token, operand)
+            return operand if token.text == "+" else self.fold(tree.Negative(operand), token, operand)
         return self.postfix(self.primary(token, depth), token)
 
-    def postfix(self, node: FormulaNode, token: _Token) -> FormulaNode:
+    def postfix(self, node: tree.FormulaNode, token: _Token) -> tree.FormulaNode:
         if self.token.text != "deg":
             return node
         self.next()
         if self.token.text == "deg":
             self.unexpected(self.token, "'deg' is allowed once")
         self.degrees = self.degrees or self.calls == 0
-        degree = Num(_DEGREE)
+        degree = tree.Num(_DEGREE)
         return self.fold(self.chain(node, "*", degree), token, node, degree)
 
-    def primary(self, token: _Token, depth: int) -> FormulaNode:
+    def primary(self, token: _Token, depth: int) -> tree.FormulaNode:
         if token.kind == "number":
             number = float(token.text)
             if not math.isfinite(number):
                 self.fail(token, f"number {token.text[:40]} is too large")
-            return Num(number)
+            return tree.Num(number)
         if token.text == "(":
             inner = self.expression(0, depth + 1)
             self.expect(")")
@@ -188,26 +172,26 @@ class Parser:
         if token.kind == "name":
             if self.token.text == "(":
                 return self.call(token, depth)
-            if token.text in CONSTANTS:
-                return Num(CONSTANTS[token.text])
+            if token.text in tree.CONSTANTS:
+                return tree.Num(tree.CONSTANTS[token.text])
             if token.text == "deg":
                 self.unexpected(token, "'deg' goes after a number, as in 45 deg")
             group, dot, name = token.text.partition(".")
-            if dot and (group not in QUALIFIERS or name.count(".") > (group != "p")):
+            if dot and (group not in tree.QUALIFIERS or name.count(".") > (group != "p")):
                 self.fail(
                     token,
                     f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
                     "p.PARAMETER, and beside a controller in ref.JOINT, refd.JOINT, refdd.JOINT, tau.JOINT and s.STATE",
                 )
             self.names.setdefault(token.text, token.column)
-            return Name(token.text)
+            return tree.Identifier(token.text)
         self.unexpected(token, "a number, a name or '(' is needed here")
 
-    def call(self, name: _Token, depth: int) -> FormulaNode:
-        if name.text in SPANS:
+    def call(self, name: _Token, depth: int) -> tree.FormulaNode:
+        if name.text in tree.SPANS:
             return self.span(name)
-        if name.text != "if" and name.text not in FUNCTIONS:
-            known = [*FUNCTIONS, "if", *SPANS]
+        if name.text != "if" and name.text not in tree.FUNCTIONS:
+            known = [*tree.FUNCTIONS, "if", *tree.SPANS]
             self.fail(name, unknown_name("function", name.text, known))
         self.expect("(")
         self.calls += 1
@@ -216,7 +200,7 @@ class Parser:
         self.expect(")")
         return node
 
-    def span(self, function: _Token) -> FormulaNode:
+    def span(self, function: _Token) -> tree.FormulaNode:
         """Return the name of a distance; its arguments are points."""
         points = []
         for sign in ("(", ","):
@@ -229,10 +213,10 @@ class Parser:
         self.expect(")")
         name = f"{function.text}({', '.join(points)})"
         self.names.setdefault(name, function.column)
-        return Name(name)
+        return tree.Identifier(name)
 
-    def function(self, name: _Token, depth: int) -> FormulaNode:
-        _, least, most = FUNCTIONS[name.text]
+    def function(self, name: _Token, depth: int) -> tree.FormulaNode:
+        _, least, most = tree.FUNCTIONS[name.text]
         arguments = []
         if self.token.text != ")":
             arguments.append(self.expression(0, depth))
@@ -240,22 +224,26 @@ class Parser:
                 self.next()
                 arguments.append(self.expression(0, depth))
         if not least <= len(arguments) <= most:
-            needed = f"{least} or more arguments" if most == MANY else f"{least} argument" + "s" * (least > 1)
+            needed = (
+                f"{least} or more arguments" if most == tree.MANY else f"{least} argument" + "s" * (least > 1)
+            )
             self.fail(name, f"{name.text!r} is given {len(arguments)}; it takes {needed}")
-        if name.text in SWITCHING:
+        if name.text in tree.SWITCHING:
             self.count_switches(name, max(1, len(arguments) - 1), arguments)
-        return self.fold(Call(name.text, tuple(arguments)), name, *arguments)
+        return self.fold(tree.Call(name.text, tuple(arguments)), name, *arguments)
 
-    def count_switches(self, token: _Token, count: int, arguments: Sequence[FormulaNode]) -> None:
+    def count_switches(self, token: _Token, count: int, arguments: Sequence[tree.FormulaNode]) -> None:
         """Count the places where the formula jumps or bends; numbers alone have none."""
-        if all(isinstance(x, Num) for x in arguments):
+        if all(isinstance(x, tree.Num) for x in arguments):
             return
         self.switches += count
         if self.switches > MAX_SWITCHES:
-            what = f"the formula switches at more than {MAX_SWITCHES} places ({', '.join(SWITCHING)}, if)"
+            what = (
+                f"the formula switches at more than {MAX_SWITCHES} places ({', '.join(tree.SWITCHING)}, if)"
+            )
             self.fail(token, f"{what}; give a course of many pieces as a table")
 
-    def conditional(self, name: _Token, depth: int) -> FormulaNode:
+    def conditional(self, name: _Token, depth: int) -> tree.FormulaNode:
         left = self.expression(0, depth)
         comparison = self.token
         if comparison.text not in _COMPARISONS:
@@ -267,5 +255,5 @@ class Parser:
         self.expect(",")
         no = self.expression(0, depth)
         self.count_switches(name, 1, (left, right))
-        node = If(comparison.text, left, right, yes, no)
+        node = tree.If(comparison.text, left, right, yes, no)
         return self.fold(node, name, left, right, yes, no)

@@ -86,7 +86,7 @@ class Num(FormulaNode):
 
 
 @record
-class Name(FormulaNode):
+class Identifier(FormulaNode):
     name: str
 
     def value(self, env: Mapping[str, Any]) -> Any:

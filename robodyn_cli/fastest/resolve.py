@@ -1,4 +1,5 @@
-"""From a path that is to be run through as fast as the drives allow to a motion in time."""
+"""From a path that is to be run through as fast as the drives allow to a motion in time, and which of its limits binds
+when."""
 
 from __future__ import annotations
 
@@ -12,17 +13,76 @@ from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.fastest.limits import LimitedPath, PathLimits, Torques
 from robodyn_cli.fastest.profile import NoProfile
 from robodyn_cli.fastest.search import Fastest, fastest, merged
-from robodyn_cli.given.along_path import motion_along, motion_at
+from robodyn_cli.given.guided_motion import motion_along, motion_at
 from robodyn_cli.given.motion import Planned, led_by
 from robodyn_cli.model.model import Model
+from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.inverse import FastestFigures
 from robodyn_cli.torques.build import build_inverse
-from robodyn_cli.torques.program import InverseProgram
+from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
-from robodyn_cli.trajectories.fastest import BOUNDS, FastestTrajectory, TimedJoints, TimedPath, timed
+from robodyn_cli.trajectories.fastest import (
+    BOUNDS,
+    FastestTrajectory,
+    TimedJoints,
+    TimedPath,
+    names_of,
+    timed,
+)
 from robodyn_cli.trajectories.legs import Scaling
 from robodyn_cli.trajectories.motion import JointMotion
+
+BINDS = 1e-3  # of a limit: as near to it the motion is on it
+
+
+def use_of_limits(scaling: Scaling, model: Model, sampled: Sampled) -> tuple[list[str], Array]:
+    """Return the names of the limits, ``joint kind``, and how much of each is used (T, n), 1 on the limit."""
+    limits = names_of(scaling.limits, model.v_names)
+    values = {"speed": sampled.motion.qd, "acceleration": sampled.motion.qdd, "effort": sampled.tau}
+    columns = [
+        np.abs(values[kind][:, model.v_names.index(name)]) / scaling.limits[kind][name]
+        for kind, name in limits
+    ]
+    return [f"{name} {kind}" for kind, name in limits], np.column_stack(columns)
+
+
+def add_limits(result: Result, scaling: Scaling, model: Model, sampled: Sampled) -> None:
+    """Add the use of each limit, and the limit that binds at each sample, -1 where none does."""
+    names, use = use_of_limits(scaling, model, sampled)
+    result.add("limits/use", use, names=names)
+    result.add("limits/binding", _binding(use))
+
+
+def _binding(use: Array) -> Array:
+    return np.where(use.max(axis=1) >= 1.0 - BINDS, use.argmax(axis=1), -1).astype(float)
+
+
+def warnings(scaling: Scaling) -> list[str]:
+    """Return what is to be said of a duration that is less exact than was asked for."""
+    relative = scaling.error / scaling.law.duration
+    if scaling.tolerance is None or relative <= scaling.tolerance:
+        return []
+    return [
+        f"the least time is known to {relative:.1e} of it only, with {scaling.intervals} intervals of the path; "
+        f"trajectory.tolerance asks for {scaling.tolerance:.1e}"
+    ]
+
+
+def figures(scaling: Scaling, model: Model, sampled: Sampled) -> FastestFigures:
+    """Return the figures of a motion."""
+    names, use = use_of_limits(scaling, model, sampled)
+    binding = _binding(use)
+    parts = {name: float(np.mean(binding == k)) for k, name in enumerate(names)}
+    return FastestFigures(
+        duration=scaling.law.duration,
+        duration_error=scaling.error,
+        largest_use=float(use.max()),
+        binding={name: x for name, x in parts.items() if x > 0.0},
+        intervals=scaling.intervals,
+    )
+
 
 STILL = 1e-6  # of the largest |dq/ds|: the path stands still
 CORNER = 1e-6  # of it: the direction jumps

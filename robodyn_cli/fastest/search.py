@@ -16,8 +16,7 @@ from robodyn_cli.fastest.limits import FINE, PLACES, Passed, Rows
 from robodyn_cli.fastest.profile import Passes, Profile, durations, time_law
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.interpolation import divided
+from robodyn_cli.trajectories.course import Course, divided
 
 LAST = 5  # points besides, ever nearer to the end: the drive brakes alone in the last segment (see ``Rows.rest``)
 PARTS = 4  # into which a segment is divided in one refinement at most

@@ -15,7 +15,7 @@ joint_forces: Registry[type] = Registry(
         "spring": "springs:Spring",
         "damper": "springs:Damper",
         "limits": "limits:Limits",
-        "gear": "gear:Gear",
+        "gear": "friction:Gear",
     },
 )
 
@@ -24,7 +24,7 @@ force_types: Registry[type] = Registry(
     {
         "spring": "springs:LinearSpring",
         "nonlinear_spring": "springs:NonlinearSpring",
-        "torsional_spring": "torsional_spring:TorsionalSpring",
+        "torsional_spring": "springs:TorsionalSpring",
         "constant_force": "springs:ConstantForce",
         "bushing": "bushing:Bushing",
         "force": "wrench:PointForce",

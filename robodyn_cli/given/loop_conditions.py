@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -21,11 +20,9 @@ from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.solve.point_kinematics import Led, PointKinematics, what_is_left
 from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
+from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import PoseMotion
-
-if TYPE_CHECKING:
-    from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
 
 INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
 # the given motion at times (T,): values, rates and accelerations (T, k)

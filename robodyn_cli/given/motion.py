@@ -21,7 +21,7 @@ from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
-    from robodyn_cli.solve.inverse_kinematics import PointTask
+    from robodyn_cli.solve.inverse_kinematics import PathTask
     from robodyn_cli.solve.point_kinematics import PointFunction, PointKinematics
     from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory, JointsTogether
 
@@ -139,9 +139,9 @@ def _refuse_some(model: Model, trajectory: JointSpaceTrajectory) -> None:
         )
 
 
-def point_task(problem: Problem) -> PointTask:
+def point_task(problem: Problem) -> PathTask:
     """Return the point, or the frame, that the scene's trajectory leads, and its path."""
-    from robodyn_cli.solve.inverse_kinematics import PointTask
+    from robodyn_cli.solve.inverse_kinematics import PathTask
 
     scene, model = problem.scene, problem.model
     trajectory: Any = scene.trajectory
@@ -152,7 +152,7 @@ def point_task(problem: Problem) -> PointTask:
         from robodyn_cli.given.prescribed import prescribed_starts
 
         start = {**scene.initial.q, **ik.guess, **prescribed_starts(scene)}
-    task = PointTask(model, frame, trajectory, start, scene.parameters, where, prescribed=prescribed)
+    task = PathTask(model, frame, trajectory, start, scene.parameters, where, prescribed=prescribed)
     named, redundant = ik.branch is not None and task.arm is None, ik.redundancy != "least_rates"
     if not named and not redundant:
         return task

@@ -1,4 +1,5 @@
-"""Compiled code kept on disk: only what this user wrote is used, and only for the key it was written for.
+"""Compiled code kept on disk: only what this user wrote is used, and only for the key it was written for; and a count
+of compilations, which is read without loading LLVM.
 
 An object file is machine code that runs with the user's rights. So a directory or file that belongs to another user, or
 that others may write, is left alone; links and special files are not followed; and each file starts with a digest of
@@ -14,15 +15,61 @@ import platform
 import stat
 import tempfile
 import time
+from collections.abc import Callable
+from contextvars import ContextVar
 from pathlib import Path
 
 from robodyn_cli.errors import OutputError
-from robodyn_cli.kernels.report import REPORT
+
+# instructions that take LLVM some seconds, in which no other thread of Python runs
+MANY = 20_000
+
+_seconds: ContextVar[float] = ContextVar("_seconds", default=0.0)
+
+
+class CompileReport:
+    """Seconds that this thread has spent, modules compiled, modules that came from the cache, and warnings, each once.
+
+    ``now`` says in words what is being compiled, empty between compilations. ``listener``, where there is one, is told
+    of a compilation that takes long before it begins.
+    """
+
+    def __init__(self) -> None:
+        self.compiled = 0
+        self.cached = 0
+        self.now = ""
+        self.listener: Callable[[str], None] | None = None
+        self.warnings: list[str] = []
+
+    @property
+    def seconds(self) -> float:
+        """Spent by this thread, so that times of stages of a run are its own."""
+        return _seconds.get()
+
+    def spend(self, seconds: float) -> None:
+        """Add time that this thread has spent."""
+        _seconds.set(_seconds.get() + seconds)
+
+    def begin(self, instructions: int) -> None:
+        """Note the compilation that begins."""
+        self.now = f"compiling {instructions} instructions"
+        if instructions >= MANY and self.listener is not None:
+            self.listener(f"robodyn: {self.now} takes a while; the code is kept for the next run")
+
+    def warn(self, message: str) -> None:
+        """Keep a warning for the report of the run."""
+        if message not in self.warnings:
+            self.warnings.append(message)
+
+
+REPORT = CompileReport()
+
 
 MOST_BYTES = 64 << 20  # kept in all; the oldest files go first
 PARTIAL = ".part"
 STALE = 3600.0  # age [s] from which on an unfinished file is left over from a process that was killed
 DIGEST = 32  # bytes of SHA-256
+SWEEPERS = "0"  # first digits of keys whose writing sweeps: one in sixteen, as a sweep looks at every file
 OTHERS_WRITE = stat.S_IWGRP | stat.S_IWOTH
 
 
@@ -107,7 +154,8 @@ class ObjectFile:
             except BaseException:
                 os.unlink(name)
                 raise
-            sweep(self.path.parent)
+            if self.key[0] in SWEEPERS:
+                sweep(self.path.parent)
 
     def _digest(self, code: bytes) -> bytes:
         return hashlib.sha256(self.key.encode() + b"\0" + code).digest()
@@ -115,11 +163,18 @@ class ObjectFile:
 
 def contents(folder: Path) -> list[tuple[Path, os.stat_result]]:
     """Return the objects in a cache with what is known of them, oldest first."""
+    return sorted(_files(folder, ".o"), key=lambda pair: pair[1].st_mtime)
+
+
+def _files(folder: Path, suffix: str) -> list[tuple[Path, os.stat_result]]:
+    """Return the files with this ending."""
     found = []
-    for path in folder.glob("*.o"):
-        with contextlib.suppress(OSError):
-            found.append((path, path.lstat()))
-    return sorted(found, key=lambda pair: pair[1].st_mtime)
+    with contextlib.suppress(OSError), os.scandir(folder) as entries:
+        for entry in entries:
+            if entry.name.endswith(suffix):
+                with contextlib.suppress(OSError):
+                    found.append((Path(entry.path), entry.stat(follow_symlinks=False)))
+    return found
 
 
 def remove_all(folder: Path) -> int:
@@ -148,7 +203,7 @@ def sweep(folder: Path, most_bytes: int | None = None) -> None:
         with contextlib.suppress(OSError):
             path.unlink()
             excess -= found.st_size
-    for path in folder.glob(f"*{PARTIAL}"):
-        with contextlib.suppress(OSError):
-            if time.time() - path.lstat().st_mtime > STALE:
+    for path, found in _files(folder, PARTIAL):
+        if time.time() - found.st_mtime > STALE:
+            with contextlib.suppress(OSError):
                 path.unlink()

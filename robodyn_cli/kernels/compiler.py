@@ -11,8 +11,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.kernels.cache import ObjectFile, cache_directory
-from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.kernels.cache import REPORT, ObjectFile, cache_directory
 from robodyn_cli.record import record
 
 

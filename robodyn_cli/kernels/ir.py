@@ -16,8 +16,19 @@ from collections.abc import Iterable, Iterator, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.kernels.flow import Block, Flow, LoopBlock
-from robodyn_cli.kernels.values import Condition, Int, Operand, Value, double_type, int_type, literal, ref_of
+from robodyn_cli.kernels.flow import (
+    Block,
+    Condition,
+    Flow,
+    Int,
+    LoopBlock,
+    Operand,
+    Value,
+    double_type,
+    int_type,
+    literal,
+    ref_of,
+)
 
 RELAXED = "reassoc nsz arcp contract"
 STRICT = ""

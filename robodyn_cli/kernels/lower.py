@@ -11,7 +11,7 @@ from robodyn_cli.kernels.mathematics import operation, piecewise, sincos
 from robodyn_cli.kernels.program import NUMBERS, TRIGONOMETRIC, Instruction, Program
 
 if TYPE_CHECKING:
-    from robodyn_cli.kernels.bytecode.code import Bytecode
+    from robodyn_cli.kernels.bytecode import Bytecode
 
 Inputs = Mapping[str, Sequence[Value] | Array]  # a value for each position, by group; the table of numbers
 
@@ -25,7 +25,7 @@ def is_inlined(program: Program) -> bool:
     return program.operations <= INLINE_LIMIT
 
 
-class Loaded(Array):
+class LoadedNumbers(Array):
     """A program's table of numbers with its entries in registers.
 
     Make it before the program's inputs are loaded: LLVM orders the factors of a product by where they come from, and
@@ -205,7 +205,7 @@ def outline(name: str, program: Program, width: int, programs: Programs, flags: 
     arguments += [f"ptr noalias %out.{o}" for o in program.outputs]
     f = Function(name, arguments, internal=True, attributes="noinline", flags=flags)
     inputs: dict[str, Sequence[Value] | Array] = {
-        NUMBERS: Loaded(Array(f, f"%in.{NUMBERS}", programs.number_lanes), program, width)
+        NUMBERS: LoadedNumbers(Array(f, f"%in.{NUMBERS}", programs.number_lanes), program, width)
     }
     for g, n in program.inputs.items():
         inputs[g] = [f.load(f.offset(f"%in.{g}", k * width), width, 8 * width) for k in range(n)]
@@ -247,7 +247,7 @@ class Programs:
 
     def _interpret(self, f: Function, program: Program, inputs: Inputs, width: int) -> dict[str, list[Value]]:
         """Emit the evaluation of a program that is data."""
-        from robodyn_cli.kernels.bytecode.code import encode, interpreter, kinds_of, set_constants
+        from robodyn_cli.kernels.bytecode import encode, interpreter, kinds_of, set_constants
 
         if program.digest not in self._encoded:
             code = encode(program, kinds_of(program))
@@ -286,7 +286,7 @@ def _values(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs
     """Load those inputs that are in memory, as far as they are used."""
     used = {i.value for i in program.instructions if i.op == "sym"}
     zero = f.constant(0.0, width)
-    found: dict[str, Sequence[Value] | Array] = {NUMBERS: Loaded(inputs[NUMBERS], program, width)}
+    found: dict[str, Sequence[Value] | Array] = {NUMBERS: LoadedNumbers(inputs[NUMBERS], program, width)}
     for group, count in program.inputs.items():
         source = inputs[group]
         if isinstance(source, Array):

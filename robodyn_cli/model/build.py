@@ -10,7 +10,14 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import formulas_in, points_of
 from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.model.joint_elements import by_coordinate, joint_forces, springs_in_space
+from robodyn_cli.model.joints import (
+    by_coordinate,
+    joint_forces,
+    joint_kind,
+    joint_placement,
+    orientation,
+    springs_in_space,
+)
 from robodyn_cli.model.model import (
     BASE,
     PARAMETER_GROUP,
@@ -22,7 +29,6 @@ from robodyn_cli.model.model import (
     Model,
     RigidPart,
 )
-from robodyn_cli.model.placement import joint_kind, joint_placement, orientation
 from robodyn_cli.model.places import with_places
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.scene import types as sc

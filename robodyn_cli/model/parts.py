@@ -12,7 +12,7 @@ from robodyn_cli.expr.graph import Graph, is_nonzero
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, FixedFrame, Model, RigidPart
 from robodyn_cli.motors.drive import NOWHERE, Train
 from robodyn_cli.record import record
-from robodyn_cli.scene import payload as sp
+from robodyn_cli.scene import nested_options as sp
 from robodyn_cli.scene import types as sc
 from robodyn_cli.scene.types import Joint, Scene
 from robodyn_cli.spatial.algebra import Array, Transform, vector, zeros

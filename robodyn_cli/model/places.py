@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
 from robodyn_cli.expr.fixed import Fixed, free, literal
-from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.scene.types import Orientation, Scene
 from robodyn_cli.schema.fields import Direction, Vector, key_name
@@ -90,7 +90,7 @@ def numbers_at_places(scene: Scene) -> dict[str, float]:
     def visit(value: Any) -> None:
         if isinstance(value, Fixed):
             found[value.args[0]] = float(value)
-        elif isinstance(value, Formula):
+        elif isinstance(value, FormulaTree):
             value.root.rebuilt(leaf)
         elif isinstance(value, dict):
             for x in value.values():
@@ -119,7 +119,7 @@ def _placed(value: Any, place: str, number: Callable[[float, str], float] = lite
     """Return a value with its numbers as ``number`` gives them for their places."""
     if isinstance(value, float):
         return value if isinstance(value, Fixed) else number(value, place)
-    if isinstance(value, Formula):
+    if isinstance(value, FormulaTree):
         return _formula(value, place, number)
     if isinstance(value, dict):
         return {name: _placed(x, f"{place}.{name}", number) for name, x in value.items()}
@@ -156,7 +156,7 @@ def _is_attitude(kind: Any) -> bool:
     return isinstance(kind, Direction) or (isinstance(kind, Vector) and kind.angle)
 
 
-def _formula(formula: Formula, place: str, number: Callable[[float, str], float]) -> Formula:
+def _formula(formula: FormulaTree, place: str, number: Callable[[float, str], float]) -> FormulaTree:
     count = 0
 
     def leaf(node: FormulaNode) -> FormulaNode:

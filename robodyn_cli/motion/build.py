@@ -19,7 +19,7 @@ from robodyn_cli.motion.motion import MethodChoice, Motion, Watcher
 from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare
 from robodyn_cli.scene.types import Baumgarte, Ready, Scene
 from robodyn_cli.summaries.motion import Gains
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 
 Follow = Callable[[Problem, Sequence[int]], Sequence[Watcher]]
 AUTOMATIC = "baumgarte"
@@ -67,9 +67,9 @@ def limit_watchers(problem: Problem) -> list[Watcher]:
     """Return the watcher of limits that no stop keeps, where joints have any."""
     if not problem.scene.robot.limited:
         return []
-    from robodyn_cli.motion.joint_limits import JointLimits
+    from robodyn_cli.motion.joint_limits import LimitWatcher
 
-    watcher = JointLimits(problem)
+    watcher = LimitWatcher(problem)
     return [watcher] if watcher.limits else []
 
 

@@ -27,7 +27,7 @@ class LimitFunction(EventFunction):
     words: str = ""
 
 
-class JointLimits(Watcher):
+class LimitWatcher(Watcher):
     """Owns the events at which joints pass limits of position, speed and effort, and warns of the first of each."""
 
     def __init__(self, problem: Problem) -> None:

@@ -30,7 +30,7 @@ def can_be_stiff(problem: Problem) -> bool:
     """Tell whether anything in the scene can damp: without that no mode decays and nothing is stiff."""
     if problem.model.nv > LARGEST:
         return False
-    if problem.dissipated or isinstance(problem.elements.power, Expr):
+    if problem.dissipated or (problem.model.forces and isinstance(problem.elements.power, Expr)):
         return True
     rates = {v.index for v in problem.v}
     return any(e.index in rates for tau in problem.actuator_torques for e in free_symbols([tau]))

@@ -23,7 +23,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Gains
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.error.conditioning import Conditioning
+    from robodyn_cli.motion.conditioning import Conditioning
 
 
 @record
@@ -166,7 +166,7 @@ class Motion:
 
     def conditioning(self, times: Array, x: Array) -> Conditioning:
         """Return what rounding of the equations does along states x (T, nx) at times (T,)."""
-        from robodyn_cli.motion.error.conditioning import Conditioning
+        from robodyn_cli.motion.conditioning import Conditioning
         from robodyn_cli.ready.prepare import held_columns
 
         names = held_columns(self.scene, self.problem)

@@ -13,8 +13,7 @@ from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.error.attempts import Attempt, First, integrate_again
-from robodyn_cli.motion.error.estimate import Courses, remainder
+from robodyn_cli.motion.error import Attempt, Courses, First, integrate_again, remainder
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.observe.recorder import Recorder

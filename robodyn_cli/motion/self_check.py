@@ -1,24 +1,75 @@
-"""A run checks itself: rows left out that do not hold, numbers that are not finite, energy out of balance, doubts."""
+"""A run checks itself (redundant rows that were left out and do not hold, numbers that are not finite, energy out of
+balance, doubts), and says in the summary what ``simulate`` and ``deploy`` share."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import dataclasses
+from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import NumericalError, RobodynError
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import GeometryError, NumericalError, RobodynError
+from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.loops.base import closure_of
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import NOT_MEANINGFUL
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
+from robodyn_cli.solve.assembly import Assembled
+from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT
-from robodyn_cli.summaries.motion import MotionErrors
+from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
+from robodyn_cli.summaries.motion import (
+    Accuracy,
+    Assembly,
+    DependentRows,
+    FinalState,
+    MethodKeys,
+    MotionErrors,
+    MotionSummary,
+    MultiplierChoice,
+)
 
-if TYPE_CHECKING:
-    from robodyn_cli.motion.redundancy import Redundant
+OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
+
+
+@record
+class Redundant:
+    """Largest residual of the redundant rows, and the error where they are violated."""
+
+    residual: float
+    violated: GeometryError | None = None
+
+
+def check_redundant(problem: Problem, assembled: Assembled, recorder: Recorder) -> Redundant:
+    """Evaluate the residuals of the redundant rows along the samples."""
+    whole = Problem(problem.scene, model=problem.model)
+    # combined rows are solved together, so each may be the one that opens
+    named = problem.constraints.names if problem.dependent else assembled.redundant
+    rows = [row for row in whole.constraints.rows if row.name in named]
+    q, t = recorder.array("q"), recorder.array("time")
+    values = evaluate([row.eta for row in rows], {"q": list(q.T), "t": [t], "p": []})
+    residual = np.abs(np.column_stack([np.broadcast_to(value, t.shape) for value in values]))
+    size = mechanism_size(problem.model)
+    limits = np.array([OPEN * (size if row.kind in ("force", "m") else 1.0) for row in rows])
+    broken = np.argwhere(residual > limits)
+    largest = float(residual.max())
+    if not len(broken):
+        return Redundant(largest)
+    k, i = (int(x) for x in broken[0])
+    row = rows[i]
+    unit = "m" if row.kind in ("force", "m") else "rad"
+    error = GeometryError(
+        f"the scene asks for more than the mechanism can do: {row.name}, which followed from the other constraints at "
+        f"the start, is violated from t = {t[k]:.6g} s on, by up to {residual[:, i].max():.3g} {unit}",
+        time=float(t[k]), row=row.name, residual=float(residual[:, i].max()),
+    )  # fmt: skip
+    return Redundant(largest, error)
+
 
 EPS = float(np.finfo(float).eps)
 BEYOND = 1e3  # times what tolerance and rounding explain: a larger error of the energy ends the run
@@ -63,7 +114,6 @@ def redundant_rows(run: Run) -> Redundant | None:
     assembled = run.motion.assembled
     if not assembled.redundant or not run.recorder.samples:
         return None
-    from robodyn_cli.motion.redundancy import check_redundant
 
     return check_redundant(run.motion.problem, assembled, run.recorder)
 
@@ -177,3 +227,77 @@ def estimate_warnings(estimate: MotionErrors | None) -> list[str]:
         f"the motion is not meaningful after t = {estimate.meaningful_until:.4g} s: its estimated error is above "
         f"{NOT_MEANINGFUL:.0%} of what its coordinates range over"
     ]
+
+
+def final_state(run: Run) -> FinalState:
+    """Return the state that the driver has come to."""
+    model = run.motion.problem.model
+    q, v, _ = run.motion.system.split(run.driver.state)
+    return FinalState(
+        run.driver.time, dict(zip(model.q_names, q.tolist())), dict(zip(model.v_names, v.tolist()))
+    )
+
+
+def motion_records(run: Run, judgement: Judgement, estimate: MotionErrors | None) -> list[Any]:
+    """Return what samples, counters and watchers say of a run; what a controller did is a record of its own."""
+    motion, driver, recorder, failure = run.motion, run.driver, run.recorder, judgement.failure
+    problem, observer = motion.problem, recorder.observer
+    constrained = bool(problem.constraints.rows)
+    independent = constrained and motion.scene.simulate.stabilisation == "independent"
+    summary = MotionSummary(
+        termination=Termination("duration", driver.time) if failure is None else failure.termination,
+        integrator=motion.choice.method,
+        integrator_reason=motion.choice.reason,
+        tolerances=tolerances(motion.options),
+        samples=recorder.samples,
+        error_estimate=estimate,
+        energy_drift=recorder.drift,
+        energy_drift_relative=recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0,
+        energy_balance="kinetic + potential - work" if motion.system.work_done_by else "kinetic + potential",
+        constraint_residual=residual_of(recorder, judgement.redundant) if constrained else ABSENT,
+        assembly=_assembly(motion) if constrained else ABSENT,
+        repartitions=driver.repartitions if independent else ABSENT,
+        multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
+        reactions=observer.reactions.described(recorder.loads) if observer.reactions else ABSENT,
+        counters=driver.counters,
+        warnings=[*judgement.warnings, *estimate_warnings(estimate)] or ABSENT,
+        baumgarte=motion.gains or ABSENT,
+        switches=[MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes] or ABSENT,
+        final=final_state(run),
+    )
+    for watcher in driver.watchers:
+        summary = dataclasses.replace(summary, **watcher.facts(driver.time))
+    if problem.control is None:
+        return [summary]
+    from robodyn_cli.observe.control_summary import control_keys
+
+    return [summary, control_keys(problem.control, recorder, driver.time, run.beginning.time)]
+
+
+def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> LoopResidual:
+    """Return the largest residuals of the loops over the samples."""
+    left_out = ABSENT if redundant is None else redundant.residual
+    return LoopResidual(recorder.position_residual, recorder.velocity_residual, redundant=left_out)
+
+
+def _assembly(motion: Motion) -> Assembly:
+    closed, dropped = motion.assembled, motion.problem.constraints.dropped
+    return Assembly(closed.position_residual, closed.velocity_residual, list(closed.redundant), list(dropped))
+
+
+def tolerances(options: Options) -> Accuracy:
+    """Return what the accuracy was asked by: tolerances, or a fixed step [s]."""
+    if options.step is not None:
+        return Accuracy(step=options.step)
+    return Accuracy(options.rtol, options.atol)
+
+
+def describe_dependence(problem: Problem, repartitions: int) -> MultiplierChoice:
+    """Return what the summary says about the multipliers: unique, or of least norm and why."""
+    if not problem.dependent:
+        return MultiplierChoice(True)
+    groups = [
+        DependentRows(sorted({closure_of(name) for name in g.rows}), list(g.rows), g.rank)
+        for g in problem.dependent
+    ]
+    return MultiplierChoice(False, "least norm", groups, repartitions)

@@ -30,7 +30,7 @@ class Brake(Part):
 class Catalogue:
     """Motors, gears and brakes by name."""
 
-    title: str = key(Text(), default="", doc="What the catalogue is, for reports.")
+    title: str = key(Text(), default="", doc="Title of the catalogue, for reports.")
     motors: dict[str, Any] = key(MapOf(Tagged(lambda: motor_types), of="motor"), default=None, doc="Motors.")
     gears: dict[str, Any] = key(MapOf(Tagged(lambda: gear_types), of="gear"), default=None, doc="Gears.")
     brakes: dict[str, Brake] = key(MapOf(Section(Brake), of="brake"), default=None, doc="Brakes.")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from robodyn_cli.forces.gear import Gear
+from robodyn_cli.forces.friction import Gear
 from robodyn_cli.motors.electric import Part
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Number, key

@@ -1,4 +1,5 @@
-"""From integrated states to the datasets of a simulation, block by block."""
+"""From integrated states to the datasets of a simulation, block by block, and those that all commands on mechanisms
+have in common."""
 
 from __future__ import annotations
 
@@ -13,9 +14,10 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import BASE, STATE_GROUPS, unknown_among
-from robodyn_cli.observe.places import FORCES, place_dataset, place_outputs, point_motion
-from robodyn_cli.observe.units import joint_columns
+from robodyn_cli.observe.places import FORCES, add_places, place_dataset, place_outputs, point_motion
+from robodyn_cli.observe.units import add_motion, joint_columns
 from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
@@ -310,16 +312,45 @@ class Observer:
             path: Column(long_name=MEANINGS[path], **columns.described())
             for path, columns in joint_columns(self.problem.model).items()
         }
-        elements = self.problem.elements.names
-        table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
-        table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
+        if self.problem.model.forces:
+            elements = self.problem.elements.names
+            table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
+            table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
         if self.controlled:
             from robodyn_cli.observe.control import control_columns
 
             table.update({path: Column(**given) for path, given in control_columns(self.problem).items()})
-        table.update(loop_columns(self.problem.constraints.rows, bool(self.problem.dependent)))
+        if self.problem.constraints.rows:
+            table.update(loop_columns(self.problem.constraints.rows, bool(self.problem.dependent)))
         if self.reactions is not None:
             for path, names in self.reactions.names.items():
                 meaning = self.reactions.meanings[path]
                 table[path] = Column("N, N m", meaning, ("time", "wrench"), names)
         return table
+
+
+def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:
+    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and the places of points, frames and links, to a
+    result."""
+    from robodyn_cli.trajectories.motion import JointMotion
+
+    add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
+    places = place_outputs(problem)
+    # all at once, for places share most of what they are computed from
+    values = problem.numbers([x for entries in places.values() for x in entries], q, v=v)
+    ends = np.cumsum([len(entries) for entries in places.values()])
+    add_places(result, {path: part[None] for path, part in zip(places, np.split(values, ends[:-1]))})
+
+
+def add_rows(
+    result: Result, rows: Sequence[Row], arrays: Mapping[str, Array], dependent: bool = False
+) -> None:
+    """Add arrays of the loops' rows (T, m), by path, to a result; ``dependent`` : whether rows depend on each
+    other."""
+    columns = loop_columns(rows, dependent)
+    for path, data in arrays.items():
+        column = columns[path]
+        result.add(
+            path, data, units=column.units, long_name=column.long_name, names=column.names,
+            column_units=column.column_units,
+        )  # fmt: skip

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import motions, velocities, world_pose
+from robodyn_cli.algorithms.kinematics import motions, poses, transforms, velocities, world_pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE, FixedFrame, Model
@@ -49,7 +49,6 @@ def in_world(
     """
     if reference is None:
         return p, R
-    from robodyn_cli.algorithms.kinematics import poses, transforms
     from robodyn_cli.observe.evaluation import SampleFunction
 
     symbols = model.graph.symbols(model.q_names, "q")

@@ -11,12 +11,11 @@ from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.model.joints import joint_axes
 from robodyn_cli.model.model import BASE, Model, are_known
-from robodyn_cli.model.placement import joint_axes
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.record import record
-from robodyn_cli.results.columns import magnitude
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, magnitude
 from robodyn_cli.scene.points import point_link
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity

@@ -102,8 +102,7 @@ class Recorder:
         """Return the error of the first number of a block that is not finite, with its formula where there is one."""
         if np.isfinite(sum(float(block.sum()) for block in data.values())):
             return None
-        from robodyn_cli.observe.evaluation import TOO_LARGE, first_fault, not_finite
-        from robodyn_cli.observe.formulas import formula_without_value
+        from robodyn_cli.observe.evaluation import TOO_LARGE, first_fault, formula_without_value, not_finite
 
         found = first_fault(data)
         if found is None:

@@ -12,9 +12,9 @@ from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
 from robodyn_cli.results.catalogue import JOINT_LIMITS
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.types import Scene
 
 if TYPE_CHECKING:
-    from robodyn_cli.scene.types import Scene
     from robodyn_cli.trajectories.motion import JointMotion
 
 

@@ -18,7 +18,7 @@ from robodyn_cli.motion.build import AUTOMATIC, projected_motion, with_stabilisa
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.types import Baumgarte, Scene
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 
 # at most so many samples of a motion are tried
 TRIED = 501
@@ -48,7 +48,7 @@ def inverse(scene: Scene) -> Missing:
 
 def size(scene: Scene) -> Missing:
     """Do what ``inverse`` does first, with drives of one unit each, and look for motors and gears."""
-    from robodyn_cli.works.size.responses import with_unit_drives
+    from robodyn_cli.works.size.candidates import with_unit_drives
     from robodyn_cli.works.size.search import candidates_of
     from robodyn_cli.works.size.size import to_size
 
@@ -76,7 +76,7 @@ def deploy(scene: Scene) -> Missing:
 def stability(scene: Scene) -> Missing:
     """Build the equations, and close the loops."""
     from robodyn_cli.formulations.build import build_system
-    from robodyn_cli.over.numerics.stability import started
+    from robodyn_cli.over.stability.stability import started
 
     return _lacking(build_system(started(scene, Stopwatch())[1].problem, "none", work=False))
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from robodyn_cli.scene.types import Ready, Scene
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.trajectories.led import Follows
 
 

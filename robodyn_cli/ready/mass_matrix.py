@@ -80,7 +80,7 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
 
     Where such a joint feels no inertia, or next to none, M has no inverse, or a bad one, and still nothing is
     undetermined: its acceleration is given. An inertia of any size, whose force the equations take off again, makes M
-    regular (see ``equations/braces.py``).
+    regular (see ``equations/prescribed.py``).
 
     Raises
     ------

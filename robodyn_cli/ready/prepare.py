@@ -14,7 +14,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import RANK_TOLERANCE, Assembled, assemble
 from robodyn_cli.solve.closure import rank
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.trajectories.led import position_columns, velocity_columns
 
 if TYPE_CHECKING:
@@ -48,14 +48,14 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
         given = initial_positions(scene, problem)
         held = held_columns(scene, problem)
     with watch.stage("assemble"):
-        if problem.constraints.rheonomic or problem.elements.moving:
+        if problem.constraints.rheonomic or (problem.model.forces and problem.elements.moving):
             from robodyn_cli.given.prescribed import check_prescribed
 
             check_prescribed(problem)
         hold = [*held, *(n for n in position_columns(scene.prescribed) if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd), hold)
         if scene.torques or scene.prescribed or problem.model.forces:
-            from robodyn_cli.observe.formulas import check_formulas, check_formulas_ahead
+            from robodyn_cli.observe.evaluation import check_formulas, check_formulas_ahead
 
             check_formulas(problem, assembled.q, assembled.v)
             if not assembled.redundant:

@@ -1,4 +1,5 @@
-"""Tell singular configurations apart: dead point of the input, bifurcation, neither.
+"""Mobility of a mechanism, by counting and by rank; singular configurations told apart: dead point of the input,
+bifurcation, neither.
 
 Dead point: Psi keeps its rank, its block of passive coordinates loses it; the input cannot move the mechanism.
 Bifurcation: Psi itself loses rank; the constraints no longer decide how the motion goes on.
@@ -19,6 +20,7 @@ from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.mechanism import Mobility
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
@@ -176,4 +178,26 @@ def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) ->
         key="initial.q",
         kind="dead_point",
         q=q.tolist(),
+    )
+
+
+def mobility(problem: Problem, psi: Array) -> Mobility:
+    """Return degrees of freedom by Gruebler's count and by the rank of the loops' Psi (m, nv), or (T, m, nv).
+
+    count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
+    and joints in space (6 (n - 1) - sum of the joints' constraints). planar_count : less only the rows that do not
+    vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank.
+    """
+    nv, rows = problem.model.nv, len(problem.constraints.of_loops)
+    vanishing = len(problem.constraints.dropped)
+    independent = rank(psi)
+    return Mobility(
+        coordinates=nv,
+        rows=rows + vanishing,
+        vanishing_rows=vanishing,
+        rank=independent,
+        redundant_rows=rows - independent,
+        count=nv - rows - vanishing,
+        planar_count=nv - rows,
+        actual=nv - independent,
     )

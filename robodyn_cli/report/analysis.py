@@ -5,20 +5,17 @@ What the drawings of ``stability`` share: figures with a title, legends below th
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet, legend_shape
-from robodyn_cli.report.style import GREY, HANDLE_LENGTH
-from robodyn_cli.report.ticks import labelled
+from robodyn_cli.report.style import GREY, HANDLE_LENGTH, PowerFormatter, labelled
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
 
 MOST_PANELS = 8  # outputs beyond these are in the file alone
 
@@ -114,8 +111,6 @@ def legend_below(figure: Figure, ax: Axes, place: tuple[float, float]) -> None:
 def powers(ax: Axes, *axes: str) -> None:
     """Number the axes ``x`` or ``y`` with powers of ten alone."""
     from matplotlib.ticker import NullFormatter
-
-    from robodyn_cli.report.ticks import PowerFormatter
 
     for name in axes:
         one = getattr(ax, f"{name}axis")

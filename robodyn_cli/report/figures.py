@@ -9,8 +9,7 @@ from typing import Any
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.record import record
-from robodyn_cli.results.columns import column_names, units_of
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import stated
 from robodyn_cli.summaries.keys import Leaf, leaves_of
 

@@ -1,25 +1,185 @@
-"""Lines over time: many columns, long records, single samples."""
+"""Lines over time: long records thinned so that they look the same, many columns (as a map where there are very many),
+limits.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
+from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.decimate import crest, envelope, finite
-from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.joint_limits import NOTE as LIMIT_NOTE
-from robodyn_cli.report.joint_limits import draw_limits, limits_near
-from robodyn_cli.report.ticks import degree_axis, labelled
-from robodyn_cli.results.columns import by_unit, column_names
-from robodyn_cli.results.result import Result
+from robodyn_cli.report.style import degree_axis, labelled
+from robodyn_cli.results.catalogue import JOINT_LIMITS
+from robodyn_cli.results.result import Result, Variable, by_unit, column_names
 from robodyn_cli.spatial.algebra import Array
+
+# About two bins a pixel of the widest axes.
+BINS = 1200
+
+
+def envelope(x: Array, y: Array, bins: int = BINS) -> tuple[Array, Array]:
+    """Return the samples that are smallest or largest in their bin, with both ends: what a line shows.
+
+    ``x`` and ``y`` have shape (T,); the result has some 2 ``bins`` samples. Samples that are not a number are
+    passed over unless a whole bin is.
+    """
+    count = len(y)
+    if count <= 4 * bins:
+        return x, y
+    rows = count // bins
+    whole = rows * bins
+    block = y[:whole].reshape(bins, rows)
+    hidden = np.isnan(block)
+    low = np.where(hidden, np.inf, block) if hidden.any() else block
+    high = np.where(hidden, -np.inf, block) if hidden.any() else block
+    start = np.arange(bins) * rows
+    tail = np.arange(whole, count, max(1, rows // 8))
+    kept = np.concatenate([[0], start + low.argmin(axis=1), start + high.argmax(axis=1), tail, [count - 1]])
+    kept = np.unique(kept)
+    return x[kept], y[kept]
+
+
+def crest(x: Array, y: Array, bins: int = 250) -> tuple[Array, Array]:
+    """Return the largest sample of each bin: the line below which a noisy error stays."""
+    count = len(y)
+    if count <= 2 * bins:
+        return x, y
+    filled = np.where(np.isnan(y), -np.inf, y)
+    starts = np.arange(bins) * count // bins
+    top = np.maximum.reduceat(filled, starts)
+    centre = x[np.minimum((starts + count // (2 * bins)), count - 1)]
+    centre[0], centre[-1] = x[0], x[-1]
+    return centre, np.asarray(np.where(np.isinf(top), np.nan, top))
+
+
+def thin_path(points: Array, cells: int = 1500, limit: int = 30_000) -> Array:
+    """Return ``points``, shape (T, 2), without those that stay within a cell of the drawing.
+
+    ``cells`` is the number of cells along the larger side; ``limit`` bounds what is left.
+    """
+    if len(points) <= 4 * cells:
+        return points
+    low, high = extremes(points)
+    extent = float((high - low).max())
+    if not extent > 0.0:
+        return points[[0, -1]]
+    cell = np.floor(np.nan_to_num((points - low) / extent * cells, nan=-1.0)).astype(np.int64)
+    moved = np.any(cell[1:] != cell[:-1], axis=1)
+    kept = np.flatnonzero(np.concatenate([[True], moved]))
+    if len(kept) > limit:
+        kept = kept[:: -(-len(kept) // limit)]
+    thinned: Array = points[np.union1d(kept, [len(points) - 1])]
+    return thinned
+
+
+def largest(values: Array) -> float:
+    """Return the largest of ``values`` that is a number; NaN if none is."""
+    return float(np.fmax.reduce(values, axis=None)) if values.size else math.nan
+
+
+def where_largest(values: Array) -> int:
+    """Return the index of the largest number in ``values``, shape (T,); 0 if there is none."""
+    return int(np.argmax(np.where(np.isnan(values), -np.inf, values)))
+
+
+def extremes(points: Array) -> tuple[Array, Array]:
+    """Return (smallest, largest) of each column over the rows that are numbers; zeros if there are none."""
+    rows = points[np.isfinite(points).all(axis=1)]
+    if not len(rows):
+        return np.zeros(points.shape[1]), np.zeros(points.shape[1])
+    return rows.min(axis=0), rows.max(axis=0)
+
+
+def finite(values: Array, ceiling: float = 1e100) -> Array:
+    """Return ``values`` with NaN for what is infinite or too large to scale an axis by."""
+    with np.errstate(invalid="ignore"):
+        wild = ~(np.abs(values) < ceiling)
+    return np.asarray(np.where(wild, np.nan, values)) if wild.any() else values
+
+
+NEAR = 0.3  # of the largest value of a joint: a limit further away would only make the curve small
+LIMIT_NOTE = "; dotted: limits of the joints"
+
+
+def limits_near(result: Result, path: str) -> dict[str, list[float]]:
+    """Return the limits that the columns of a dataset come near or pass, by the names of the columns."""
+    variable = result.variables[path]
+    names = column_names(variable)
+    found: dict[str, list[float]] = {}
+    for limit, sides in JOINT_LIMITS.get(path, {}).items():
+        stored = result.variables.get(f"joint_limits/{limit}")
+        for name, size in zip(column_names(stored), stored.data) if stored is not None else ():
+            values = finite(variable.data[:, names.index(name)])
+            bottom, top = np.nanmin(values, initial=np.inf), np.nanmax(values, initial=-np.inf)
+            room = NEAR * max(abs(bottom), abs(top))
+            levels = [side * size for side in sides if bottom - room <= side * size <= top + room]
+            if levels:
+                found.setdefault(name, []).extend(levels)
+    return found
+
+
+def draw_limits(ax: Axes, near: dict[str, list[float]], names: Sequence[str], handles: Sequence[Any]) -> None:
+    """Draw the limits of joints in the colours of their curves."""
+    for name, handle in zip(names, handles):
+        for level in near.get(name, ()):
+            ax.axhline(level, color=handle.get_color(), linewidth=1.3, linestyle=(0, (1, 1.5)), zorder=1.5)
+
+
+# More instants than pixels add nothing.
+INSTANTS = 800
+ROWS = 400
+
+
+def draw_map(result: Result, variable: Variable, quantity: str, subtitle: str) -> Any:
+    """Return a figure of a variable (T, n) with columns upwards and time to the right, a map for each unit."""
+    names, groups = column_names(variable), by_unit(variable)
+    sheet = TimeSheet(
+        result,
+        f"{subtitle}; {len(names)} columns, one row each",
+        panels=len(groups),
+        height=3.3 if len(groups) == 1 else 2.2,
+        bars=True,
+    )
+    for ax, bar, (units, columns) in zip(sheet.axes, sheet.bars, groups.items()):
+        drawn = _map(ax, result.time, variable.data[:, columns], [names[k] for k in columns])
+        sheet.figure.colorbar(drawn, cax=bar).set_label(labelled(quantity, units))
+    sheet.label_time()
+    sheet.legend([], [])
+    return sheet.figure
+
+
+def _map(ax: Axes, time: Array, data: Array, names: list[str]) -> AxesImage:
+    """Draw one map."""
+    rows = _spread(len(names), ROWS)
+    image = finite(data)[np.ix_(_spread(len(time), INSTANTS), rows)].T
+    half = 0.5 if len(time) == 1 else 0.0
+    extent = (time[0] - half, time[-1] + half, 0.5, len(names) + 0.5)
+    # Lightness grows with the value, so a grey print keeps the order.
+    drawn = ax.imshow(
+        image, aspect="auto", origin="lower", extent=extent, cmap="cividis", interpolation="nearest"
+    )
+    ax.grid(False)
+    marks = sorted({round(1 + index * (len(names) - 1) / 8) for index in range(9)})
+    ax.set_yticks(marks, [_short(names[mark - 1]) for mark in marks])
+    return drawn
+
+
+def _spread(count: int, most: int) -> Any:
+    """Return at most ``most`` indices evenly over ``count``."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 9 else name[:4] + "…" + name[-4:]
+
 
 # of the largest value of its unit: less is what rounding leaves of zero
 NOTHING = 1e-12

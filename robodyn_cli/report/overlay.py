@@ -13,14 +13,12 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.decimate import envelope, finite
-from robodyn_cli.report.lines import panel_height
+from robodyn_cli.report.canvas import Sheet, save
+from robodyn_cli.report.lines import envelope, finite, panel_height
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
-from robodyn_cli.report.ticks import unit
+from robodyn_cli.report.style import styled, unit
 from robodyn_cli.results.atomic import output_errors
-from robodyn_cli.results.columns import column_names, units_of
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -53,9 +51,6 @@ def draw_again(
 def _over(
     results: Sequence[tuple[Path, Result]], directory: Path, names: Sequence[str], suffix: str
 ) -> list[Path]:
-    from robodyn_cli.report.canvas import save
-    from robodyn_cli.report.style import styled
-
     paths, found = zip(*results)
     labelled = dict(zip(labels_of(paths, [result.title for result in found]), found))
     with styled():

@@ -1,26 +1,42 @@
-"""The plots: one file each in ``plots/``, and in ``commands.py`` a word in the row of each command that draws it.
+"""The plots: a function each in a file of ``plots/``, and in ``commands.py`` its place in the row of each command that
+draws it.
 
-A plot is a module with ``applies(result) -> bool`` and ``draw(result) -> Figure``; its name is the name of
-the PNG. Nothing is computed in a plot that the run should have reported.
+Its name is the name of the PNG. Nothing is computed in a plot that the run should have reported.
 """
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from types import ModuleType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import COMMANDS, PLOT_FORMATS
 from robodyn_cli.record import record
+from robodyn_cli.registry import Registry
 from robodyn_cli.results.result import Result
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+
+@record
+class Plot:
+    """A plot: whether a result has the data for it, and the function that draws it."""
+
+    applies: Callable[[Result], bool]
+    draw: Callable[[Result], Figure]
+
+
+def plot(applies: Callable[[Result], bool]) -> Callable[[Callable[[Result], Any]], Plot]:
+    """Make a plot of the function that draws it, for results that ``applies`` is true of."""
+    return lambda draw: Plot(applies, draw)
+
+
 # all of them
-PLOTS: tuple[str, ...] = tuple(dict.fromkeys(name for row in COMMANDS.values() for name in row.plots))
+PLOTS: Registry[Plot] = Registry(
+    "robodyn_cli.report.plots",
+    {place.partition(":")[2]: place for row in COMMANDS.values() for place in row.plots},
+)
 
 
 @record
@@ -45,7 +61,8 @@ def applicable(result: Result) -> list[str]:
     own = COMMANDS[result.command].plots if result.command in COMMANDS else ()
     if "time" in result and not result.time.size:
         return []
-    return [name for name in own if _module(name).applies(result)]
+    names = (place.partition(":")[2] for place in own)
+    return [name for name in names if PLOTS[name].applies(result)]
 
 
 def draw(result: Result, name: str) -> Figure:
@@ -53,8 +70,7 @@ def draw(result: Result, name: str) -> Figure:
     from robodyn_cli.report.style import styled
 
     with styled():
-        figure: Figure = _module(name).draw(result)
-    return figure
+        return PLOTS[name].draw(result)
 
 
 def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = None) -> list[Path]:
@@ -68,9 +84,5 @@ def draw_all(result: Result, directory: str | Path, drawings: Drawings | None = 
 
     with styled():
         return [
-            save(_module(name).draw(result), Path(directory) / f"{name}.{drawings.suffix}") for name in names
+            save(PLOTS[name].draw(result), Path(directory) / f"{name}.{drawings.suffix}") for name in names
         ]
-
-
-def _module(name: str) -> ModuleType:
-    return importlib.import_module(f"robodyn_cli.report.plots.{name}")

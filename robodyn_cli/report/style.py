@@ -1,13 +1,18 @@
-"""How robodyn's drawings look: colours and dashes that survive colour blindness and a grey printer."""
+"""How drawings look: colours and dashes that survive colour blindness and a grey printer, units, numbers and axes."""
 
 from __future__ import annotations
 
 import contextlib
+import math
+import re
 from collections.abc import Iterator, Sequence
 from typing import Any
 
 import matplotlib
+import numpy as np
 from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
 DPI = 120
 FONT_SIZE = 9.0
@@ -117,3 +122,126 @@ def shades(count: int) -> Sequence[Any]:
     """Return ``count`` colours in order from dark to light, none too pale for white paper."""
     palette = colormaps["viridis"]
     return [palette(0.9 * index / max(1, count - 1)) for index in range(count)]
+
+
+_SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+
+
+def unit(units: str) -> str:
+    """Return units of the file as printed: ``N m`` -> ``N·m``, ``rad/s^2`` -> ``rad/s²``."""
+    text = units.replace("^2", "²").replace("^3", "³")
+    for word in (" or ", ", "):
+        text = text.replace(word, word.replace(" ", "\N{NO-BREAK SPACE}"))
+    return text.replace(" ", "·").replace("\N{NO-BREAK SPACE}", " ")
+
+
+def labelled(quantity: str, units: str) -> str:
+    """Return an axis label with its units, which are 1 for a plain number."""
+    return f"{quantity} [{unit(units) or '1'}]"
+
+
+def load_label(quantity: str, units: str) -> str:
+    """Return the label of an axis of joint loads, which are torques or forces by their units; else ``quantity``."""
+    return labelled({"N m": "torque", "N": "force"}.get(units, quantity), units)
+
+
+def number(value: float, digits: int = 3) -> str:
+    """Return a number for a caption: short, with a true minus and a power of ten where it helps."""
+    if not math.isfinite(value):
+        return "not finite"
+    text = f"{value:.{digits}g}"
+    if "e" in text:
+        mantissa, exponent = text.split("e")
+        text = f"{mantissa}·{power(int(exponent))}"
+    return text.replace("-", "−")
+
+
+def power(exponent: int) -> str:
+    """Return ten to a power with raised digits."""
+    return "10" + str(exponent).translate(_SUPERSCRIPT)
+
+
+class PlainFormatter(ScalarFormatter):
+    """Writes the numbers of a linear axis, and the power of ten that all are multiplied by as on other drawings."""
+
+    def get_offset(self) -> str:
+        """Return what stands above the axis: ``·10⁻¹⁶``."""
+        text = str(super().get_offset())
+        scale = re.fullmatch("1e([-\N{MINUS SIGN}]?)(\\d+)", text)
+        return f"·{power(int(scale[2]) * (-1 if scale[1] else 1))}" if scale is not None else text
+
+
+class PowerFormatter(Formatter):
+    """Writes powers of ten on a logarithmic axis."""
+
+    def __call__(self, x: float, pos: Any = None) -> str:
+        if x <= 0.0:
+            return ""
+        exponent = math.log10(x)
+        return power(round(exponent)) if abs(exponent - round(exponent)) < 1e-6 else ""
+
+
+def log_axis(ax: Axes, low: float, high: float) -> None:
+    """Make the y-axis logarithmic and no wider than from ``low`` to ``high``; within a decade it stays linear.
+
+    Over less than three decades numbers between the powers of ten are written too.
+    """
+    decades = math.log10(high / low)
+    if decades < 1.0:
+        room = 0.05 * (high - low) or 0.5 * high
+        ax.set_ylim(low - room, high + room)
+        return
+    room = 10.0 ** (0.03 * decades)
+    ax.set_yscale("log")
+    ax.set_ylim(low / room, high * room)
+    ax.yaxis.set_major_locator(LogLocator(numticks=9))
+    ax.yaxis.set_major_formatter(PowerFormatter())
+    if decades <= 3.0:
+        ax.yaxis.set_minor_locator(LogLocator(subs=(2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0)))
+        ax.yaxis.set_minor_formatter(_Between() if decades <= 2.0 else _Silent())
+        ax.tick_params(axis="y", which="minor", labelcolor="#5f5f5f")
+    else:
+        ax.yaxis.set_minor_locator(NullLocator())
+
+
+class _Between(Formatter):
+    """Writes twice and five times a power of ten."""
+
+    def __call__(self, x: float, pos: Any = None) -> str:
+        mantissa = x / 10.0 ** math.floor(math.log10(x) + 1e-9) if x > 0.0 else 0.0
+        return number(x, 1) if round(mantissa) in (2, 5) else ""
+
+
+class _Silent(Formatter):
+    def __call__(self, x: float, pos: Any = None) -> str:
+        return ""
+
+
+class _Degrees(Formatter):
+    def __call__(self, x: float, pos: Any = None) -> str:
+        return f"{x:g}°".replace("-", "−")
+
+
+def degree_axis(ax: Axes) -> None:
+    """Add a scale in degrees on the right of an axis in radians, with round numbers of its own."""
+    twin = ax.twinx()
+    low, high = ax.get_ylim()
+    ax.set_ylim(low, high)
+    twin.set_ylim(math.degrees(low), math.degrees(high))
+    twin.yaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
+    twin.yaxis.set_major_formatter(_Degrees())
+    twin.spines["right"].set_visible(True)
+    twin.grid(False)
+
+
+def positive_floor(*arrays: Any, floor: float = 0.0) -> tuple[float, float]:
+    """Return (floor, largest) for a logarithmic axis over ``arrays``; zeros are drawn at the floor.
+
+    Without a ``floor`` it is a little below the smallest positive value.
+    """
+    found = np.concatenate([np.ravel(array) for array in arrays])
+    found = found[np.isfinite(found) & (found > 0.0)]
+    if not found.size:
+        return floor or 1e-16, 10.0 * (floor or 1e-16)
+    low = floor or max(float(found.min()), float(found.max()) * 1e-25)
+    return low, max(float(found.max()), low)

@@ -59,7 +59,7 @@ class Difference:
             return self.detail
         column = f" of {self.column}" if self.column else ""
         time = f" at t = {self.time:.9g} s" if self.time is not None else ""
-        beside = f"{self.ratio:.3g} times what is allowed"
+        beside = f"{self.ratio:.3g} times the tolerance"
         if self.stated is None:
             beside += "; no error stated"
         else:

@@ -19,8 +19,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors, write_bytes, written
-from robodyn_cli.results.columns import column_names, units_of
-from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.results.result import Result, Variable, column_names, units_of
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:

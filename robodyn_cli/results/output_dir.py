@@ -146,22 +146,26 @@ class OutputDirectory:
     def _prepare(self) -> None:
         """Make the folder of new files, and refuse at once what would be in the way at the end."""
         # The lock is ours, so a temporary file here belongs to a run that was killed.
-        for path in _entries(self.path):
+        for path in (found := _entries(self.path)):
             if is_temporary(path):
                 self._remove(path.name)
-        for name in (RESULT_NAME, SUMMARY_NAME, *self._drawings):
-            if (self.path / name).is_dir():
-                raise OutputError(
-                    f"cannot write {self.path / name}: it is a directory", path=str(self.path / name)
-                )
+        own = {RESULT_NAME, SUMMARY_NAME, *self._drawings}
+        for path in found:
+            if path.name in own and path.is_dir():
+                raise OutputError(f"cannot write {path}: it is a directory", path=str(path))
         with output_errors(self.path):
             self.new.mkdir()
 
     def _old_drawings(self) -> list[str]:
         listed = read_summary(self.path / SUMMARY_NAME).get("outputs", ())
         names = [name for name in listed if _is_drawing(name)] if isinstance(listed, list) else []
+        here = {path.name for path in _entries(self.path)}
         # a list can name a file that somebody else has put there since
-        return [name for name in dict.fromkeys((*names, *self._drawings)) if is_ours(self.path / name)]
+        return [
+            name
+            for name in dict.fromkeys((*names, *self._drawings))
+            if name in here and is_ours(self.path / name)
+        ]
 
     def _move(self, name: str) -> None:
         target = self.path / name

@@ -16,14 +16,14 @@ from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.scene import check_scene
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import BROKEN, Names
-from robodyn_cli.scene.text.emit import emit
-from robodyn_cli.scene.text.faults import Faults, TooMany
 from robodyn_cli.scene.text.includes import Includer
 from robodyn_cli.scene.text.nodes import (
+    Faults,
     Mapping,
     Node,
     Scalar,
     Source,
+    TooMany,
     describe_node,
     located,
     mapping,
@@ -31,12 +31,12 @@ from robodyn_cli.scene.text.nodes import (
     sequence,
 )
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
-from robodyn_cli.scene.text.yaml_nodes import compose
+from robodyn_cli.scene.text.yaml_text import compose, emit
 from robodyn_cli.scene.types import Robot, Scene
 from robodyn_cli.schema.fields import OrFile, Section
 
 if TYPE_CHECKING:
-    from robodyn_cli.scene.urdf.read import Urdf
+    from robodyn_cli.scene.dialects import Description
 
 NO_FILE = "<text>"
 # keys without which the rest of a scene can be checked
@@ -90,10 +90,10 @@ def _examined_text(text: str, path: str, overrides: Sequence[str] = ()) -> Exami
     return _examine(lambda includer: compose(text, source, includer.faults), path, overrides)
 
 
-def load_urdf(
+def load_description(
     path: str | os.PathLike[str], packages: MappingOf[str, str] | None = None
-) -> tuple[Urdf, Scene]:
-    """Return the robot of a URDF file as it was read, and a checked scene that holds nothing else.
+) -> tuple[Description, Scene]:
+    """Return the robot of a file in another format, and a checked scene that holds nothing else.
 
     packages : folders of packages of meshes, by name.
 
@@ -103,12 +103,12 @@ def load_urdf(
     """
     name = os.fspath(path)
     place = Scalar(Source(name, ".", positions=False), 1, 1, "", None)
-    found: list[Urdf] = []
+    found: list[Description] = []
 
     def open_root(includer: Includer) -> Node:
         includer.packages = packages or {}
         robot = includer.include(OrFile(Section(Robot), robot=True), scalar(place, name), ())
-        found.extend(includer.urdfs)
+        found.extend(includer.descriptions)
         if not found:
             raise located(place, "", "this is no URDF, whose first character is '<'; allowed: a URDF file")
         gravity = sequence(place, [scalar(place, 0)] * 3)
@@ -182,15 +182,17 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
         path=path,
         text=emit(root),
         sources=sources,
-        notes=_notes(includer) if includer.urdfs or includer.undrawn else (),
-        warnings=tuple(dict.fromkeys(f"{urdf.file}: {x}" for urdf in includer.urdfs for x in urdf.warnings)),
+        notes=_notes(includer) if includer.descriptions or includer.undrawn else (),
+        warnings=tuple(
+            dict.fromkeys(f"{one.file}: {x}" for one in includer.descriptions for x in one.warnings)
+        ),
     )
     return Examined((), scene, root)
 
 
 def _notes(includer: Includer) -> tuple[str, ...]:
     """Return what there is to say of files in other formats, each once."""
-    notes = [f"{urdf.file}: {text}" for urdf in includer.urdfs for text in urdf.notes]
+    notes = [f"{one.file}: {text}" for one in includer.descriptions for text in one.notes]
     undrawn = list(dict.fromkeys(includer.undrawn))
     if undrawn:
         notes.append(f"meshes left out of pictures: {len(undrawn)}; the first: {undrawn[0]}")

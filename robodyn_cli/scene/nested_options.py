@@ -1,13 +1,16 @@
-"""Sections inside the options of commands that few scenes have; imported for scenes that have them."""
+"""Sections that few scenes have: masses that links pick up and release, and what is nested in the options of commands;
+imported for scenes that have them."""
 
 from __future__ import annotations
 
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.record import record
-from robodyn_cli.scene.robot_types import Orientation
+from robodyn_cli.scene.robot_types import Inertia, Orientation
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
     Direction,
+    Formula,
     JointMap,
     ListOf,
     MapOf,
@@ -19,6 +22,64 @@ from robodyn_cli.schema.fields import (
     key,
 )
 from robodyn_cli.trajectories.base import BRANCHES
+
+
+@record
+class Instant:
+    """A time, or an event: what a motion comes to by itself."""
+
+    time: float | None = key(
+        Number(minimum=0.0, exclusive=True), default=None, unit="s", doc="A time of the run."
+    )
+    when: FormulaTree | None = key(
+        Formula(),
+        default=None,
+        doc="Or an event: a formula of t, q and qd; it happens where its value rises through zero.",
+    )
+
+
+@record
+class Payload:
+    """A rigid body that a link carries for a while."""
+
+    name: str = key(Name(of="payload"), doc="Name.")
+    at: str = key(
+        Text(),
+        doc="What holds it: a named point or frame, LINK.origin, LINK.end or LINK.com. `com` and `inertia` are in the "
+        "axes of that frame, of the link where it is a point.",
+    )
+    mass: float = key(Number(minimum=0.0), unit="kg", doc="Mass.")
+    com: tuple[float, ...] = key(
+        Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="Centre of mass, from `at`."
+    )
+    inertia: Inertia = key(Section(Inertia), default=Inertia(), doc="About its centre of mass.")
+    start: Instant | None = key(
+        Section(Instant),
+        default=None,
+        name="from",
+        doc="When it is gripped; without this key it is carried from the start.",
+    )
+    until: Instant | None = key(Section(Instant), default=None, doc="When it is released.")
+    velocity: tuple[float, ...] = key(
+        Vector(3),
+        default=(0.0, 0.0, 0.0),
+        unit="m/s",
+        doc="Velocity of its centre of mass, in world axes, up to the time at which it is gripped.",
+    )
+    angular_velocity: tuple[float, ...] = key(
+        Vector(3), default=(0.0, 0.0, 0.0), unit="rad/s", doc="Its angular velocity then, in world axes."
+    )
+
+    @property
+    def changes(self) -> bool:
+        """Whether it is gripped or released on the way."""
+        return self.start is not None or self.until is not None
+
+    @property
+    def instants(self) -> dict[str, Instant]:
+        """When it is gripped and released, as far as that happens, by key."""
+        found = {"from": self.start, "until": self.until}
+        return {name: instant for name, instant in found.items() if instant is not None}
 
 
 @record
@@ -49,7 +110,7 @@ class Sweep:
 class ReachOptions:
     """The pose of ``reach``, and what decides between the ways to reach it."""
 
-    frame: str = key(Text(), doc="What is brought there: a named point or frame, a link, or `LINK.end`.")
+    frame: str = key(Text(), doc="Frame to bring there: a named point or frame, a link, or `LINK.end`.")
     position: tuple[float, ...] | None = key(
         Vector(3), default=None, unit="m", doc="Where its origin is to be, in the world; free without it."
     )
@@ -71,7 +132,7 @@ class ReachOptions:
     criterion: str = key(
         Choice(("nearest", "away_from_limits", "least_torque")),
         default="nearest",
-        doc="What decides between several ways: nearest to `initial.q`, else to the middle of the limits.",
+        doc="Criterion between several ways: nearest to `initial.q`, else to the middle of the limits.",
     )
     limits: bool = key(Boolean(), default=True, doc="Whether the joints' limits are respected.")
 

@@ -7,48 +7,22 @@ import math
 from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robodyn_cli.errors import SceneError, did_you_mean, nearest_word, unknown_name
-from robodyn_cli.expr.statements import Expectation, parse_expectation
+from robodyn_cli.expr.statements import Expectation, Variation, parse_expectation, parse_variation
 from robodyn_cli.record import record
-from robodyn_cli.scene.joint_values import joint_map
-from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader
-from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader, joint_map
+from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import concrete
-from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Scalar, Sequence, describe_node, dotted, located
-from robodyn_cli.schema.describe import describe
-from robodyn_cli.schema.fields import (
-    ByPart,
-    Choice,
-    Criteria,
-    Direction,
-    Either,
-    Inline,
-    JointMap,
-    Kind,
-    LaterSection,
-    ListOf,
-    MapOf,
-    Number,
-    OrFile,
-    Section,
-    Settings,
-    Tagged,
-    Variations,
-    Vector,
-    key_name,
-)
-
-if TYPE_CHECKING:
-    from robodyn_cli.expr.statements import Variation
+from robodyn_cli.schema import fields as kinds
 
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
 _LONGEST = 1e100
 
 
-def _entries(node: Sequence) -> str:
+def _entries(node: nodes.Sequence) -> str:
     return f"has {len(node.items)} {'entry' if len(node.items) == 1 else 'entries'}"
 
 
@@ -60,14 +34,14 @@ class _Keys:
     """
 
     fields: dict[str, dataclasses.Field[Any]]
-    inline: dict[str, tuple[str, Inline]]
+    inline: dict[str, tuple[str, kinds.Inline]]
 
     @staticmethod
     def of(cls: type) -> _Keys:
         """Return the keys of the dataclass ``cls``."""
-        described = {key_name(f): f for f in dataclasses.fields(cls) if "kind" in f.metadata}
+        described = {kinds.key_name(f): f for f in dataclasses.fields(cls) if "kind" in f.metadata}
         holders = {name: f.metadata["kind"] for name, f in described.items()}
-        holders = {name: kind for name, kind in holders.items() if isinstance(kind, Inline)}
+        holders = {name: kind for name, kind in holders.items() if isinstance(kind, kinds.Inline)}
         inline = {key: (name, kind) for name, kind in holders.items() for key in kind.registry()}
         return _Keys({name: f for name, f in described.items() if name not in holders}, inline)
 
@@ -90,9 +64,9 @@ def _is_needed(field: dataclasses.Field[Any]) -> bool:
     return field.default is dataclasses.MISSING and field.default_factory is dataclasses.MISSING
 
 
-def _is_default(field: dataclasses.Field[Any], node: Node) -> bool:
+def _is_default(field: dataclasses.Field[Any], node: nodes.Node) -> bool:
     """Tell whether a key is written as null where null means that it is absent."""
-    return isinstance(node, Scalar) and node.value is None and field.default is None
+    return isinstance(node, nodes.Scalar) and node.value is None and field.default is None
 
 
 class Reader(ScalarReader):
@@ -101,64 +75,68 @@ class Reader(ScalarReader):
     stand_ins : values in place of keys at the top of the scene that are broken or missing.
     """
 
-    def __init__(self, names: Names, faults: Faults, stand_ins: MappingOf[str, Any]) -> None:
+    def __init__(self, names: Names, faults: nodes.Faults, stand_ins: MappingOf[str, Any]) -> None:
         super().__init__(names, faults)
         self.stand_ins = stand_ins
         self.handlers |= {
-            Vector: self.vector,
-            Direction: self.direction,
-            ListOf: self.list_of,
-            MapOf: self.map_of,
-            JointMap: partial(joint_map, self),
-            Section: self.section,
-            LaterSection: self.section,
-            Tagged: self.tagged,
-            Either: self.either,
-            ByPart: self.by_part,
-            OrFile: self.or_file,
-            Criteria: self.criteria,
-            Variations: self.variations,
-            Settings: self.settings,
+            kinds.Vector: self.vector,
+            kinds.Direction: self.direction,
+            kinds.ListOf: self.list_of,
+            kinds.MapOf: self.map_of,
+            kinds.JointMap: partial(joint_map, self),
+            kinds.Section: self.section,
+            kinds.LaterSection: self.section,
+            kinds.Tagged: self.tagged,
+            kinds.Either: self.either,
+            kinds.ByPart: self.by_part,
+            kinds.OrFile: self.or_file,
+            kinds.Criteria: self.criteria,
+            kinds.Variations: self.variations,
+            kinds.Settings: self.settings,
         }
 
     # -- collections ----------------------------------------------------------------------------------
-    def vector(self, kind: Vector, node: Node, path: Path, unit: str) -> tuple[float, ...]:
-        if not isinstance(node, Sequence):
+    def vector(self, kind: kinds.Vector, node: nodes.Node, path: nodes.Path, unit: str) -> tuple[float, ...]:
+        if not isinstance(node, nodes.Sequence):
             raise self.wrong(kind, node, path, unit)
         if kind.size and len(node.items) != kind.size:
             raise self.wrong(kind, node, path, unit, _entries(node))
-        entry = Number(angle=kind.angle)
+        entry = kinds.Number(angle=kind.angle)
         return tuple(
             self.plain_number(entry, item, (*path, k), unit, kind.angle) for k, item in enumerate(node.items)
         )
 
-    def direction(self, kind: Direction, node: Node, path: Path, unit: str) -> tuple[float, ...]:
+    def direction(
+        self, kind: kinds.Direction, node: nodes.Node, path: nodes.Path, unit: str
+    ) -> tuple[float, ...]:
         found = self.vector(kind, node, path, unit)
         length = math.hypot(*found)
         if length == 0.0:
-            raise located(node, dotted(path), "must not be zero (value [0, 0, 0])")
+            raise nodes.located(node, nodes.dotted(path), "must not be zero (value [0, 0, 0])")
         if not 1.0 / _LONGEST < length < _LONGEST:
             message = f"has length {length:.3g}; allowed: a direction, such as [0, 0, 1]"
-            raise located(node, dotted(path), message)
+            raise nodes.located(node, nodes.dotted(path), message)
         return found
 
-    def list_of(self, kind: ListOf, node: Node, path: Path, unit: str) -> Any:
-        if not isinstance(node, Sequence):
+    def list_of(self, kind: kinds.ListOf, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
+        if not isinstance(node, nodes.Sequence):
             raise self.wrong(kind, node, path, unit)
         if len(node.items) < kind.minimum or (kind.maximum is not None and len(node.items) > kind.maximum):
             raise self.wrong(kind, node, path, unit, _entries(node))
         found = tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
         return BROKEN if any(x is BROKEN for x in found) else found
 
-    def entries_of(self, kind: Kind, node: Node, path: Path, unit: str) -> Iterable[tuple[Scalar, Node]]:
+    def entries_of(
+        self, kind: kinds.Kind, node: nodes.Node, path: nodes.Path, unit: str
+    ) -> Iterable[tuple[nodes.Scalar, nodes.Node]]:
         """Return the entries of a map; one whose value is left empty has none."""
-        if isinstance(node, Scalar) and node.value is None:
+        if isinstance(node, nodes.Scalar) and node.value is None:
             return ()
-        if not isinstance(node, Mapping):
+        if not isinstance(node, nodes.Mapping):
             raise self.wrong(kind, node, path, unit)
         return node.entries
 
-    def map_of(self, kind: MapOf, node: Node, path: Path, unit: str) -> dict[str, Any]:
+    def map_of(self, kind: kinds.MapOf, node: nodes.Node, path: nodes.Path, unit: str) -> dict[str, Any]:
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):
             with self.faults:
@@ -168,96 +146,102 @@ class Reader(ScalarReader):
                 result[key.text] = value
         return result
 
-    def criteria(self, kind: Criteria, node: Node, path: Path, unit: str) -> dict[str, Expectation]:
+    def criteria(
+        self, kind: kinds.Criteria, node: nodes.Node, path: nodes.Path, unit: str
+    ) -> dict[str, Expectation]:
         """Return what is expected by key path; maps below a key are the same as dots in it."""
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):
             here = (*path, key.text)
-            if isinstance(item, Mapping):
+            if isinstance(item, nodes.Mapping):
                 inner = self.criteria(kind, item, here, unit)
                 result.update({f"{key.text}.{name}": expected for name, expected in inner.items()})
-            elif isinstance(item, Scalar):
+            elif isinstance(item, nodes.Scalar):
                 try:
                     result[key.text] = parse_expectation(item.value)
                 except SceneError as error:
-                    self.faults.report(located(item, dotted(here), error.message))
+                    self.faults.report(nodes.located(item, nodes.dotted(here), error.message))
             else:
                 self.faults.report(self.wrong(kind, item, here, unit))
         return result
 
-    def variations(self, kind: Variations, node: Node, path: Path, unit: str) -> dict[str, Variation]:
+    def variations(
+        self, kind: kinds.Variations, node: nodes.Node, path: nodes.Path, unit: str
+    ) -> dict[str, Variation]:
         """Return by key path what it varies over."""
-        from robodyn_cli.expr.statements import parse_variation
-
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):
             given: Any = None
-            if isinstance(item, Scalar):
+            if isinstance(item, nodes.Scalar):
                 given = item.value
-            elif isinstance(item, Sequence) and all(isinstance(x, Scalar) for x in item.items):
-                given = [x.value for x in item.items if isinstance(x, Scalar)]
+            elif isinstance(item, nodes.Sequence) and all(isinstance(x, nodes.Scalar) for x in item.items):
+                given = [x.value for x in item.items if isinstance(x, nodes.Scalar)]
             try:
                 result[key.text] = parse_variation(given)
             except SceneError as error:
-                self.faults.report(located(item, dotted((*path, key.text)), error.message))
+                self.faults.report(nodes.located(item, nodes.dotted((*path, key.text)), error.message))
         return result
 
-    def settings(self, kind: Settings, node: Node, path: Path, unit: str) -> dict[str, str]:
+    def settings(self, kind: kinds.Settings, node: nodes.Node, path: nodes.Path, unit: str) -> dict[str, str]:
         """Return by key path the value as ``--set`` writes it; maps below a key are the same as dots in it."""
-        from robodyn_cli.scene.text.emit import flow
+        from robodyn_cli.scene.text.yaml_text import flow
 
         result = {}
         for key, item in self.entries_of(kind, node, path, unit):
-            if isinstance(item, Mapping):
+            if isinstance(item, nodes.Mapping):
                 inner = self.settings(kind, item, (*path, key.text), unit)
                 result.update({f"{key.text}.{name}": value for name, value in inner.items()})
             else:
                 result[key.text] = flow(item)
         return result
 
-    def tagged(self, kind: Tagged, node: Node, path: Path, unit: str) -> Any:
+    def tagged(self, kind: kinds.Tagged, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
         options = kind.registry()
-        if not isinstance(node, Mapping):
+        if not isinstance(node, nodes.Mapping):
             raise self.wrong(kind, node, path, unit)
         tag = node.get(kind.tag)
         if tag is None:
             message = f"key {kind.tag!r} is missing; allowed: {', '.join(options)}"
-            raise located(node, dotted(path), message)
-        self.choice(Choice(tuple(options)), tag, (*path, kind.tag), "")
+            raise nodes.located(node, nodes.dotted(path), message)
+        self.choice(kinds.Choice(tuple(options)), tag, (*path, kind.tag), "")
         found = concrete(kind, node)
-        assert isinstance(found, Section)
+        assert isinstance(found, kinds.Section)
         return self.section(found, node, path)
 
-    def either(self, kind: Either, node: Node, path: Path, unit: str) -> Any:
+    def either(self, kind: kinds.Either, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
         found = concrete(kind, node)
-        if found is None or (isinstance(node, Scalar) and node.value is None):
+        if found is None or (isinstance(node, nodes.Scalar) and node.value is None):
             raise self.wrong(kind, node, path, unit)
-        if isinstance(found, Choice) and isinstance(node, Scalar) and node.text not in found.options:
+        if (
+            isinstance(found, kinds.Choice)
+            and isinstance(node, nodes.Scalar)
+            and node.text not in found.options
+        ):
             # the message names all forms, not the scalar one only
             hint = did_you_mean(node.text, found.options)
             raise self.unknown(kind, node, path, hint)
         return self.value(found, node, path, unit)
 
-    def by_part(self, kind: ByPart, node: Node, path: Path, unit: str) -> Any:
+    def by_part(self, kind: kinds.ByPart, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
         found = concrete(kind, node)
         assert found is not None
         return self.value(found, node, path, unit)
 
-    def or_file(self, kind: OrFile, node: Node, path: Path, unit: str) -> Any:
+    def or_file(self, kind: kinds.OrFile, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
         # files are included before reading: a scalar that is left is no path
-        if isinstance(node, Scalar):
+        if isinstance(node, nodes.Scalar):
             raise self.wrong(kind, node, path, unit)
         return self.value(kind.item, node, path, unit)
 
     # -- sections -------------------------------------------------------------------------------------
-    def section(self, kind: Section, node: Node, path: Path, unit: str = "") -> Any:
+    def section(self, kind: kinds.Section, node: nodes.Node, path: nodes.Path, unit: str = "") -> Any:
         """Return an instance of the section's dataclass, or BROKEN where a value that it needs is."""
         keys = _Keys.of(kind.cls)
-        if not isinstance(node, Mapping):
+        if not isinstance(node, nodes.Mapping):
             listed = ", ".join(keys.allowed[:_MAX_LISTED])
-            what = "has no value" if isinstance(node, Scalar) and node.value is None else "is not a map"
-            message = f"{what} (value {describe_node(node)}); allowed: a map with keys {listed}"
-            raise located(node, dotted(path), message)
+            what = "has no value" if isinstance(node, nodes.Scalar) and node.value is None else "is not a map"
+            message = f"{what} (value {nodes.describe_node(node)}); allowed: a map with keys {listed}"
+            raise nodes.located(node, nodes.dotted(path), message)
         values = self.section_values(keys, node, path)
         self.check_missing(keys, values, node, path)
         known = {keys.field(name): value for name, value in values.items() if value is not BROKEN}
@@ -265,7 +249,7 @@ class Reader(ScalarReader):
             known = {**self.stand_ins, **known}
         return kind.cls(**known) if all(keys.field(name) in known for name in keys.needed) else BROKEN
 
-    def section_values(self, keys: _Keys, node: Mapping, path: Path) -> dict[str, Any]:
+    def section_values(self, keys: _Keys, node: nodes.Mapping, path: nodes.Path) -> dict[str, Any]:
         """Return the values by field; keys that do not exist are faults."""
         values: dict[str, Any] = {}
         elements: dict[str, Any] = {}
@@ -274,7 +258,9 @@ class Reader(ScalarReader):
             if key.text in keys.inline:
                 elements[key.text] = self.value(keys.inline[key.text][1].at(key.text), item, here)
             elif key.text not in keys.fields:
-                self.faults.report(located(key, dotted(here), unknown_name("key", key.text, keys.allowed)))
+                self.faults.report(
+                    nodes.located(key, nodes.dotted(here), unknown_name("key", key.text, keys.allowed))
+                )
             elif not _is_default(field := keys.fields[key.text], item):
                 values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
         # in the order of the registry, so that the order of keys in the file makes no difference
@@ -288,7 +274,9 @@ class Reader(ScalarReader):
                 values[holder] = (*values.get(holder, ()), *pairs)
         return values
 
-    def check_missing(self, keys: _Keys, values: dict[str, Any], node: Mapping, path: Path) -> None:
+    def check_missing(
+        self, keys: _Keys, values: dict[str, Any], node: nodes.Mapping, path: nodes.Path
+    ) -> None:
         """Report the keys that must be there and are not; one that is misspelt has been reported already."""
         unknown = [key.text for key, _ in node.entries if key.text not in (*keys.fields, *keys.inline)]
         meant = [nearest_word(word, keys.allowed) for word in unknown]
@@ -297,6 +285,8 @@ class Reader(ScalarReader):
             listed = ", ".join(repr(name) for name in missing)
             what = f"key{'s' * (len(missing) > 1)} {listed} {'are' if len(missing) > 1 else 'is'} missing"
             docs = keys.fields[missing[0]].metadata
-            meaning = f" ({missing[0]}: {describe(docs['kind'], docs['unit'])})"
+            meaning = f" ({missing[0]}: {kinds.describe(docs['kind'], docs['unit'])})"
             needed = ", ".join(keys.needed)
-            self.faults.report(located(node, dotted(path), f"{what}{meaning}; needed here: {needed}"))
+            self.faults.report(
+                nodes.located(node, nodes.dotted(path), f"{what}{meaning}; needed here: {needed}")
+            )

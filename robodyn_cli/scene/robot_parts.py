@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
     Formula,
@@ -51,7 +51,7 @@ class Shape:
         Text(), default=None, doc="A mesh as text: lines `v x y z` and `f i j k`, as in OBJ files."
     )
     scale: tuple[float, ...] = key(
-        Vector(3), default=(1.0, 1.0, 1.0), unit="1", doc="What the coordinates of a mesh are multiplied by."
+        Vector(3), default=(1.0, 1.0, 1.0), unit="1", doc="Factors of the coordinates of a mesh."
     )
     origin: Placement | None = key(
         Section(Placement), default=None, doc="Placement of the shape in the link's frame."
@@ -70,5 +70,5 @@ class Coupler:
         Formula(("t",)),
         default=None,
         unit="rad or m",
-        doc="What they sum to: a number or a formula in t; default 0.",
+        doc="Their sum: a number or a formula in t; default 0.",
     )

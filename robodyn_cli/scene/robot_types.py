@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
@@ -201,7 +201,7 @@ class Attachment:
         doc="Joint of the new link, without `parent`, `link`, and `origin` where that is given; default: fixed.",
     )
     include: str | None = key(Text(), default=None, doc="Or: path of the file of a robot, in YAML or URDF.")
-    prefix: str = key(Text(), default="", doc="What goes before all names of that robot.")
+    prefix: str = key(Text(), default="", doc="Prefix of all names of that robot.")
 
 
 @record

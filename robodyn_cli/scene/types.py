@@ -51,8 +51,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.statements import Variation
-    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, ReachOptions, Sweep
-    from robodyn_cli.scene.payload import Payload
+    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, Payload, ReachOptions, Sweep
     from robodyn_cli.scene.robot_parts import Coupler
 
 
@@ -164,7 +163,7 @@ class DeployOptions:
     criterion: str = key(
         Choice(("dead_point", "multipliers", "either", "latch")),
         default="dead_point",
-        doc="What counts as locked; `latch`: the position at which the latch closes.",
+        doc="Criterion of the lock; `latch`: the position at which the latch closes.",
     )
     growth: float = key(
         Number(minimum=1.0, exclusive=True),
@@ -181,12 +180,12 @@ class DeployOptions:
     after: str = key(
         Choice(("stop", "continue")),
         default="stop",
-        doc="What follows the lock: nothing, or the locked structure until the end of the duration.",
+        doc="Motion after the lock: nothing, or the locked structure until the end of the duration.",
     )
     loads: dict[str, LoadLimit] = key(
         MapOf(LaterSection("scene.nested_options:LoadLimit"), of="joint"),
         default=None,
-        doc="What joints, closures and the `latch` may bear; more is an overload.",
+        doc="Largest loads of joints, closures and the `latch`; more is an overload.",
     )
 
 
@@ -241,7 +240,7 @@ class Signal:
 
 @record
 class Outputs:
-    """What is recorded beyond the usual."""
+    """Further quantities to record."""
 
     reactions: bool = key(
         Boolean(),
@@ -267,7 +266,7 @@ class StudyOptions:
     vary: dict[str, Variation] = key(
         Variations(),
         default=None,
-        doc="Keys of the scene, as `--set` writes them, and what each varies over: `[a, b]`, `linspace(a, b, n)`, "
+        doc="Keys of the scene, as `--set` writes them, with values or distribution: `[a, b]`, `linspace(a, b, n)`, "
         "`logspace(a, b, n)`, `uniform(low, high)`, `triangular(low, mode, high)`, `normal(mean, sd)`.",
     )
     n: int | None = key(Integer(minimum=1), default=None, doc="Samples of the distributions.")
@@ -316,7 +315,7 @@ class Scene:
         ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
     )
     payloads: tuple[Payload, ...] = key(
-        ListOf(LaterSection("scene.payload:Payload")),
+        ListOf(LaterSection("scene.nested_options:Payload")),
         default=(),
         doc="Masses that links pick up and release.",
     )
@@ -383,7 +382,7 @@ class Scene:
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
     )
-    outputs: Outputs = key(Section(Outputs), default=Outputs(), doc="What is recorded beyond the usual.")
+    outputs: Outputs = key(Section(Outputs), default=Outputs(), doc="Further quantities to record.")
     expect: dict[str, Expectation] = key(
         Criteria(), default=None, doc="What `robodyn run` and `check` expect of the summary."
     )

@@ -10,7 +10,7 @@ import dataclasses
 from typing import Any
 
 from robodyn_cli.schema import fields as kinds
-from robodyn_cli.schema.describe import describe
+from robodyn_cli.schema.fields import describe
 
 DRAFT = "https://json-schema.org/draft/2020-12/schema"
 NAME = r"^[A-Za-z_][A-Za-z0-9_-]*$"
@@ -89,7 +89,7 @@ class _Maker:
             if kinds.ATTACH in properties:
                 properties[kinds.PREFIX] = {
                     "type": "string",
-                    "description": "What goes before all names of the file.",
+                    "description": "Prefix of all names of the file.",
                 }
             required = [kinds.INCLUDE]
         found: Schema = {"type": "object", "properties": properties, "additionalProperties": False}

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robodyn_cli.errors import GeometryError, SingularConfigurationError
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import CLOSED, ClosureEquations, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
@@ -53,8 +54,7 @@ def assemble(
     SingularConfigurationError : the start is a singular configuration.
     """
     model = equations.model
-    numbers = Numbers(equations, parameters)
-    manifold = numbers.manifold
+    manifold = Manifold(model)
     place = {name: k for k, name in enumerate(model.q_names)}
     rate_place = {name: k for k, name in enumerate(model.v_names)}
     q = manifold.neutral()
@@ -63,8 +63,9 @@ def assemble(
     v = np.zeros(model.nv)
     for name, value in rates.items():
         v[rate_place[name]] = value
-    if not numbers.rows:
+    if not equations.constraint_rows:
         return Assembled(q, v, 0.0, 0.0, (), ())
+    numbers = Numbers(equations, parameters)
     lengths = numbers.lengths
     # a value for a quaternion counts for all three of its velocities
     places = [manifold.columns(k) for k in range(model.nv)]

@@ -29,7 +29,7 @@ Compile = Callable[["PointKinematics"], "PointFunction"]
 
 
 @record
-class PointTask:
+class PathTask:
     """A point of a model, or a frame there, and the path that it is to follow.
 
     frame : the point. trajectory : its path and the options of the inverse kinematics.
@@ -167,7 +167,7 @@ class FollowedPath:
     steps: int = 0
 
 
-def follow_point(task: PointTask, times: Array, compile: Compile) -> FollowedPath:
+def follow_point(task: PathTask, times: Array, compile: Compile) -> FollowedPath:
     """Return the joint motion, at T times, that keeps a point on its path.
 
     Joints are continuous along the path, rates and accelerations exact (``J qd = pd``, ``J qdd = pdd - J-dot
@@ -226,11 +226,10 @@ def _moves_most(model: Model, failure: Singular) -> str:
     return f", least of all that of joint {model.joint_of(failure.joint)!r}"
 
 
-def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) -> FollowedPath:
+def _by_newton(task: PathTask, times: Array, start: Array, compile: Compile) -> FollowedPath:
     """Follow the path by Newton's method from one time to the next."""
     from robodyn_cli.model.manifold import Manifold
-    from robodyn_cli.solve.continuation import PathFollower
-    from robodyn_cli.solve.newton import PointSolver
+    from robodyn_cli.solve.newton import PathFollower, PointSolver
 
     ik = task.ik
     function = compile(task.kinematics())
@@ -251,7 +250,7 @@ def _by_newton(task: PointTask, times: Array, start: Array, compile: Compile) ->
     return FollowedPath(motion, "newton", solver.iterations, follower.steps)
 
 
-def _check_options(task: PointTask) -> None:
+def _check_options(task: PathTask) -> None:
     """Refuse a method or a branch that does not suit the chain."""
     ik, arm, point, where = task.ik, task.arm, task.trajectory.point, task.where
     if arm is None and ik.method == "analytic":

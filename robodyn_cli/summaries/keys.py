@@ -111,16 +111,14 @@ def _leaf(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:
 
 
 def _in_map(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:
-    """Return what steps lead to from a map, whose keys may have dots in them: the longest that fits is taken."""
-    leaves = []
-    for k in range(len(steps), 0, -1):
+    """Return what steps lead to from a map, whose keys may have dots in them: the shortest that fits is taken."""
+    for k in range(1, len(steps) + 1):
         name = ".".join(steps[:k])
         if any(kind_of.isupper() or name == kind_of for kind_of in fact.names):
             leaf = _leaf(kind, fact, steps[k:])
-            leaves.append(
-                leaf and dataclasses.replace(leaf, names=(name, *leaf.names), kinds=(fact.names, *leaf.kinds))
-            )
-    return _number_first(leaves)
+            if leaf is not None:
+                return dataclasses.replace(leaf, names=(name, *leaf.names), kinds=(fact.names, *leaf.kinds))
+    return None
 
 
 def _number_first(leaves: Iterable[Leaf | None]) -> Leaf | None:

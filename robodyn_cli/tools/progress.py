@@ -1,11 +1,58 @@
-"""Progress of long runs: a callback from numerics to whoever shows it."""
+"""Progress of long runs, and their wall time by stage."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import contextlib
+import time
+from collections.abc import Callable, Iterator
+
+from robodyn_cli.kernels.cache import REPORT
 
 Progress = Callable[[float, float], None]
 
 
 def no_progress(done: float, total: float) -> None:
     """Show nothing."""
+
+
+class Stopwatch:
+    """Adds up wall time by stage; compilation inside a stage is counted as ``compile`` instead.
+
+    ``now`` is the stage at present, empty between stages.
+    """
+
+    def __init__(self) -> None:
+        self.seconds: dict[str, float] = {}
+        self.now = ""
+        self._start = time.perf_counter()
+
+    @contextlib.contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        """Count the time inside the block under ``name``."""
+        start, compiling = time.perf_counter(), REPORT.seconds
+        before, self.now = self.now, name
+        try:
+            yield
+        finally:
+            self.now = before
+            spent = REPORT.seconds - compiling
+            self.add("compile", spent)
+            self.add(name, time.perf_counter() - start - spent)
+
+    def add(self, name: str, seconds: float) -> None:
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+
+    def listen(self, listener: Callable[[str], None]) -> None:
+        """Have long compilations told before they begin."""
+        REPORT.listener = listener
+
+    def doing(self) -> str:
+        """Say what takes the time at present."""
+        return REPORT.now or self.now.replace("_", " ")
+
+    def report(self) -> dict[str, float]:
+        """Return seconds by stage, and in all."""
+        return {
+            **{k: round(v, 6) for k, v in self.seconds.items() if v > 0.0},
+            "total": round(time.perf_counter() - self._start, 6),
+        }

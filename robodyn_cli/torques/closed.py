@@ -18,8 +18,8 @@ from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, velocity_places
 from robodyn_cli.given.motion import Planned, motion_duration
 from robodyn_cli.loops.base import Row
-from robodyn_cli.observe.closing import add_rows
 from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.observe import add_rows
 from robodyn_cli.observe.rounding import few
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.record import record

@@ -12,8 +12,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.forces.friction import Friction
-from robodyn_cli.forces.gear import Gear
+from robodyn_cli.forces.friction import Friction, Gear
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.model.model import TORQUE, JointForce, Model
 from robodyn_cli.spatial.algebra import Array

@@ -120,7 +120,7 @@ class Ik:
     redundancy: str = key(
         Choice(("least_rates", "away_from_limits", "least_torque")),
         default="least_rates",
-        doc="What a redundant arm does with its freedom along the path.",
+        doc="Use of a redundant arm's freedom along the path.",
     )
     tolerance: float = key(
         Number(minimum=0.0, exclusive=True),

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.formula import Formula as FormulaTree
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Formula, ListOf, Number, Section, Text, key
 from robodyn_cli.spatial import quaternion

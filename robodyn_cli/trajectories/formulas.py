@@ -12,7 +12,7 @@ import numpy as np
 
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.graph import Expr, Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.record import mutable_record
@@ -23,7 +23,7 @@ from robodyn_cli.trajectories.motion import column_order
 
 
 def time_derivatives(
-    formulas: Sequence[Formula], times: Array, parameters: Mapping[str, float], names: Sequence[str]
+    formulas: Sequence[FormulaTree], times: Array, parameters: Mapping[str, float], names: Sequence[str]
 ) -> tuple[Array, Array, Array]:
     """Return values, rates and accelerations (T, n) of formulas in t.
 
@@ -157,5 +157,5 @@ def texts(formulas: Mapping[str, Any], column: str) -> str:
         return f"{column} = {formulas[column].text!r}"
     joint = column.rpartition(".")[0]
     form = next(x for x in FORMS if f"{joint}.{x}" in formulas)
-    entries: Sequence[Formula] = formulas[f"{joint}.{form}"]
+    entries: Sequence[FormulaTree] = formulas[f"{joint}.{form}"]
     return f"{joint}.{form} = [{', '.join(f.text for f in entries)}]"

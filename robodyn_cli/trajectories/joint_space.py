@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.expr.graph import Expr
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.base import Trajectory
 from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.formulas import evaluated, joint_expressions, sampled, time_symbol
@@ -118,7 +118,6 @@ def column_rates(
     more : rates of q, where ``values`` are accelerations; the columns' second derivatives are returned then.
     """
     from robodyn_cli.spatial import quaternion
-    from robodyn_cli.spatial.algebra import vector
 
     found = np.array([values.get(name, 0.0) for name in columns])
     for joint, places in attitude_places(columns).items():

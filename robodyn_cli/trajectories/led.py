@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robodyn_cli.errors import CapabilityError
-
-if TYPE_CHECKING:
-    from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.graph import Expr
 
 FOLLOW = "trajectory"  # in place of formulas
+
+
 POSITION = ("x", "y", "z")
+
+
 QUATERNION = ("qw", "qx", "qy", "qz")
+
+
 VELOCITY = ("vx", "vy", "vz", "wx", "wy", "wz")
+
+
 FORMS = ("quaternion", "rpy", "rotation_vector")  # of an attitude
 
 

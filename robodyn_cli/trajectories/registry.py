@@ -6,16 +6,16 @@ from robodyn_cli.registry import Registry
 
 PACKAGE = "robodyn_cli.trajectories"
 PLACES = {
-    "joint": "smooth:JointTrajectory",
+    "joint": "given:JointTrajectory",
     "quintic": "way_points:QuinticTrajectory",
     "cubic": "way_points:CubicTrajectory",
     "monotone": "way_points:MonotoneTrajectory",
     "trapezoid": "moves:TrapezoidTrajectory",
     "s_curve": "moves:SCurveTrajectory",
-    "fourier": "smooth:FourierTrajectory",
+    "fourier": "given:FourierTrajectory",
     "sequence": "sequence:SequenceTrajectory",
     "fastest": "fastest:FastestTrajectory",
-    "table": "table:TableTrajectory",
+    "table": "given:TableTrajectory",
     "circle": "circle:CircleTrajectory",
     "path": "path:PathTrajectory",
     "cartesian": "cartesian:CartesianTrajectory",

@@ -16,9 +16,8 @@ from robodyn_cli.trajectories.base import (
     position_problems,
     time_problems,
 )
-from robodyn_cli.trajectories.course import Course, held, hermite_cubic, one_after_another
+from robodyn_cli.trajectories.course import Course, QuinticSpline, held, hermite_cubic, one_after_another
 from robodyn_cli.trajectories.joint_space import CourseTrajectory, column_rates, the_shorter_way
-from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 
 
 @record

@@ -1,30 +1,146 @@
-"""Close the loops of a mechanism: positions, rates, accelerations, branches."""
+"""Close the loops of a mechanism: positions, rates, accelerations, and the ways in which they close while some joints
+stay where they are."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from typing import Any
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
-from robodyn_cli.observe.closing import add_sample
 from robodyn_cli.observe.evaluation import refuse_result
+from robodyn_cli.observe.observe import add_sample
+from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
-from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns, initial_positions
+from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble as close_loops
-from robodyn_cli.solve.closure import RANK
+from robodyn_cli.solve.closure import RANK, halton, rank, search
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
-from robodyn_cli.summaries.mechanism import AssembleSummary
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.summaries.mechanism import AssembleSummary, BranchSearch, ClosedBranch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import position_columns
-from robodyn_cli.works.branches import Branches, find_branches, refuse_freedom
+
+SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
+
+
+@record
+class Branches:
+    """Configurations (nq,) that close, the initial one first, and their records in the summary."""
+
+    problem: Problem
+    configurations: list[Array]
+    described: list[ClosedBranch]
+    search: BranchSearch
+
+    def add_to(self, result: Result) -> None:
+        """Add configurations, determinants and outlines to a result."""
+        model = self.problem.model
+        units = joint_columns(model)["q"].units
+        result.add("branches/q", np.array(self.configurations), units=units, names=model.q_names)
+        determinants = [branch.determinant for branch in self.described]
+        if None not in determinants:
+            result.add("branches/determinant", np.array(determinants, dtype=float))
+        for name, outline in model.outlines.items():
+            corners = [self.problem.world_point(corner) for corner in outline]
+            drawn = [self.problem.numbers(corners, q) for q in self.configurations]
+            result.add(f"branch_skeleton/{name}", np.array(drawn))
+
+
+def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: tuple[str, ...]) -> Branches:
+    """Return the ways in which the loops close with the held joints where they are at q (nq,).
+
+    Raises
+    ------
+    CapabilityError : see ``refuse_freedom``.
+    """
+    model, free = problem.model, _free(problem, held)
+    angles = [unit == "rad" for unit in model.q_units]
+    cosines = Evaluator([row.cosine for row in problem.constraints.rows])
+
+    def signature(q: Array) -> Array:
+        turns = np.concatenate([np.where(angles, np.cos(q), q), np.where(angles, np.sin(q), 0.0)])
+        return np.concatenate([turns, *(_attitude(b, q) for b in model.bodies if b.joint.quasi)])
+
+    def closed_as_meant(q: Array) -> bool:
+        return bool(np.all(np.array(cosines({"q": q.tolist(), "t": [0.0], "p": []}), dtype=float) > 0.5))
+
+    starts = chain([q], _starts(problem, conditions, q, free, held))
+    found = search(conditions, starts, free, signature, closed_as_meant)
+    first, *others = found.found
+    configurations = [first, *(np.where(angles, (x + np.pi) % (2 * np.pi) - np.pi, x) for x in others)]
+    described = [_describe(problem, conditions, x, free, k == 0) for k, x in enumerate(configurations)]
+    searched = BranchSearch(found.starts, found.closed, len(described))
+    return Branches(problem, configurations, described, searched)
+
+
+def _attitude(body: Any, q: Array) -> Array:
+    """Return the products of a quasi-velocity joint's coordinates: the same for a quaternion and its negative."""
+    own = q[body.q : body.q + body.joint.nq]
+    return np.outer(own, own).ravel()
+
+
+def _free(problem: Problem, held: tuple[str, ...]) -> list[int]:
+    """Return the velocity coordinates of joints that are not held."""
+    return [b.v + j for b in problem.model.bodies if b.joint_name not in held for j in range(b.joint.nv)]
+
+
+def refuse_freedom(problem: Problem, conditions: LoopConditions, q: Array, held: tuple[str, ...]) -> None:
+    """Refuse a mechanism that closes in infinitely many ways.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    _, J = conditions.at(q, 0.0)
+    free = _free(problem, held)
+    left = len(free) - rank(J[problem.constraints.of_loops][:, free])
+    if left > 0:
+        raise CapabilityError(
+            f"with {', '.join(held) or 'nothing'} held the mechanism keeps {left} degrees of freedom, so it closes in "
+            f"infinitely many ways; hold {left} more joints (initial.hold, or --at) to find its branches"
+        )
+
+
+def _starts(
+    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], held: tuple[str, ...]
+) -> Iterator[Array]:
+    """Yield configurations to begin with: points of Halton's sequence, mapped to motions of the free coordinates."""
+    model, columns = problem.model, list(free)
+    neutral = np.array(q)
+    for body in model.bodies:
+        if body.joint_name not in held:
+            neutral[body.q : body.q + body.joint.nq] = body.joint.neutral()
+    reach = np.where(conditions.lengths[columns] == 1.0, np.pi, 1.5 * conditions.size)
+    for point in halton(problem.scene.assemble.starts - 1, len(columns)):
+        dq = np.zeros(model.nv)
+        dq[columns] = (2.0 * point - 1.0) * reach
+        yield conditions.step(neutral, dq)
+
+
+def _describe(
+    problem: Problem, conditions: LoopConditions, q: Array, free: Sequence[int], chosen: bool
+) -> ClosedBranch:
+    F, J = conditions.at(q, 0.0)
+    block = J[problem.constraints.of_loops][:, list(free)]
+    s = np.linalg.svd(block, compute_uv=False)
+    ratio = float(s[-1] / s[0]) if len(s) else 1.0
+    determinant = float(np.linalg.det(block)) if block.shape[0] == block.shape[1] else None
+    orientation = None if determinant is None else int(np.sign(determinant)) if ratio > SINGULAR else 0
+    configuration = dict(zip(problem.model.q_names, q.tolist()))
+    return ClosedBranch(
+        configuration, determinant, orientation, ratio, float(np.abs(F).max(initial=0.0)), chosen
+    )
 
 
 @record

@@ -22,8 +22,7 @@ from robodyn_cli.summaries.inverse import (
     LoadedMechanism,
     definitions_of,
 )
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
     error_estimate,
@@ -190,7 +189,7 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
         asked[:, : planned.target.shape[1]] = planned.target
         result.add(f"targets/{planned.point}", asked)
     if program.scaling is not None:
-        from robodyn_cli.fastest.report import add_limits
+        from robodyn_cli.fastest.resolve import add_limits
 
         add_limits(result, program.scaling, problem.model, sampled)
     if loads is not None:
@@ -210,7 +209,7 @@ def summarise(
     fastest: FastestFigures | Absent = ABSENT
     inexact: list[str] = []
     if program.scaling is not None:
-        from robodyn_cli.fastest.report import figures, warnings
+        from robodyn_cli.fastest.resolve import figures, warnings
 
         fastest, inexact = figures(program.scaling, problem.model, sampled), warnings(program.scaling)
     return InverseSummary(

@@ -13,14 +13,14 @@ from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
 from robodyn_cli.given.motion import Planned, knots_of, motion_duration, plan_motion
 from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.observe.closing import add_rows
 from robodyn_cli.observe.evaluation import SampleFunction, refuse_result
+from robodyn_cli.observe.observe import add_rows
 from robodyn_cli.observe.places import add_places, place_outputs, point_motion
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.observe.units import add_joint_limits, add_motion
 from robodyn_cli.ready.doors import along
-from robodyn_cli.ready.mobility import mobility
 from robodyn_cli.ready.prepare import held_columns
+from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
@@ -39,8 +39,7 @@ from robodyn_cli.summaries.mechanism import (
     TransmissionAngle,
     TransmissionErrors,
 )
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import velocity_columns
 
 

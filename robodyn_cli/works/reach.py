@@ -8,9 +8,9 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, SceneError
 from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics, explain_miss
 from robodyn_cli.given.poses.targets import Poses, Way
-from robodyn_cli.model.placement import orientation
-from robodyn_cli.observe.closing import add_sample
+from robodyn_cli.model.joints import orientation
 from robodyn_cli.observe.evaluation import refuse_result
+from robodyn_cli.observe.observe import add_sample
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.results.result import Result
@@ -19,8 +19,7 @@ from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.mechanism import ReachedBranch, ReachSummary
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite

@@ -10,8 +10,7 @@ from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
-from robodyn_cli.motion.self_check import Judgement, Run, judge
-from robodyn_cli.motion.summary import motion_records
+from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
@@ -19,11 +18,10 @@ from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.going_on.journal import Journal
+    from robodyn_cli.motion.going_on import Journal
 from robodyn_cli.summaries.motion import MotionErrors
 
 
@@ -77,7 +75,7 @@ def motion_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
     if scene.initial.source is None:
         motion = build_motion(integrable(scene, watch), watch)
         return motion, motion.beginning
-    from robodyn_cli.motion.going_on.stored import stored_run
+    from robodyn_cli.motion.going_on import stored_run
 
     stored = stored_run(scene)
     motion = build_motion(integrable(stored.completed(), watch), watch)

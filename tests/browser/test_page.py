@@ -11,8 +11,7 @@ import pytest
 
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples
-from robodyn_cli.report.page.page import write_page
-from robodyn_cli.report.page.section import Shown
+from robodyn_cli.report.page.page import Shown, write_page
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene, load_scene_text

@@ -10,7 +10,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from robodyn_cli.over.batch import baseline as baseline_module
+from robodyn_cli.over.batch import reports as baseline_module
 from robodyn_cli.results import atomic
 from robodyn_cli.results.hdf5 import read, write
 from tests.cli.batch_scenes import arm, run

@@ -128,7 +128,7 @@ def test_the_commands_of_scenes_exist(tmp_path: Path) -> None:
 
 
 def test_an_analysis_is_a_command_of_a_scene_too(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Stopwatch
 
     path = tmp_path / "swing.yaml"
     path.write_text(PENDULUM + "command: stability\n")

@@ -10,8 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
-from robodyn_cli.kernels.cache import MOST_BYTES, ObjectFile
-from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.kernels.cache import MOST_BYTES, REPORT, ObjectFile
 
 
 @pytest.fixture

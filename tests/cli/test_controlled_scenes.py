@@ -15,6 +15,8 @@ LAWS = {
     "pid": "{type: pid, gains: {kp: 50, kd: 10, ki: 5}}",
 }
 FOLLOWED = "trajectory: {type: quintic, points: [{t: 0, q: {j1: -1, j2: 0.3}}, {t: 1, q: {j1: 0, j2: 1}}]}\n"
+# the laws by which stability tries methods: a regulator, one that is sampled, one with states of its own
+TRIED = ("lqr", "computed_torque", "pid")
 COMMANDS = {
     "validate": 0,
     "plan": 0,
@@ -35,7 +37,11 @@ def scene(request: pytest.FixtureRequest, tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    ("scene", "command"),
+    [(law, command) for law in LAWS for command in COMMANDS if command != "stability" or law in TRIED],
+    indirect=["scene"],
+)
 def test_commands_know_controllers(command: str, scene: Path, tmp_path: Path) -> None:
     plots = () if command in ("validate", "plan", "info") else ("--no-plots", "--out", tmp_path / "out")
     quick = ("--quick",) if command == "stability" else ()

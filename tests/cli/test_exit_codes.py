@@ -89,7 +89,7 @@ def test_2_usage_and_scenes(words: list[str], tmp_path: Path, monkeypatch: pytes
 
 def test_2_a_plan_of_a_scene_that_lacks_data() -> None:
     tilted = "robot.joints.theta2.origin={rpy: [30 deg, 0, 0]}"
-    done = run("plan", CONFIGS / "2r_circle.yaml", "--set", tilted, "--json")
+    done = invoke("plan", CONFIGS / "2r_circle.yaml", "--set", tilted, "--json")
     assert done.code == 2 and done.data["status"] == "failed"
     assert "inertia.xx of link2" in done.data["missing"] and "inertia.xx of link2" in done.err
 
@@ -99,7 +99,7 @@ def test_2_a_directory_in_use(scene: Path, tmp_path: Path) -> None:
         done = run("simulate", scene, "--no-plots", "--out", tmp_path / "out")
     message = one_message(done)
     assert done.code == 2 and "in use" in message and str(os.getpid()) in message
-    assert run("simulate", scene, "--no-plots", "--out", tmp_path / "out").code == 0
+    assert invoke("simulate", scene, "--no-plots", "--out", tmp_path / "out").code == 0
 
 
 @pytest.mark.parametrize("strict", [False, True])
@@ -369,22 +369,21 @@ def test_a_failure_that_kept_results_leaves_only_its_own(scene: Path, tmp_path: 
     assert read(out / "result.h5").time[-1] < 0.51
 
 
-def test_a_scene_that_cannot_be_read_creates_no_directory(tmp_path: Path) -> None:
-    done = run("simulate", "missing.yaml", cwd=tmp_path)
+def test_a_scene_that_cannot_be_read_creates_no_directory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    done = invoke("simulate", "missing.yaml")
     assert done.code == 2 and list(tmp_path.iterdir()) == []
 
 
-def test_results_do_not_depend_on_where_the_command_is_given(tmp_path: Path) -> None:
-    from_root = run(
-        "inverse",
-        "configs/2r_circle.yaml",
-        "--no-plots",
-        "--json",
-        "--out",
-        tmp_path / "a",
-        cwd=CONFIGS.parent,
-    )
-    elsewhere = run("inverse", CIRCLE, "--no-plots", "--json", "--out", "b", cwd=tmp_path)
+def test_results_do_not_depend_on_where_the_command_is_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(CONFIGS.parent)
+    from_root = invoke("inverse", "configs/2r_circle.yaml", "--no-plots", "--json", "--out", tmp_path / "a")
+    monkeypatch.chdir(tmp_path)
+    elsewhere = invoke("inverse", CIRCLE, "--no-plots", "--json", "--out", "b")
     assert from_root.code == elsewhere.code == 0
     first, second = (read(tmp_path / d / "result.h5") for d in "ab")
     assert np.array_equal(first["tau"], second["tau"])

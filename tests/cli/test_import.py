@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli.scene.load import load_scene, load_scene_text, load_urdf
-from robodyn_cli.scene.text.yaml_nodes import MAX_BYTES
+from robodyn_cli.scene.load import load_description, load_scene, load_scene_text
+from robodyn_cli.scene.text.yaml_text import MAX_BYTES
 from tests.cli.tool import invoke
 from tests.unit.test_urdf import ARM, INERTIA, LIMIT, MASS, joint
 from tests.urdf_robots import random_urdf
@@ -29,7 +29,7 @@ def test_the_robot_in_yaml_is_that_of_the_urdf(tmp_path: Path) -> None:
     assert done.code == 0 and "3 links, 2 joints that move. In a scene: robot: mine.yaml" in done.out
     assert "massless links: base" in done.err
     scene = load_scene_text("schema: 1\ngravity: [0, 0, 0]\nrobot: mine.yaml\n", str(tmp_path / "scene.yaml"))
-    assert scene.robot == load_urdf(path)[1].robot
+    assert scene.robot == load_description(path)[1].robot
     text = (tmp_path / "mine.yaml").read_text(encoding="utf-8")
     assert text.startswith("# arm, from arm.urdf by `robodyn import`.")
     assert text.count("#") >= 6 and all(len(line) <= 115 for line in text.splitlines())
@@ -43,7 +43,7 @@ def test_random_robots(seed: int, tmp_path: Path) -> None:
     assert invoke("import", path, "-q").code == 0
     (tmp_path / "scene.yaml").write_text("schema: 1\ngravity: [0, 0, 0]\nrobot: arm.yaml\n")
     there = load_scene(tmp_path / "scene.yaml")
-    given = load_urdf(path)[1]
+    given = load_description(path)[1]
     assert there.robot == given.robot and there.couplers == given.couplers
 
 

@@ -13,7 +13,7 @@ from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.over.commands import execute
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.starters import STARTERS
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.trajectories.registry import trajectory_types
 
 

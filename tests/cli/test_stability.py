@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 from pathlib import Path
+from typing import Any
 
-from robodyn_cli.over.numerics.stability_cases import CASES, Case
-from robodyn_cli.over.numerics.stability_suite import judge
+import pytest
+
+from robodyn_cli.over.stability import suite as stability_suite
+from robodyn_cli.over.stability.cases import CASES, Case
+from robodyn_cli.over.stability.suite import judge
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.summaries.stability import MethodTrial
 from tests.cli.tool import files, invoke
@@ -14,7 +19,25 @@ from tests.cli.tool import files, invoke
 CONFIGS = Path(__file__).parents[2] / "configs"
 
 
-def test_suite_quick(tmp_path: Path) -> None:
+OTHERS = 3  # methods that a case is tried by beside auto
+
+
+@pytest.fixture
+def in_turn(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the suite try each case by auto and by some of the other methods, each of them in many cases."""
+    places = itertools.count()
+    attempts = stability_suite.attempts
+
+    def some(scene: Any, ref: Any, budget: Any, names: list[str]) -> Any:
+        first, others = 4 * next(places), names[1:]
+        return attempts(
+            scene, ref, budget, [names[0], *(others[(first + k) % len(others)] for k in range(OTHERS))]
+        )
+
+    monkeypatch.setattr(stability_suite, "attempts", some)
+
+
+def test_suite_quick(in_turn: None, tmp_path: Path) -> None:
     """Every case does what is expected of it; nothing hangs, returns NaN or is wrong without saying so."""
     done = invoke("stability", "--suite", "--quick", "--json", "--out", tmp_path)
     summary = done.data
@@ -23,6 +46,9 @@ def test_suite_quick(tmp_path: Path) -> None:
     for case in summary["cases"]:
         for name, trial in case["methods"].items():
             assert trial["status"] in ("stable", "inaccurate", "diverged", "too_slow", "unsupported"), name
+    tried = [name for case in summary["cases"] for name in case["methods"]]
+    assert tried.count("auto") == len(CASES)
+    assert set(tried) == set(summary["methods"]) and all(tried.count(name) >= 8 for name in set(tried))
     assert (tmp_path / "stability_suite.png").stat().st_size > 10_000
     assert (tmp_path / "spring_1e6.yaml").exists()
     assert read(tmp_path / "result.h5")["suite/relative_error"].shape[0] == len(CASES)

@@ -11,8 +11,7 @@ import pytest
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
-from robodyn_cli.errors import SceneError
-from robodyn_cli.exit_codes import worst
+from robodyn_cli.errors import SceneError, worst
 from robodyn_cli.scene.load import examine, load_scene
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -10,11 +10,9 @@ from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.over.batch.findings import Finding, findings
-from robodyn_cli.over.commands import execute
-from robodyn_cli.over.placing import place
+from robodyn_cli.over.commands import execute, place
 from robodyn_cli.scene.load import examine, load_scene
-from robodyn_cli.tools.progress import no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch, no_progress
 
 ARM = """\
 schema: 1

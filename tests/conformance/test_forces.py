@@ -11,7 +11,7 @@ import pytest
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.equations.elements import Elements
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.formula import Formula, parse
+from robodyn_cli.expr.formula import FormulaTree, parse
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.forces.registry import force_types
 from robodyn_cli.forces.springs import LengthTable, RateTable
@@ -27,7 +27,7 @@ def positive(rng: np.random.Generator, n: int = 6) -> tuple[tuple[float, ...], .
     return tuple(map(tuple, (A @ A.T).tolist()))
 
 
-def formula(text: str) -> Formula:
+def formula(text: str) -> FormulaTree:
     return parse(text).resolve({"q0": None, "q1": None}, {}, ("t", "q", "qd"))
 
 

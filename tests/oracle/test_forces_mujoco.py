@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.equations.elements import Elements
-from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.forces.springs import LinearSpring
 from robodyn_cli.forces.wrench import PointWrench
 from robodyn_cli.model.model import BASE, Force
@@ -61,7 +61,7 @@ def test_a_wrench_on_a_body(n: int, seed: int, frame: str) -> None:
     engine.set_state(s.q, s.qd)
     force, moment = rng.normal(size=3), rng.normal(size=3)
     place = model.frames[f"frame{n - 1}"]
-    numbers = [tuple(Formula.number(float(x)) for x in values) for values in (force, moment)]
+    numbers = [tuple(FormulaTree.number(float(x)) for x in values) for values in (force, moment)]
     element = PointWrench("w", "wrench", "", force=numbers[0], moment=numbers[1], frame=frame)
     model = dataclasses.replace(model, forces=(Force("w", element, (place,)),))
     elements = Elements(model, transforms(model, list(s.q)), list(s.q), list(s.qd), {}, 0.0)

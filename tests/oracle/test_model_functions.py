@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import lru_cache
 
 import numpy as np
 import pytest
 
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
-from robodyn_cli.over.crosscheck.in_pinocchio import InPinocchio
+from robodyn_cli.over.crosscheck.engines import InPinocchio
 from robodyn_cli.spatial.algebra import Array, matrix, vector
 from robodyn_cli.torques.build import open_problem
 from robodyn_cli.works.functions.model import ModelFunctions
@@ -66,9 +67,13 @@ class Case:
         return self.pin.in_our_order(self.pin.in_our_order(np.array(x)).T).T
 
 
+# functions are built once: the tests of one tree ask for the same ones
+case_of = lru_cache(Case)
+
+
 @kinds_and_seeds
 def test_matrices_and_kinematics(kinds: tuple[str, ...], seed: int) -> None:
-    c = Case(kinds, seed)
+    c = case_of(kinds, seed)
     f, p = c.functions, c.pin
     M, G, cv = f.mass_matrix(c.q), f.gravity(c.q), f.coriolis_torques(c.q, c.v)
     tau, qdd = f.inverse_dynamics(c.q, c.v, c.a), f.forward_dynamics(c.q, c.v, c.tau)
@@ -94,7 +99,7 @@ def test_matrices_and_kinematics(kinds: tuple[str, ...], seed: int) -> None:
 @kinds_and_seeds
 def test_coriolis_matrix(kinds: tuple[str, ...], seed: int) -> None:
     """C qd are the velocity terms; M-dot = C + C^T along the motion, so that M-dot - 2 C is skew."""
-    c = Case(kinds, seed)
+    c = case_of(kinds, seed)
     f = c.functions
     C = f.coriolis(c.q, c.v)
     scale = float(np.abs(f.mass_matrix(c.q)).max() * np.abs(c.v).sum(axis=1).max())
@@ -112,7 +117,7 @@ def test_coriolis_matrix(kinds: tuple[str, ...], seed: int) -> None:
 @pytest.mark.parametrize("kinds", WITH_DERIVATIVES, ids=str)
 @pytest.mark.parametrize("seed", range(2))
 def test_derivatives(kinds: tuple[str, ...], seed: int) -> None:
-    c = Case(kinds, seed)
+    c = case_of(kinds, seed)
     p = c.pin
     of_tau = c.functions.inverse_dynamics_derivatives(c.q, c.v, c.a)
     of_a = c.functions.forward_dynamics_derivatives(c.q, c.v, c.tau)
@@ -132,7 +137,7 @@ def test_derivatives(kinds: tuple[str, ...], seed: int) -> None:
 @kinds_and_seeds
 def test_derivatives_are_those_of_the_functions(kinds: tuple[str, ...], seed: int) -> None:
     """By differences of order 8 along the joints' manifolds, for every kind of joint."""
-    c = Case(kinds, seed)
+    c = case_of(kinds, seed)
     f, q, v, a, tau = c.functions, c.q[0], c.v[0], c.a[0], c.tau[0]
     of_tau, of_a = f.inverse_dynamics_derivatives(q, v, a), f.forward_dynamics_derivatives(q, v, tau)
     accelerations = f.forward_dynamics(q, v, tau)
@@ -152,7 +157,7 @@ def test_derivatives_are_those_of_the_functions(kinds: tuple[str, ...], seed: in
 @kinds_and_seeds
 def test_regressor(kinds: tuple[str, ...], seed: int) -> None:
     """Y p are the torques of rigid bodies and rotors; of a tree with other masses too."""
-    c = Case(kinds, seed)
+    c = case_of(kinds, seed)
     Y, known = c.functions.regressor(c.q, c.v, c.a), c.functions.inertial_parameters
     assert Y.shape == (STATES, c.model.nv, len(known.names)) and len(set(known.names)) == len(known.names)
     assert_close(Y @ known.values, c.functions.inverse_dynamics(c.q, c.v, c.a), 1e-12)

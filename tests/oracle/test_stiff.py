@@ -12,7 +12,7 @@ from robodyn_cli.formulations.build import build_system
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Grid, Options
-from robodyn_cli.over.numerics.stability_scenes import HANGING, stiff_arm
+from robodyn_cli.over.stability.scenes import HANGING, stiff_arm
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene.load import load_scene_text
 from tests.systems import samples, system

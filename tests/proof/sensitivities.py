@@ -20,7 +20,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.places import numbers_at_places
 from robodyn_cli.over.sensitivity.asked import AskedSlopes, prepare
 from robodyn_cli.over.sensitivity.differences import differences
-from robodyn_cli.over.sensitivity.exact import exact_slopes
+from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.scene.load import Family, load_scene_text
 from robodyn_cli.scene.types import Scene
 from tests.proof import families

@@ -13,8 +13,8 @@ from hypothesis import strategies as st
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.formula import parse
 from robodyn_cli.scene import load_scene, load_scene_text
-from robodyn_cli.scene.text.emit import emit
 from robodyn_cli.scene.text.nodes import Node, Scalar, Source, mapping, scalar, sequence
+from robodyn_cli.scene.text.yaml_text import emit
 from tests.numeric import examples
 from tests.unit.scene_text import composed, plain
 

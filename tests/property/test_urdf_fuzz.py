@@ -10,8 +10,8 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.model.build import build_model
-from robodyn_cli.scene.load import load_scene_text, load_urdf
-from robodyn_cli.scene.urdf.write import robot_yaml
+from robodyn_cli.scene.dialects import robot_yaml
+from robodyn_cli.scene.load import load_description, load_scene_text
 
 ROOT = Path(__file__).parents[2]
 TEXT = (ROOT / "configs" / "robots" / "lift_arm.urdf").read_text(encoding="utf-8")
@@ -62,7 +62,7 @@ def test_anything_in_a_urdf(seed: int, tmp_path: Path) -> None:
     for _ in range(200):
         path.write_bytes(mutated(rng).encode("utf-8", "surrogatepass"))
         try:
-            found, scene = load_urdf(path)
+            found, scene = load_description(path)
         except SceneError as error:
             assert "robot.urdf" in error.message and "\n" not in error.message
             continue

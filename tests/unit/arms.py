@@ -12,7 +12,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.ready.doors import along
 from robodyn_cli.scene import load_scene_text
-from robodyn_cli.solve.inverse_kinematics import FollowedPath, PointTask, follow_point
+from robodyn_cli.solve.inverse_kinematics import FollowedPath, PathTask, follow_point
 from tests.numeric import real
 
 STANDARD_2R = """\
@@ -51,7 +51,7 @@ def follow(robot: str, trajectory: str, times: np.ndarray, rest: str = "") -> tu
     s = along(scene(robot, trajectory, rest))
     model = build_model(s)
     start = s.trajectory.ik.guess or s.initial.q
-    task = PointTask(model, model.points[s.trajectory.point], s.trajectory, start, s.parameters)
+    task = PathTask(model, model.points[s.trajectory.point], s.trajectory, start, s.parameters)
     return follow_point(task, times, compile_point), model, s
 
 

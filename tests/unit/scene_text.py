@@ -9,9 +9,8 @@ import pytest
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene_text
-from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, Sequence, Source
-from robodyn_cli.scene.text.yaml_nodes import compose
+from robodyn_cli.scene.text.nodes import Faults, Mapping, Node, Scalar, Sequence, Source
+from robodyn_cli.scene.text.yaml_text import compose
 
 FILE = "bad.yaml"
 MARK = "§"

@@ -2,17 +2,21 @@
 
 A block below a paragraph with "Write `PATH`" becomes that file; a diff below one with "In `PATH`" is applied (each added
 line goes below the last line of context, which must stand there); a block of shell commands is run.
+
+All pages are followed in one copy, one after another. A command is a fork of one process that has loaded the libraries,
+and nothing of ours, so that each sees the files as they are when it begins.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -47,45 +51,103 @@ def apply(text: str, diff: str, where: str) -> str:
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_the_page_works(page: Path, tmp_path: Path) -> None:
+# reads commands, each a list of words on a line, and answers with the exit code and what the command has printed
+SERVER = """
+import importlib, json, os, runpy, sys, tempfile
+for name in sys.argv[1:]:
+    importlib.import_module(name)
+for line in sys.stdin:
+    words = json.loads(line)
+    with tempfile.TemporaryFile() as printed:
+        child = os.fork()
+        if child == 0:
+            code = 1
+            try:
+                for stream in (1, 2):
+                    os.dup2(printed.fileno(), stream)
+                module, sys.argv = words[0] == "-m", words[words[0] == "-m":]
+                run = runpy.run_module if module else runpy.run_path
+                run(sys.argv[0], run_name="__main__", **({"alter_sys": True} if module else {}))
+                code = 0
+            except SystemExit as end:
+                code = int(end.code or 0)
+            except BaseException:
+                import traceback
+                traceback.print_exc()
+            finally:
+                sys.stdout.flush()
+                sys.stderr.flush()
+                os._exit(code)
+        code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+        printed.seek(0)
+        print(json.dumps([code, printed.read().decode(errors="replace")]), flush=True)
+"""
+LIBRARIES = (
+    "typer", "yaml", "numpy", "scipy.linalg", "scipy.integrate", "scipy.optimize", "h5py", "llvmlite.binding",
+    "matplotlib.figure", "matplotlib.backends.backend_agg", "pytest", "_pytest.assertion.rewrite", "hypothesis",
+)  # fmt: skip
+Run = Callable[[str], tuple[int, str]]
+
+
+@pytest.fixture(scope="module")
+def tree(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a copy of the tree."""
+    tree = tmp_path_factory.mktemp("tree")
     for name in TREE:
-        shutil.copytree(ROOT / name, tmp_path / name, ignore=shutil.ignore_patterns("*.png"))
+        shutil.copytree(ROOT / name, tree / name, ignore=shutil.ignore_patterns("*.png"))
     for file in (*ROOT.glob("*.md"), ROOT / "pyproject.toml"):
-        shutil.copy(file, tmp_path)
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-    done = set()
+        shutil.copy(file, tree)
+    return tree
+
+
+@pytest.fixture(scope="module")
+def run(tree: Path) -> Iterator[Run]:
+    """Return what runs a line of shell in the tree, and returns its exit code and what it has printed."""
+    environment = {**os.environ, "PYTHONPATH": str(tree)}
+    server = subprocess.Popen(
+        [sys.executable, "-c", SERVER, *LIBRARIES],
+        cwd=tree, env=environment, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    assert server.stdin is not None and server.stdout is not None
+
+    def answer(line: str) -> tuple[int, str]:
+        words = shlex.split(line)
+        words[:1] = {"robodyn": ["-m", "robodyn_cli"], "python": []}[words[0]]
+        server.stdin.write(json.dumps(words) + "\n")
+        server.stdin.flush()
+        code, printed = json.loads(server.stdout.readline())
+        return code, printed
+
+    yield answer
+    server.stdin.close()
+    assert server.wait(60) == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="commands are forks of one process")
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_the_page_works(page: Path, tree: Path, run: Run) -> None:
+    done, written = set(), []
     for language, path, content in steps(page.read_text("utf-8")):
         done.add(language)
-        target = tmp_path / path
+        target = tree / path
         if language == "sh":
             for line in content.splitlines():
-                words = shlex.split(line)
-                words[:1] = (
-                    [sys.executable, "-m", "robodyn_cli"] if words[0] == "robodyn" else [sys.executable]
-                )
-                ended = subprocess.run(
-                    words, cwd=tmp_path, env=environment, capture_output=True, text=True, timeout=240
-                )
-                assert ended.returncode == 0, f"{line}\n{ended.stdout[-4000:]}\n{ended.stderr[-4000:]}"
+                code, printed = run(line)
+                assert code == 0, f"{line}\n{printed[-8000:]}"
         elif language == "diff":
             target.write_text(apply(target.read_text("utf-8"), content, path), encoding="utf-8")
         else:
             assert not target.exists(), f"{path} is there already"
             target.write_text(content, encoding="utf-8")
+            written += [path] if language == "python" else []
     assert {"sh", "diff", "python"} <= done
+    for words in (("check",), ("format", "--diff")):  # new code is in our style, as all code
+        ended = subprocess.run(
+            [sys.executable, "-m", "ruff", *words, *written], cwd=tree, capture_output=True, text=True
+        )
+        assert ended.returncode == 0, ended.stdout + ended.stderr
 
 
 def test_every_page_is_named_in_the_guide() -> None:
     guide = (ROOT / "CONTRIBUTING.md").read_text("utf-8")
     assert PAGES and all(f"docs/adding/{page.name}" in guide for page in PAGES)
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_new_code_of_a_page_is_in_our_style(page: Path) -> None:
-    """Formatted and without findings of the linter, as all code."""
-    for language, path, content in steps(page.read_text("utf-8")):
-        for words in (("check",), ("format", "--diff")) if language == "python" else ():
-            command = [sys.executable, "-m", "ruff", *words, "--stdin-filename", path, "-"]
-            ended = subprocess.run(command, cwd=ROOT, input=content, capture_output=True, text=True)
-            assert ended.returncode == 0, ended.stdout + ended.stderr

@@ -11,8 +11,7 @@ from robodyn_cli.expr import functions as f
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.integrators.runtime import engine
 from robodyn_cli.kernels import samples
-from robodyn_cli.kernels.bytecode.code import KINDS, SHAPE, encode, kinds_of
-from robodyn_cli.kernels.bytecode.samples import InterpretedSamples
+from robodyn_cli.kernels.bytecode import KINDS, SHAPE, InterpretedSamples, encode, kinds_of
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.scene.load import load_scene

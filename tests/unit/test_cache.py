@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import shutil
@@ -201,6 +202,7 @@ def test_many_processes_at_once_do_not_disturb_each_other(tmp_path: Path) -> Non
 
 
 def test_the_newest_files_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache_module, "SWEEPERS", "0123456789abcdef")
     build(0.0)
     size = next(cache.glob("*.o")).stat().st_size
     monkeypatch.setattr(cache_module, "MOST_BYTES", int(3.5 * size))
@@ -217,7 +219,16 @@ def test_the_newest_files_are_kept(cache: Path, monkeypatch: pytest.MonkeyPatch)
     assert build(5.0) == (0, 1) and build(0.0) == (1, 0)
 
 
-def test_files_of_processes_that_were_killed_are_swept(cache: Path) -> None:
+def test_one_write_in_sixteen_sweeps(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever the keys, which are digests, a cache does not grow without end."""
+    monkeypatch.setattr(cache_module, "MOST_BYTES", 1000)
+    for k in range(200):
+        cache_module.ObjectFile(tmp_path, hashlib.sha256(bytes([k])).hexdigest()).write(b"x" * 68)
+        assert sum(path.stat().st_size for path in tmp_path.iterdir()) <= 1000 + 64 * 100
+
+
+def test_files_of_processes_that_were_killed_are_swept(cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(cache_module, "SWEEPERS", "0123456789abcdef")
     cache.mkdir()
     old, fresh = cache / "a.part", cache / "b.part"
     for path in (old, fresh):

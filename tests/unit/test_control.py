@@ -13,7 +13,7 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from robodyn_cli import Mechanism, simulate
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
-from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.scene import load_scene_text

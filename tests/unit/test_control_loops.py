@@ -3,6 +3,7 @@ decomposition that ``inverse`` shares loads with, on bodies with full inertias a
 
 from __future__ import annotations
 
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -38,6 +39,7 @@ class Case:
     def __init__(self, text: str, driven: dict[str, float], more: tuple[str, ...] = ()) -> None:
         self.text, self.driven, self.more = text, driven, more
 
+    @cache  # noqa: B019 - of a few mechanisms that live as long as the tests
     def settings(self) -> list[str]:
         """Return options that give the bodies full inertias, and leave nothing but the controller to move them."""
         scene = load_scene_text(self.text)
@@ -58,12 +60,16 @@ class Case:
         joints = [*self.driven, *self.more]
         return [*found, f"actuated=[{', '.join(joints)}]", "gravity=[0.7, -1.3, -9.5]"]
 
-    def scene(self, control: str, duration: float = 0.6, more: tuple[str, ...] = ()) -> Scene:
+    def scene(
+        self, control: str, duration: float = 0.6, more: tuple[str, ...] = (), estimate: bool = False
+    ) -> Scene:
+        """Return the mechanism under a controller; ``estimate`` : whether its run is made again for its error."""
         settings = [*self.settings(), *([f"control={control}"] if control else [])]
-        run = [f"simulate={{duration: {duration}, samples: 61, rtol: 1e-10, atol: 1e-12}}"]
+        estimated = "" if estimate else ", error_estimate: false"
+        run = [f"simulate={{duration: {duration}, samples: 61, rtol: 1e-10, atol: 1e-12{estimated}}}"]
         return load_scene_text(self.text, overrides=[*settings, *run, *more])
 
-    @property
+    @cached_property
     def start(self) -> dict[str, float]:
         """Positions at the start by column."""
         setup = prepare(self.scene(""))
@@ -140,7 +146,8 @@ def asked(scene: Scene, result, k: int) -> tuple[np.ndarray, np.ndarray, np.ndar
 def test_computed_torque_leaves_linear_errors_of_the_driven_joints(name: str) -> None:
     case = CASES[name]
     scene = case.scene(
-        f"{{type: computed_torque, reference: {case.reference()}, gains: {{kp: {KP}, kd: {KD}}}}}"
+        f"{{type: computed_torque, reference: {case.reference()}, gains: {{kp: {KP}, kd: {KD}}}}}",
+        estimate=True,
     )
     result = simulate(scene)
     A = np.array([[0.0, 1.0], [-KP, -KD]])
@@ -221,6 +228,7 @@ def test_feed_forward_is_the_inverse_and_moves_as_the_reference(name: str) -> No
         f"{{type: feed_forward, reference: {motion}}}",
         0.4,
         (f"initial.qd={{{rates}}}", "simulate.samples=41"),
+        estimate=True,
     )
     result = simulate(scene)
     assert np.abs(result["control/error"]).max() < bound(result) + 1e-9

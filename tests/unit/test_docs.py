@@ -20,9 +20,9 @@ import robodyn_cli
 from robodyn_cli import deploy, errors, inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.app import app
 from robodyn_cli.commands import COMMANDS as ROWS
-from robodyn_cli.exit_codes import ALL
+from robodyn_cli.errors import ALL
 from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
-from robodyn_cli.over.numerics.work_precision import work_precision
+from robodyn_cli.over.work_precision.work_precision import work_precision
 from robodyn_cli.report.registry import PLOTS
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.starters import STARTERS
@@ -276,6 +276,12 @@ def test_every_key_of_a_summary_is_documented(command: str) -> None:
     assert not ROWS[command].summary or undeclared(summary) == []
 
 
+def test_the_format_is_that_of_the_catalogue() -> None:
+    module, page = reference("make_hdf5_reference"), text("docs/hdf5.md")
+    assert [match.group(2) for match in module.TABLE.finditer(page)] == ["datasets", "attributes"]
+    assert module.rewritten(page) == page, "run: python docs/make_hdf5_reference.py"
+
+
 # -- figures -------------------------------------------------------------------------------------------
 
 
@@ -368,15 +374,56 @@ def test_source_files_named_exist(page: Path) -> None:
             assert any(list(base.glob(name)) for base in (ROOT / "robodyn_cli", ROOT, page.parent)), name
 
 
+DESIGN = (DOCS / "design.md").read_text("utf-8")
+DEFINED = r"\b(def|class) {0}\b|\b{0} ?[:=(]"  # in Python
+OF_OTHERS = {"dataclasses.replace", "dataclasses.fields", "result.h5", "summary.json", "longdouble"}
+
+
+def line_of(match: re.Match[str]) -> str:
+    """Return where in docs/design.md something stands."""
+    return f"docs/design.md:{DESIGN.count(chr(10), 0, match.start()) + 1}"
+
+
+def exists(path: str) -> bool:
+    bases = (ROOT / "robodyn_cli", ROOT, ROOT / "configs", DOCS)
+    return any(list(base.glob(path.rstrip("/"))) for base in bases)
+
+
+def test_paths_in_the_design_exist() -> None:
+    """Files and folders, with the line of each that does not."""
+    found = list(re.finditer(r"`([\w*.]+/[\w/*.]*|[\w*]+\.(?:py|md|yaml|toml))`", DESIGN))
+    assert len(found) > 250
+    wrong = [f"{line_of(m)}: {m[1]}" for m in found if "NAME" not in m[1] and not exists(m[1])]
+    assert wrong == []
+
+
 def test_names_are_in_the_files_where_the_design_puts_them() -> None:
     """As `Driver.of` (`motion/driver.py`) and `witnessed` in `expr/fixed.py`: there it is defined, or made."""
-    placed = re.compile(r"`([\w.]+)`(?:(?:,| and) `([\w.]+)`)? (?:\(|in )`([\w/]+\.py)`")
-    found = placed.findall((DOCS / "design.md").read_text("utf-8"))
-    assert len(found) > 70
-    for *names, path in found:
-        code = (ROOT / "robodyn_cli" / path).read_text("utf-8")
-        for name in ".".join(filter(None, names)).split("."):
-            assert re.search(rf"\b(def|class) {name}\b|\b{name} ?[:=(]", code), (name, path)
+    placed = re.compile(r"`([\w.]+)`(?:(?:,|\s+and)\s+`([\w.]+)`)?\s+(?:\(|in\s+)`([\w/]+\.py)`")
+    found, wrong = list(placed.finditer(DESIGN)), []
+    assert len(found) > 120
+    for m in found:
+        file = ROOT / "robodyn_cli" / m[3]
+        code = file.read_text("utf-8") if file.exists() else ""
+        names = ".".join(name for name in m.groups()[:2] if name).split(".")
+        wrong += [f"{line_of(m)}: {x} in {m[3]}" for x in names if not re.search(DEFINED.format(x), code)]
+    assert wrong == []
+
+
+def test_names_in_the_design_are_in_the_code() -> None:
+    """Names of functions, classes, fields, packages and words of the code, wherever they are."""
+    code = "\n".join(file.read_text("utf-8") for file in (ROOT / "robodyn_cli").rglob("*.py"))
+    wrong = []
+    for m in re.finditer(r"`([A-Za-z_][\w.]*)(?:\(\w*\))?`", DESIGN):
+        if exists(m[1]) or m[1] in OF_OTHERS:
+            continue
+        parts = [part for part in m[1].split(".") if part]
+        wrong += [
+            f"{line_of(m)}: {part} of {m[1]}"
+            for part in parts
+            if not exists(f"{part}.py") and not re.search(DEFINED.format(part) + f'|"{part}"', code)
+        ]
+    assert wrong == []
 
 
 @pytest.mark.parametrize("page", [*PAGES, *DOCS.glob("*/*.md")], ids=lambda page: page.name)

@@ -13,8 +13,7 @@ from robodyn_cli.over.commands import execute
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.text import attach as attachments
 from robodyn_cli.scene.text.nodes import Mapping
-from robodyn_cli.tools.progress import no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch, no_progress
 from tests.unit.test_docs import ROOT, YAML_BLOCKS, completed, reference
 
 HERE = str(ROOT / "configs" / "example.yaml")

@@ -15,9 +15,9 @@ from matplotlib.figure import Figure
 from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, load_scene_text, simulate, statics
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.drawing import paper, symbols
-from robodyn_cli.report.drawing.bodies import cuboid
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
+from robodyn_cli.report.drawing.parts import cuboid
 from robodyn_cli.report.drawing.places import along_motion, evenly, nearest
 from robodyn_cli.report.drawing.record import Drawing, mixed
 from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, strokes

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli.report.joint_limits import NOTE, limits_near
+from robodyn_cli.report.lines import NOTE, limits_near
 from robodyn_cli.report.registry import draw
 from robodyn_cli.results import hdf5
 from robodyn_cli.results.result import Result

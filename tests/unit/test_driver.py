@@ -16,7 +16,7 @@ from robodyn_cli.motion.contact.states import ContactStates
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Watcher
 from robodyn_cli.motion.second_run import watched_again
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment
 from tests.mechanisms import CONFIGS
 from tests.systems import system

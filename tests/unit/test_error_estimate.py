@@ -15,8 +15,7 @@ import pytest
 from robodyn_cli import deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.motion.error.attempts import First, first_attempt
-from robodyn_cli.motion.error.estimate import Courses, Floor, remainder
+from robodyn_cli.motion.error import Courses, First, Floor, first_attempt, remainder
 from tests.mechanisms import CONFIGS
 from tests.methods import ADAPTIVE, taking
 

@@ -12,10 +12,9 @@ import pytest
 
 from robodyn_cli.cli.app import run
 from robodyn_cli.results import export as module
-from robodyn_cli.results.columns import units_of
 from robodyn_cli.results.export import export, matlab_name, tables
 from robodyn_cli.results.hdf5 import write
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, units_of
 from tests.unit.synthetic_results import pendulum_result
 
 

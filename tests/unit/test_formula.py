@@ -9,7 +9,7 @@ import pytest
 
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr import rebuild
-from robodyn_cli.expr.formula import MAX_LENGTH, Formula, parse
+from robodyn_cli.expr.formula import MAX_LENGTH, FormulaTree, parse
 from robodyn_cli.expr.graph import Graph
 
 
@@ -244,8 +244,8 @@ def test_formulas_compare_by_meaning_of_the_tree() -> None:
     assert parse("t + 1") == parse(" t+1.0 ")
     assert parse("t + 1") != parse("1 + t")
     assert parse("a - (b - c)") != parse("a - b - c")
-    assert Formula.number(2) == parse("2") == parse("1+1")
-    assert Formula.number(2).constant == 2.0
+    assert FormulaTree.number(2) == parse("2") == parse("1+1")
+    assert FormulaTree.number(2).constant == 2.0
     assert len({parse("t+1"), parse("t + 1")}) == 1
 
 

@@ -24,8 +24,7 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 def test_a_dataset_is_that_of_the_file(scene: str, tmp_path: Path) -> None:
     """The reader of netCDF files is another program: paths, values, dimensions, labels and units are the same."""
     from robodyn_cli.over.commands import execute
-    from robodyn_cli.tools.progress import no_progress
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Stopwatch, no_progress
 
     loaded = load_scene(CONFIGS / f"{scene}.yaml")
     result = execute(loaded.command or "", loaded, no_progress, Stopwatch())

@@ -9,13 +9,12 @@ import pytest
 
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.going_on.journal import Journal
+from robodyn_cli.motion.going_on import Journal
 from robodyn_cli.over.commands import execute
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene
-from robodyn_cli.tools.progress import no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch, no_progress
 from robodyn_cli.works.simulate import simulate
 
 ROOT = Path(__file__).parents[2]

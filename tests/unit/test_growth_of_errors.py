@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from robodyn_cli.motion.build import build_motion
-from robodyn_cli.over.numerics.sensitivity import Sensitivity, exponential_rate, sensitivity
-from robodyn_cli.over.numerics.work_precision import work_precision
+from robodyn_cli.over.work_precision.error_growth import Sensitivity, exponential_rate, sensitivity
+from robodyn_cli.over.work_precision.work_precision import work_precision
 from robodyn_cli.scene.load import load_scene_text
 
 TIMES = np.linspace(0.0, 10.0, 257)

@@ -15,9 +15,9 @@ import pytest
 
 from robodyn_cli.kernels import ir
 from robodyn_cli.kernels.compiler import compile_module
+from robodyn_cli.kernels.flow import ref_of
 from robodyn_cli.kernels.ir import RELAXED, Function, Value, double_type, int_type, literal, module
 from robodyn_cli.kernels.mathematics import polynomial, rough_exp2, rough_log2
-from robodyn_cli.kernels.values import ref_of
 from tests.kernels import SPECIAL, WIDTHS
 
 widths = pytest.mark.parametrize("width", WIDTHS)

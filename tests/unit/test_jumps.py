@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene_text, simulate
-from robodyn_cli.over.numerics.stability_cases import CASES
+from robodyn_cli.over.stability.cases import CASES
 
 # 1e6 N m/rad and a damper that sets in all at once, with accelerations that jump by 260 rad/s^2
 TEXT = next(case for case in CASES if case.name == "stiff_stops").text(True)

@@ -363,7 +363,7 @@ def test_poles_do_not_depend_on_the_choice_of_coordinates(seed: int) -> None:
 
 def test_a_pole_is_as_uncertain_as_it_says() -> None:
     """Disturbances of the entries within their rounding move no pole farther than its error: double ones, and others."""
-    from robodyn_cli.works.linearise.modes import pole_errors
+    from robodyn_cli.works.linearise.linearise import pole_errors
 
     rng = np.random.default_rng(3)
     for size in (2, 4, 8):

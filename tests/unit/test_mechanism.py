@@ -16,7 +16,7 @@ from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.many import Expressions, ManyNumbers, Recipe
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.options import JUDGED
-from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.model.places import with_places
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.over.many.groups import Built, Structures

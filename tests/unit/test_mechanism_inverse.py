@@ -99,9 +99,8 @@ def test_samples_are_asked_for() -> None:
 
 
 def test_a_study_of_figures_takes_compiled_code() -> None:
-    from robodyn_cli.over.study.compiled import Compiled
-    from robodyn_cli.over.study.row import Points, Task
-    from robodyn_cli.over.study.runs import make_alone
+    from robodyn_cli.over.study.rows import Points, Task
+    from robodyn_cli.over.study.runs import Compiled, make_alone
 
     family = Family.of(load_scene_text(CHAIN))
     task = Task(family, "inverse", ("robot.links.a.mass",), ("peak_torque.j1", "joints.j2.energy"))

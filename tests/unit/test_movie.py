@@ -17,7 +17,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.paper import Painted
 from robodyn_cli.report.drawing.record import PAPER, mixed
-from robodyn_cli.report.movie import files
+from robodyn_cli.report.movie import animate as files
 from robodyn_cli.report.movie.animate import animate, draw_strip
 from robodyn_cli.report.movie.frames import HOLD, MOST_FRAMES, Frames, plan_movie, usual_speed
 from robodyn_cli.report.style import styled

@@ -181,14 +181,13 @@ def test_an_overflow_of_python_s_own_numbers_is_an_error_of_the_scene(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     from robodyn_cli.over import commands
-    from robodyn_cli.tools.progress import no_progress
-    from robodyn_cli.tools.stopwatch import Stopwatch
+    from robodyn_cli.tools.progress import Stopwatch, no_progress
 
     def overflows(*_: Any, **__: Any) -> None:
         float(10) ** 400
 
     monkeypatch.setattr(commands, "functions", {"inverse": overflows})
-    with pytest.raises(NumericalError, match="exceeds what a double holds"):
+    with pytest.raises(NumericalError, match="exceeds the range of a double"):
         commands.execute("inverse", load_scene_text(PLAIN + SWING), no_progress, Stopwatch())
 
 

@@ -13,12 +13,12 @@ from robodyn_cli import load_scene
 from robodyn_cli.equations import problem as equations
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.fixed import Fixed, derived, literal, places
-from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import Interpreter, evaluate
+from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.kernels.program import make_program
-from robodyn_cli.kernels.report import REPORT
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model import build as models
 from robodyn_cli.model.model import MOTION_GROUPS
@@ -26,8 +26,7 @@ from robodyn_cli.model.places import SECTIONS, numbers_at_places, with_places
 from robodyn_cli.over.commands import execute
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.types import Inertia, Scene
-from robodyn_cli.tools.progress import no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Stopwatch, no_progress
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
 LONGER = 1.01  # factor of all lengths, so that loops still close
@@ -52,7 +51,7 @@ class Variation:
     def value(self, x: Any, unit: str) -> Any:
         if isinstance(x, float):
             return x * self.factor(unit)
-        if isinstance(x, Formula):
+        if isinstance(x, FormulaTree):
             return dataclasses.replace(x, root=x.root.rebuilt(lambda node: self.leaf(node, unit)))
         if isinstance(x, dict):
             return {name: self.value(e, unit) for name, e in x.items()}

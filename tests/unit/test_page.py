@@ -20,8 +20,7 @@ from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.report.canvas import below_heading
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
-from robodyn_cli.report.page.page import make_page
-from robodyn_cli.report.page.section import Shown
+from robodyn_cli.report.page.page import Shown, make_page
 from robodyn_cli.report.page.tables import Html, element, errors_of, json_block, summary_tables
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.results.hdf5 import write

@@ -22,8 +22,8 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.over.commands import command_of
-from robodyn_cli.over.plan.forward import title_of
 from robodyn_cli.over.plan.plan import plan, subjects
+from robodyn_cli.over.plan.subjects import title_of
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.works.deploy.deploy import deploy

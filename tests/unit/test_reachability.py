@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from robodyn_cli.fastest.reachability import ROWS, PassChain, fastest_through
+from robodyn_cli.fastest.profile import ROWS, PassChain, fastest_through
 
 POINTS, ROWS_EACH = 7, 3
 

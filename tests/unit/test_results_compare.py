@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -17,8 +16,6 @@ from robodyn_cli.results.compare import compare
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import inverse_result
-
-DOC = Path(__file__).parents[2] / "docs" / "hdf5.md"
 
 
 def test_equal_results_agree_exactly() -> None:
@@ -96,18 +93,6 @@ def test_result_takes_what_is_missing_from_the_catalogue() -> None:
     with pytest.raises(ValueError, match="names"):
         result.add("q", np.zeros((1, 3)), names=("a",))
     assert list(result.group("points")) == ["tip"]
-
-
-def test_the_reference_lists_exactly_the_paths_of_the_catalogue() -> None:
-    rows = re.findall(r"^\| `/([^`]+)` \| (.*) \| (.*) \| (.*) \|$", DOC.read_text(encoding="utf-8"), re.M)
-    documented = {path: (dims, units, meaning) for path, dims, units, meaning in rows}
-    entries = (*catalogue.ENTRIES, *catalogue.EVENT_ENTRIES)
-    assert documented == {e.path: (", ".join(e.dims), e.units, e.long_name) for e in entries}
-
-
-def test_the_reference_lists_exactly_the_attributes_of_the_catalogue() -> None:
-    rows = re.findall(r"^\| `([^/`]+)` \| (.*) \| (.*) \|$", DOC.read_text(encoding="utf-8"), re.M)
-    assert rows == [(entry.name, entry.kind, entry.meaning) for entry in catalogue.ATTRIBUTES]
 
 
 def test_events_are_compared_by_order_and_time() -> None:

@@ -16,7 +16,7 @@ import pytest
 from robodyn_cli.errors import OutputError, ResultFileError
 from robodyn_cli.results import catalogue
 from robodyn_cli.results.hdf5 import ResultWriter, read, write
-from robodyn_cli.results.hdf5.isolation import survive
+from robodyn_cli.results.hdf5.reader import survive
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import four_bar_result, inverse_result
 

@@ -10,7 +10,7 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.trajectories.table import TableTrajectory
+from robodyn_cli.trajectories.given import TableTrajectory
 
 ROBOT = """\
 convention: standard

@@ -13,8 +13,7 @@ from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.scene.types import Baumgarte, Initial, Scene, Torque
-from robodyn_cli.schema.describe import describe
-from robodyn_cli.schema.fields import Inline, Kind
+from robodyn_cli.schema.fields import Inline, Kind, describe
 from tests.unit.scene_text import SCENE, refusals, spoiled
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from robodyn_cli.scene import load_scene_text
 from robodyn_cli.trajectories.circle import CircleTrajectory
-from robodyn_cli.trajectories.table import TableTrajectory
+from robodyn_cli.trajectories.given import TableTrajectory
 from robodyn_cli.trajectories.way_points import QuinticTrajectory
 from tests.unit.scene_text import refusals, spoiled
 

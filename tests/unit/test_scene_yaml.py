@@ -12,10 +12,8 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene import load_scene, load_scene_text
 from robodyn_cli.scene.load import examine
-from robodyn_cli.scene.text.emit import emit
-from robodyn_cli.scene.text.faults import MOST, Faults
-from robodyn_cli.scene.text.nodes import Mapping, Sequence, Source
-from robodyn_cli.scene.text.yaml_nodes import MAX_BYTES, compose
+from robodyn_cli.scene.text.nodes import MOST, Faults, Mapping, Sequence, Source
+from robodyn_cli.scene.text.yaml_text import MAX_BYTES, compose, emit
 from tests.unit.scene_text import FILE, SCENE, check_place, complaint, composed, plain, unmarked
 
 
@@ -186,7 +184,7 @@ def test_deep_nesting_is_refused_at_once(text: str) -> None:
 def test_the_slow_parser_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
     import yaml
 
-    from robodyn_cli.scene.text import yaml_nodes
+    from robodyn_cli.scene.text import yaml_text as yaml_nodes
 
     text = SCENE + "title: 'é: \"x\"'\n"
     fast = composed(text)

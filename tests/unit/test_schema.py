@@ -16,8 +16,8 @@ from typer.testing import CliRunner
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.load import load_scene, load_scene_text
-from robodyn_cli.scene.text.faults import Faults
 from robodyn_cli.scene.text.includes import Includer
+from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.json_schema import json_schema
 from tests.unit.scene_text import plain

@@ -16,11 +16,9 @@ from robodyn_cli import sensitivity
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.sensitivity.asked import AskedSlopes, prepare
-from robodyn_cli.over.sensitivity.differences import differences
-from robodyn_cli.over.sensitivity.exact import exact_slopes
+from robodyn_cli.over.sensitivity.differences import EXACT, Slope, differences
 from robodyn_cli.over.sensitivity.motion.variational import NEW, nodes_of, transfers
-from robodyn_cli.over.sensitivity.report import quotient
-from robodyn_cli.over.sensitivity.slope import EXACT, Slope
+from robodyn_cli.over.sensitivity.report import exact_slopes, quotient
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.scene.load import Family, load_scene_text
 from robodyn_cli.scene.units import in_joint

@@ -10,7 +10,7 @@ import pytest
 
 from robodyn_cli import sensitivity
 from robodyn_cli.over.sensitivity.differences import differences
-from robodyn_cli.over.sensitivity.exact import exact_slopes
+from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.solve.load_sharing import share, share_change
 from tests.mechanisms import SLIDER

@@ -198,7 +198,7 @@ def test_what_is_wrong_is_said(trajectory: str, words: str, tmp_path: Path) -> N
 
 
 def test_drives_are_not_sized_by_times_that_follow_from_them() -> None:
-    from robodyn_cli.works.size.responses import Responses
+    from robodyn_cli.works.size.candidates import Responses
 
     scene = scene_of(f"{{type: sequence, segments: [{OUT}, {BACK}]}}")
     with pytest.raises(CapabilityError, match="follow from the torques"):

@@ -15,11 +15,10 @@ from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.record import Drawing
 from robodyn_cli.report.drawing.strokes import strokes
 from robodyn_cli.report.movie.frames import Frames, plan_movie
-from robodyn_cli.report.page.page import write_page
-from robodyn_cli.report.page.section import Shown
+from robodyn_cli.report.page.page import Shown, write_page
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.result import Result
-from robodyn_cli.scene.load import load_scene, load_scene_text, load_urdf
+from robodyn_cli.scene.load import load_description, load_scene, load_scene_text
 from robodyn_cli.scene.mesh.files import (
     MOST_FACES,
     TRIANGLE,
@@ -377,7 +376,7 @@ def test_shapes_of_a_urdf(tmp_path: Path) -> None:
     for name, content in (("ball.ply", b"ply"), ("ball.stl", stl_bytes(ball(1)))):
         (package / name).write_bytes(content)
     (tmp_path / "arm.urdf").write_text(URDF)
-    robot = load_urdf(tmp_path / "arm.urdf", {"arm": str(package)})[1].robot
+    robot = load_description(tmp_path / "arm.urdf", {"arm": str(package)})[1].robot
     lower, upper = (link.visual for link in robot.links)
     assert [shape.scale for shape in lower] == [(0.001, 0.001, 0.001)] and lower[0].obj
     assert [(shape.cylinder, shape.sphere) for shape in upper] == [((0.1, 0.5), None), (None, 0.2)]
@@ -390,6 +389,6 @@ def test_shapes_of_a_urdf(tmp_path: Path) -> None:
     text = "schema: 1\ngravity: [0, 0, 0]\nrobot: robots/arm.yaml\n"
     assert load_scene_text(text, str(tmp_path / "scene.yaml")).robot == robot
     shutil.rmtree(package)
-    found = load_urdf(tmp_path / "arm.urdf")
+    found = load_description(tmp_path / "arm.urdf")
     assert any("2 meshes are not there" in note for note in found[1].notes)
     assert not found[1].robot.links[0].visual

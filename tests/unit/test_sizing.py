@@ -15,7 +15,7 @@ from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.motors.drive import Drive
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.inverse import inverse
-from robodyn_cli.works.size.responses import Responses
+from robodyn_cli.works.size.candidates import Responses
 from robodyn_cli.works.size.search import DriveSearch
 from robodyn_cli.works.size.size import size
 

@@ -18,13 +18,13 @@ from robodyn_cli.integrators.methods.stability_region import amplification, limi
 from robodyn_cli.integrators.registry import methods as registry
 from robodyn_cli.motion.baumgarte import GainStudy
 from robodyn_cli.motion.build import projected_motion
-from robodyn_cli.over.numerics import energy_growth
-from robodyn_cli.over.numerics.energy_growth import growth, growths, period
-from robodyn_cli.over.numerics.spectrum import reach
-from robodyn_cli.over.numerics.stability import along, at_start, stability, step_limits
-from robodyn_cli.over.numerics.stability_scenes import arm, slider
-from robodyn_cli.over.numerics.trial import Budget, attempt, reference
-from robodyn_cli.over.numerics.work_precision import formulations
+from robodyn_cli.over.stability import energy_growth
+from robodyn_cli.over.stability.energy_growth import growth, growths, period
+from robodyn_cli.over.stability.scenes import arm, slider
+from robodyn_cli.over.stability.spectrum import reach
+from robodyn_cli.over.stability.stability import along, at_start, stability, step_limits
+from robodyn_cli.over.stability.trial import Budget, attempt, reference
+from robodyn_cli.over.work_precision.work_precision import formulations
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
 
@@ -174,8 +174,8 @@ def test_spectrum_of_a_four_bar_has_no_modes_across_its_constraints() -> None:
 
 def test_spectrum_of_a_long_chain_agrees_with_the_exact_jacobian() -> None:
     from robodyn_cli.formulations.build import build_system
-    from robodyn_cli.over.numerics.spectrum import jacobians
-    from robodyn_cli.over.numerics.stability_scenes import chain
+    from robodyn_cli.over.stability.scenes import chain
+    from robodyn_cli.over.stability.spectrum import jacobians
 
     n = 31
     scene = load_scene_text(chain("chain", 1.0, [0.1] * n, [0.1] * n, {"q1": -1.0, "q7": 0.3}))

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli.over.numerics.stability_cases import CASES, Case
-from robodyn_cli.over.numerics.stability_scenes import LECTURE_ARM, scene, slider
-from robodyn_cli.over.numerics.trial import TrialReference
+from robodyn_cli.over.references import TrialReference
+from robodyn_cli.over.stability.cases import CASES, Case
+from robodyn_cli.over.stability.scenes import LECTURE_ARM, scene, slider
 
 ROOT = Path(__file__).parents[2]
 NAMED = {case.name: case for case in CASES}

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.report.registry import PLOTS
 from tests.source import (
     BENCHMARKS,
     PACKAGE,
@@ -188,8 +187,7 @@ def test_nothing_asks_whether_an_object_has_what_its_base_declares() -> None:
 # -- folders ---------------------------------------------------------------------------------------------------
 def registered() -> set[str]:
     """Return the modules that registries name: by ``module:member``, or by the name of the file alone."""
-    found = {f"report.plots.{name}" for name in PLOTS}
-    found |= {f"cli.commands.{name.replace('-', '_')}" for name in COMMANDS}
+    found = {f"cli.commands.{name.replace('-', '_')}" for name in COMMANDS}
     for path in files():
         for node in ast.walk(tree_of(path)):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
@@ -217,9 +215,7 @@ def test_no_package_is_empty() -> None:
 
 # -- names ----------------------------------------------------------------------------------------------------
 # classes whose name another class has too; this list only ever shrinks
-SHARED_NAMES = {
-    "Formula", "Joint", "JointLimits", "Latch", "Loaded", "Motion", "Name", "PointTask",
-}  # fmt: skip
+SHARED_NAMES = {"Joint"}
 
 
 def test_one_name_of_a_class_means_one_thing() -> None:

@@ -11,12 +11,9 @@ import numpy as np
 import pytest
 
 from robodyn_cli.expr.statements import parse_variation
-from robodyn_cli.over.study.design import Design, make_design
-from robodyn_cli.over.study.report import report
-from robodyn_cli.over.study.row import RunRows
-from robodyn_cli.over.study.rows import BLOCK, REASONS_NAME, ROWS_NAME, RowFile
-from robodyn_cli.over.study.samples import strata
-from robodyn_cli.over.study.statistics import MOST, Moments, quantiles
+from robodyn_cli.over.study.design import Design, make_design, strata
+from robodyn_cli.over.study.report import MOST, Moments, quantiles, report
+from robodyn_cli.over.study.rows import BLOCK, REASONS_NAME, ROWS_NAME, RowFile, RunRows
 from robodyn_cli.over.study.study import AskedStudy, Study, prepare
 from robodyn_cli.results.hdf5 import ResultWriter, read
 from robodyn_cli.scene.load import Family, load_scene_text

@@ -178,7 +178,7 @@ def _compiled_once(scene: Path, tmp_path: Path, dask: Cluster) -> None:
 KILLER = """
 import os
 from robodyn_cli.over.study import runs
-from robodyn_cli.over.study.row import joined
+from robodyn_cli.over.study.rows import joined
 
 def deadly(task, points):
     if (points.values == 2.0).any():

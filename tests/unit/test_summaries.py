@@ -12,7 +12,7 @@ import pytest
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.results.stated_errors import STATEMENTS
 from robodyn_cli.summaries.facts import Fact, UnitOf
-from robodyn_cli.summaries.keys import EVERY_RUN, fields_at, leaf_of, leaves_of, refusal
+from robodyn_cli.summaries.keys import EVERY_RUN, _written, fields_at, leaf_of, leaves_of, refusal
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
 NAMES = {"JOINT": ("theta1", "slide", "ball.wx"), "POINT": ("tip",), "LOOP": ("pin",)}
@@ -138,6 +138,13 @@ def test_a_key_is_found_with_its_unit(command: str, key: str, unit: str) -> None
 def test_a_slip_of_the_pen_is_refused_with_the_nearest_key(command: str, key: str, near: str) -> None:
     assert refusal(command, near, NAMES) == ""
     assert f"no such key (did you mean {near!r}?)" in refusal(command, key, NAMES)
+
+
+@pytest.mark.parametrize("command", DESCRIBED)
+def test_no_key_is_refused_that_a_refusal_would_propose(command: str) -> None:
+    """As ``drives.theta1.errors.margin``, in which ``theta1.errors`` could be a name too."""
+    proposed = list(_written(command, NAMES))
+    assert proposed and [key for key in proposed if refusal(command, key, NAMES)] == []
 
 
 def test_refusals_say_what_is_allowed() -> None:

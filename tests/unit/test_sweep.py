@@ -26,10 +26,9 @@ from robodyn_cli.expr.statements import parse_variation
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.design import make_design
-from robodyn_cli.over.study.row import Task
-from robodyn_cli.over.study.rows import ROWS_NAME, RowFile
+from robodyn_cli.over.study.report import influences, share, sobol
+from robodyn_cli.over.study.rows import ROWS_NAME, RowFile, Task
 from robodyn_cli.over.study.runs import run_here
-from robodyn_cli.over.study.statistics import influences, share, sobol
 from robodyn_cli.over.study.study import AskedStudy, prepare
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text

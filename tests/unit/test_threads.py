@@ -23,15 +23,14 @@ from robodyn_cli.expr.fixed import Fixed, literal, witnessed
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
 from robodyn_cli.kernels import compiler
-from robodyn_cli.kernels.report import REPORT
+from robodyn_cli.kernels.cache import REPORT
 from robodyn_cli.kernels.samples import IterationKernel, SampleKernel
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.over.many.groups import Structures
 from robodyn_cli.over.many.simulate import Simulate
 from robodyn_cli.registry import Registry
 from robodyn_cli.threads import VARIABLES, single_thread
-from robodyn_cli.torques.dynamics import InverseDynamics
-from robodyn_cli.torques.function import StateFunction
+from robodyn_cli.torques.dynamics import InverseDynamics, StateFunction
 from robodyn_cli.works.functions.derivatives import Regressor
 
 # an import of numpy that comes too early would not hear what is asked for later

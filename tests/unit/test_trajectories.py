@@ -11,11 +11,10 @@ from robodyn_cli.scene import load_scene_text
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.cartesian import CartesianTrajectory
 from robodyn_cli.trajectories.circle import CircleTrajectory
+from robodyn_cli.trajectories.course import QuinticSpline
+from robodyn_cli.trajectories.given import JointTrajectory, TableTrajectory
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
-from robodyn_cli.trajectories.quintic_spline import QuinticSpline
 from robodyn_cli.trajectories.registry import trajectory_types
-from robodyn_cli.trajectories.smooth import JointTrajectory
-from robodyn_cli.trajectories.table import TableTrajectory
 from robodyn_cli.trajectories.way_points import QuinticTrajectory, WayPoint
 from tests.numeric import assert_close, first_derivative, second_derivative
 

@@ -13,7 +13,7 @@ from robodyn_cli import inverse, simulate
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.batch.findings import findings
-from robodyn_cli.scene.load import examine, load_scene, load_scene_text, load_urdf
+from robodyn_cli.scene.load import examine, load_description, load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.urdf.elements import mesh_file
 from robodyn_cli.scene.urdf.xml import joint_names, link_names
@@ -125,7 +125,7 @@ def _loaded(urdf: str):  # type: ignore[no-untyped-def]
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "robot.urdf"
         path.write_text(urdf, encoding="utf-8")
-        return load_urdf(path)
+        return load_description(path)
 
 
 @pytest.mark.parametrize(
@@ -163,7 +163,7 @@ def test_the_advice_for_xacro_does_not_overwrite_the_file(tmp_path: Path, name: 
     path = tmp_path / name
     path.write_text(ARM.replace("</robot>", "<xacro:macro name='x'/></robot>"), encoding="utf-8")
     with pytest.raises(SceneError) as caught:
-        load_urdf(path)
+        load_description(path)
     assert caught.value.message.endswith(f"xacro {path} > {tmp_path / target}")
 
 
@@ -275,7 +275,7 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
         load_scene(path)
     assert caught.value.details["file"] == str(tmp_path / "arm.urdf") and caught.value.details["line"] == line
     with pytest.raises(SceneError, match=words):
-        load_urdf(tmp_path / "arm.urdf")
+        load_description(tmp_path / "arm.urdf")
 
 
 def test_loops_and_mimics_in_circles(tmp_path: Path) -> None:
@@ -314,15 +314,14 @@ def test_large_files_take_linear_time(tmp_path: Path) -> None:
     def seconds(n: int) -> float:
         links = "".join(f'<link name="l{k}"/>' for k in range(n + 1))
         joints = "".join(joint(f"j{k}", f"l{k}", f"l{k + 1}", "fixed", "") for k in reversed(range(n)))
-        from robodyn_cli.scene.text.faults import Faults
-        from robodyn_cli.scene.text.nodes import Source
-        from robodyn_cli.scene.urdf.read import read_urdf
+        from robodyn_cli.scene.dialects import read_description
+        from robodyn_cli.scene.text.nodes import Faults, Source
 
         gc.collect()
         gc.disable()  # it goes through all objects again and again
         try:
             start = time.process_time()
-            read_urdf(f"<robot>{links}{joints}</robot>", Source("x", "."), Faults())
+            read_description(f"<robot>{links}{joints}</robot>", Source("x", "."), Faults(), {})
             return time.process_time() - start
         finally:
             gc.enable()

@@ -9,8 +9,8 @@ import pytest
 from robodyn_cli import deploy, load_scene
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.motion.build import build_motion
-from robodyn_cli.over.numerics import entries
-from robodyn_cli.over.numerics.work_precision import reference, work_precision
+from robodyn_cli.over.work_precision import entries
+from robodyn_cli.over.work_precision.work_precision import reference, work_precision
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 
@@ -66,15 +66,15 @@ def test_a_mechanism_that_never_locks_is_compared_by_its_motion() -> None:
 
 def test_contact_states_and_passages_are_followed() -> None:
     """Methods agree through sticking, slipping, impacts and singular poses, at the error that they are asked for."""
-    for name, changes in (
-        ("stick_slip", ()),
-        ("bouncing_pendulum", ("simulate.duration=1.5",)),
-        ("benchmarks/four_bar_n2", ("simulate.duration=2",)),
+    for name, changes, methods in (
+        ("stick_slip", (), ["gauss", "rodas5p"]),
+        ("bouncing_pendulum", ("simulate.duration=1.5",), ["dop853", "rodas5p"]),
+        ("benchmarks/four_bar_n2", ("simulate.duration=2",), ["gauss", "dop853"]),
     ):
         scene = load_scene(CONFIGS / f"{name}.yaml", changes)
-        found = work_precision(scene, ["gauss", "dop853", "rodas5p"], [1e-5, 1e-9], repeats=1).summary
+        found = work_precision(scene, methods, [1e-5, 1e-9], repeats=1).summary
         own = [r for r in found["runs"] if r["formulation"] in ("tree", "projection")]
         assert found["reference_digits"] > 9 and found["compared_until"] > 0.0
-        assert [r["status"] for r in own] == ["ok"] * 6
+        assert [r["status"] for r in own] == ["ok"] * 4
         for loose, tight in zip(own[::2], own[1::2]):
             assert tight["error"] < 1e-4 and tight["error"] < loose["error"]

@@ -9,7 +9,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, file
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED, SceneError
 
 
 def command(
@@ -27,7 +27,6 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Judge a stored result; return 1 where an expectation does not hold."""
-    from robodyn_cli.errors import SceneError
     from robodyn_cli.over.batch.criteria import judge
     from robodyn_cli.over.batch.reports import check_of
     from robodyn_cli.over.batch.stored import summary_and_scene

@@ -10,10 +10,10 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import ATOL, RTOL, AbsoluteTolerance, Quiet, RelativeTolerance, ReportAsJson
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED
 
 if TYPE_CHECKING:
-    from robodyn_cli.over.batch.trees import Compared
+    from robodyn_cli.over.batch.stored import Compared
     from robodyn_cli.results.result import Result
 
 PLURAL = {"equal": "agree", "differs": "differ"}
@@ -39,7 +39,7 @@ def command(
     quiet: Quiet = False,
 ) -> int:
     """Compare two stored results, or all results below two directories; return 1 where they differ."""
-    from robodyn_cli.over.batch.trees import is_tree
+    from robodyn_cli.over.batch.stored import is_tree
 
     console = Console(as_json, quiet)
     if is_tree(result) or is_tree(baseline):
@@ -85,7 +85,7 @@ def _only_longer(one: Result, other: Result) -> list[str]:
 
 def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
     from robodyn_cli.over.batch.reports import trees_of
-    from robodyn_cli.over.batch.trees import compare_trees
+    from robodyn_cli.over.batch.stored import compare_trees
     from robodyn_cli.results.summary import as_keys, jsonable
 
     with console.waiting(lambda: "comparing"):

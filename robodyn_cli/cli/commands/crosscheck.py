@@ -10,7 +10,7 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile, choice
 from robodyn_cli.cli.runner import placed
 from robodyn_cli.cli.words import table
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED
 
 if TYPE_CHECKING:
     from robodyn_cli.summaries.checks import CrosscheckReport

@@ -36,12 +36,12 @@ def command(
 ) -> int:
     """Write a URDF as a robot in YAML, never over another file; return the exit code."""
     from robodyn_cli.results.atomic import write_new
-    from robodyn_cli.scene.load import load_urdf
-    from robodyn_cli.scene.urdf.write import robot_yaml
+    from robodyn_cli.scene.dialects import robot_yaml
+    from robodyn_cli.scene.load import load_description
 
     console = Console(quiet=quiet)
     folders = _folders(packages or ())
-    found, scene = load_urdf(urdf, folders)
+    found, scene = load_description(urdf, folders)
     warn(scene, strict, console)
     path = robot or urdf.with_suffix(".yaml")
     write_new(path, robot_yaml(found, str(path.parent)))

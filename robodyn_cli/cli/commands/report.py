@@ -11,9 +11,10 @@ import typer
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import NoPlan, Quiet, ReportAsJson, StoredResults
+from robodyn_cli.errors import CapabilityError, RobodynError
 
 if TYPE_CHECKING:
-    from robodyn_cli.report.page.section import Shown
+    from robodyn_cli.report.page.page import Shown
     from robodyn_cli.results.result import Result
 
 SUFFIXES = (".html", ".htm")
@@ -64,7 +65,7 @@ def shown(paths: list[Path], planned: bool) -> list[Shown]:
     """
     from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.overlay import path_ends
-    from robodyn_cli.report.page.section import Shown
+    from robodyn_cli.report.page.page import Shown
 
     read = [read_stored(path) for path in paths]
     for path, result in zip(paths, read):
@@ -77,7 +78,6 @@ def shown(paths: list[Path], planned: bool) -> list[Shown]:
 
 def _require_scene(path: Path, result: Result) -> None:
     """Refuse a result with poses of which this version cannot read the scene; say which result it is."""
-    from robodyn_cli.errors import CapabilityError
     from robodyn_cli.report.drawing.build import has_poses, scene_of
 
     try:
@@ -89,7 +89,6 @@ def _require_scene(path: Path, result: Result) -> None:
 
 def plan_of(result: Result) -> Mapping[str, Any] | None:
     """Return the plan of the scene that is stored in a result; None where its command has none."""
-    from robodyn_cli.errors import RobodynError
     from robodyn_cli.over.plan.plan import plan, subjects
     from robodyn_cli.scene.load import load_scene_text
 

@@ -27,8 +27,7 @@ from robodyn_cli.cli.options import (
     number,
 )
 from robodyn_cli.cli.worker import command_line
-from robodyn_cli.errors import CapabilityError
-from robodyn_cli.exit_codes import worst
+from robodyn_cli.errors import CapabilityError, worst
 
 if TYPE_CHECKING:
     from robodyn_cli.over.batch.entries import BatchEntry
@@ -85,9 +84,9 @@ def command(
     tidy_up_first()
     try:
         from robodyn_cli.kernels.cache import cache_directory
-        from robodyn_cli.over.batch.baseline import Baseline, note
         from robodyn_cli.over.batch.batch import Batch
         from robodyn_cli.over.batch.entries import listed, load
+        from robodyn_cli.over.batch.reports import Baseline, note
         from robodyn_cli.over.batch.stored import gather
 
         cache_directory()  # says what is wrong with it once, for all scenes

@@ -33,8 +33,7 @@ def command(
 ) -> int:  # fmt: skip
     """Compute derivatives of outputs by keys."""
     from robodyn_cli.over.sensitivity.asked import prepare
-    from robodyn_cli.over.sensitivity.report import report
-    from robodyn_cli.over.sensitivity.slopes import sensitivities
+    from robodyn_cli.over.sensitivity.report import report, sensitivities
     from robodyn_cli.scene.load import Family
 
     console = shared.console

@@ -11,8 +11,7 @@ import typer
 from robodyn_cli.cli.options import SharedOptions, file
 from robodyn_cli.cli.runner import begun, output, publish, run_scene, show, store
 from robodyn_cli.cli.words import table
-from robodyn_cli.errors import SceneError
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED, SceneError
 
 
 def command(
@@ -54,7 +53,7 @@ def command(
 
 def run_suite(cases: Sequence[str] | None, quick: bool, shared: SharedOptions) -> int:
     """Run the suite; return 1 where a case misses its expectation."""
-    from robodyn_cli.over.numerics.stability_suite import suite
+    from robodyn_cli.over.stability.suite import suite
     from robodyn_cli.results.atomic import write_bytes
 
     console = shared.console

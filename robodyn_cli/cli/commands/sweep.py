@@ -16,8 +16,7 @@ from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
 from robodyn_cli.commands import SAMPLERS
-from robodyn_cli.errors import SceneError
-from robodyn_cli.exit_codes import FAILED
+from robodyn_cli.errors import FAILED, SceneError
 
 if TYPE_CHECKING:
     from types import TracebackType

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, ReportAsJson, SceneFiles, Strict
-from robodyn_cli.exit_codes import worst
+from robodyn_cli.errors import worst
 
 if TYPE_CHECKING:
     from robodyn_cli.summaries.checks import Finding

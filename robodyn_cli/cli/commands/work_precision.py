@@ -55,7 +55,7 @@ def command(
     shared: SharedOptions,
 ) -> int:
     """Compare the methods, write every run, print the best; return the exit code."""
-    from robodyn_cli.over.numerics.work_precision import work_precision
+    from robodyn_cli.over.work_precision.work_precision import work_precision
     from robodyn_cli.results.atomic import write_bytes
     from robodyn_cli.scene.load import load_scene
 
@@ -97,7 +97,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"{summary['reference_digits']:.1f} digits {extent}",
     ]
     if lock is not None:
-        lines.append(f"  lock               t = {lock:.9g} s; its error is what is compared [s]")
+        lines.append(f"  lock               t = {lock:.9g} s; its error is compared [s]")
     lines += _limits_of_comparison(summary)
     rows = [
         [

@@ -17,8 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.control.equations import ControlledEquations
-from robodyn_cli.equations.control.model import Reference, reference_of, tracked_joints
+from robodyn_cli.equations.control.model import ControlledEquations, Reference, reference_of, tracked_joints
 from robodyn_cli.equations.control.situation import At, Measured
 from robodyn_cli.equations.discontinuities import switches
 from robodyn_cli.expr.functions import maximum, minimum, nearest

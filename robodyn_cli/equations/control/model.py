@@ -1,23 +1,23 @@
-"""The model that a controller computes with: the mechanism's own, or one with other numbers.
-
-The motion that a controller follows, as expressions of time with exact derivatives.
-"""
+"""What a controller asks of the equations of its mechanism; the model that it computes with: the mechanism's own, or
+one with other numbers; the motion that it follows, as expressions of time with exact derivatives."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from robodyn_cli.algorithms.constraints import DrivenJoints
 from robodyn_cli.algorithms.external import PathKinematics, path_torques
+from robodyn_cli.algorithms.kinematics import Pose
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.control.base import PointTask
-from robodyn_cli.equations.control.equations import ControlledEquations
+from robodyn_cli.equations.constraints import Combination, Constraints, Dependence
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
+from robodyn_cli.equations.linear.residuals import LinearisedEquations
 from robodyn_cli.equations.time_structure import beside, structure
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.calculus import directional
@@ -28,9 +28,45 @@ from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.model.places import with_own_places
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Values, Vector, Wrench, vector, zeros
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, vector, zeros
 from robodyn_cli.trajectories.formulas import joint_expressions
 from robodyn_cli.trajectories.led import Followed
+
+
+class ControlledEquations(LinearisedEquations, Protocol):
+    """The equations of a scene (satisfied by ``Problem``)."""
+
+    scene: Scene
+    t: Expr
+    keep_rows: Sequence[int] | None
+    dependent: tuple[Dependence, ...]
+    braces: Mapping[int, float]
+
+    @property
+    def environment(self) -> dict[str, Any]: ...
+    @property
+    def gravity(self) -> Vector | None: ...
+    @property
+    def X(self) -> list[Transform]: ...
+    @property
+    def pose(self) -> dict[int, Pose]: ...
+    @property
+    def inverse_dynamics(self) -> Vector: ...
+    def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector: ...
+    def passive_forces(self, smooth: bool) -> dict[str, Vector]: ...
+
+    @property
+    def elimination_order(self) -> list[int]: ...
+    @property
+    def combinations(self) -> list[Combination]: ...
+    @property
+    def independent_rows(self) -> Constraints: ...
+
+    @property
+    def of(self) -> Callable[..., ControlledEquations]:
+        """What gives the equations of another scene."""
+        ...
+
 
 SET = "control.model.set"
 

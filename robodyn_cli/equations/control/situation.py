@@ -7,13 +7,12 @@ from functools import cached_property
 from typing import Any
 
 from robodyn_cli.control.base import PointTask
-from robodyn_cli.equations.control.equations import ControlledEquations
-from robodyn_cli.equations.control.model import ControllerModel, Reference
+from robodyn_cli.equations.control.model import ControlledEquations, ControllerModel, Reference
 from robodyn_cli.record import record
 from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
-from robodyn_cli.trajectories.interpolation import interpolated
+from robodyn_cli.trajectories.course import interpolated
 
 
 @record

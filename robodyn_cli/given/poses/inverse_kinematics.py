@@ -15,9 +15,9 @@ from robodyn_cli.algorithms.kinematics import world_pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.given.poses.criteria import Criterion, PositionLimits
-from robodyn_cli.given.poses.equations import PoseEquations
 from robodyn_cli.given.poses.targets import (
     PoseDemand,
+    PoseEquations,
     Poses,
     Way,
     check_choice,

@@ -15,7 +15,7 @@ from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics, explai
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.places import in_world
-from robodyn_cli.solve.inverse_kinematics import PointTask
+from robodyn_cli.solve.inverse_kinematics import PathTask
 from robodyn_cli.solve.newton import Drift
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.motion import PoseMotion
@@ -24,7 +24,7 @@ SETTLING = 10.0  # times the drift towards the criterion's optimum decays by e a
 
 
 def solver_of(
-    problem: Problem, task: PointTask, criterion: Criterion = Criterion.NEAREST
+    problem: Problem, task: PathTask, criterion: Criterion = Criterion.NEAREST
 ) -> InverseKinematics:
     """Return the inverse kinematics of what a path leads.
 
@@ -42,7 +42,7 @@ def solver_of(
     )
 
 
-def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
+def start_of(problem: Problem, task: PathTask) -> Mapping[str, float] | None:
     """Return the joint positions at t = 0 on the branch ``ik.branch``, or at the best value of ``ik.redundancy``.
 
     None where neither decides: then the motion starts near the positions given, or the closed form of a planar arm
@@ -89,7 +89,7 @@ def start_of(problem: Problem, task: PointTask) -> Mapping[str, float] | None:
     return dict(zip(problem.model.q_names, found.q[0].tolist()))
 
 
-def _near(task: PointTask) -> Array:
+def _near(task: PathTask) -> Array:
     """Return the positions (1, nq) from which the start is sought: prescribed joints are where they begin."""
     given = None if task.prescribed else task.start_positions()
     if given is not None:
@@ -100,7 +100,7 @@ def _near(task: PointTask) -> Array:
     return near[None]
 
 
-def _refuse_unknown_start(task: PointTask) -> None:
+def _refuse_unknown_start(task: PathTask) -> None:
     """Refuse a path whose first target in the world is not known, or not that of the joints to be found alone.
 
     Raises
@@ -128,7 +128,7 @@ def _refuse_unknown_start(task: PointTask) -> None:
         )
 
 
-def drift_of(problem: Problem, task: PointTask) -> Drift:
+def drift_of(problem: Problem, task: PathTask) -> Drift:
     """Return the rates u = -k grad h(q) towards the best value of h = |c|^2 / 2, and u-dot (Liegeois 1977).
 
     k is such that the distance from the optimum decays by e ``SETTLING`` times along the path, in the units of the

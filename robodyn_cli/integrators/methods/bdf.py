@@ -22,8 +22,7 @@ from robodyn_cli.integrators.stepping.control import (
     mean_squares,
     tolerance,
 )
-from robodyn_cli.integrators.stepping.factors import derivatives_of, real_factors
-from robodyn_cli.integrators.stepping.newton import NewtonLimits, Rounds
+from robodyn_cli.integrators.stepping.factors import NewtonLimits, Rounds, derivatives_of, real_factors
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total

@@ -24,10 +24,11 @@ from robodyn_cli.integrators.stepping.control import (
 from robodyn_cli.integrators.stepping.factors import (
     ComplexArray,
     ComplexFactors,
+    NewtonLimits,
+    Rounds,
     complex_factors,
     derivatives_of,
 )
-from robodyn_cli.integrators.stepping.newton import NewtonLimits, Rounds
 from robodyn_cli.integrators.stepping.stepper import Method, Stepper, StepProgram
 from robodyn_cli.integrators.stepping.writer import Writer
 from robodyn_cli.kernels.arrays import Array, Total

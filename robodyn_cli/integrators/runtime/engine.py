@@ -1,16 +1,18 @@
-"""The compiled side of an integrator: a method's code for a system, and all the memory that it works on."""
+"""The compiled side of an integrator: a method's code for a system, and the memory of a run as it begins."""
 
 from __future__ import annotations
 
 import ctypes
-from typing import TYPE_CHECKING
+import math
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.memory import Memory, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Memory, Status
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
@@ -18,7 +20,7 @@ from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.integrators.runtime.updates import UpdateMemory
+    from robodyn_cli.integrators.stepping.updates import UpdateMemory
 
 MANY = 4000  # operations beyond which programs are interpreted at first: compiling them takes 80 us each
 # A run is interpreted for so many steps, or so many for each operation where that is more: the longer it takes to
@@ -51,7 +53,7 @@ class Engine:
         self.tables = self._method.tables(system)
         self.updates: UpdateMemory | None = None
         if system.updates is not None:
-            from robodyn_cli.integrators.runtime.updates import UpdateMemory
+            from robodyn_cli.integrators.stepping.updates import UpdateMemory
 
             self.updates = UpdateMemory(system.updates, len(system.q_places), len(system.v_places))
         operations = sum(program.operations for program in self.tables.programs)
@@ -124,3 +126,35 @@ class Engine:
         """Return the event functions where they were last evaluated."""
         values: list[float] = self._values.tolist()
         return values
+
+
+SMALLEST_ATOL = 1e-300  # keeps weights finite where the tolerance is zero
+FIRST = 1e-3  # first step of a run, as a part of the time to its end
+
+
+def doubles_at_start(time: float, options: Options) -> dict[int, float]:
+    """Return the slots of doubles that are not zero as a run begins."""
+    return {
+        DoubleSlot.T: time,
+        DoubleSlot.RTOL: options.rtol,
+        DoubleSlot.ATOL: max(options.atol, SMALLEST_ATOL),
+        DoubleSlot.H_MAX: options.max_step,
+        DoubleSlot.CONTRACTION: 1.0,
+        DoubleSlot.LAST_ERROR: 1.0,
+        DoubleSlot.T_AFTER: -math.inf,
+        DoubleSlot.T_BEFORE: math.inf,
+    }
+
+
+def integers_at_start(velocities: int) -> dict[int, int]:
+    """Return the slots of integers that are not zero as a run begins, without samples."""
+    return {IntegerSlot.VELOCITIES: velocities, IntegerSlot.LAST_SAMPLE: -1}
+
+
+def first_step(way: Any, options: Options) -> Any:
+    """Return the first step of a run over times ``way`` [s]: numbers or arrays.
+
+    It is well below any sensible step: growth is quick, and a first step that is far too long can look good where
+    derivatives happen to vanish.
+    """
+    return FIRST * options.first * way

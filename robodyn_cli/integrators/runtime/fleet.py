@@ -16,8 +16,14 @@ from numpy.typing import NDArray
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
-from robodyn_cli.integrators.runtime.engine import ADDRESS, NUMBER, Engine
+from robodyn_cli.integrators.runtime.engine import (
+    ADDRESS,
+    NUMBER,
+    Engine,
+    doubles_at_start,
+    first_step,
+    integers_at_start,
+)
 from robodyn_cli.integrators.runtime.memory import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.integrators.stepping.lanes import JOB, suits, write_lanes, write_many

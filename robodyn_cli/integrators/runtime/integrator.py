@@ -14,8 +14,7 @@ from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.begin import doubles_at_start, first_step, integers_at_start
-from robodyn_cli.integrators.runtime.engine import Engine
+from robodyn_cli.integrators.runtime.engine import Engine, doubles_at_start, first_step, integers_at_start
 from robodyn_cli.integrators.runtime.memory import (
     UNARMED,
     DoubleSlot,

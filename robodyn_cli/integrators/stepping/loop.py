@@ -90,7 +90,7 @@ def _write_loop(w: Writer, stepper: Stepper[Any]) -> None:
                 remember(w, verdict)
                 stepper.save_dense(step.t, step.h, attempt.kept)
                 if w.system.events:
-                    from robodyn_cli.integrators.event_location.search import find_event
+                    from robodyn_cli.integrators.event_location.events import find_event
 
                     find_event(w, stepper, step.t, step.h, run)
                 _commit(w, step, verdict, stepper.method.adaptive)

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import numpy as np
 
-from robodyn_cli.algorithms.kinematics import Motion
+from robodyn_cli.algorithms.kinematics import BodyMotion
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols
 from robodyn_cli.joints.base import Joint
@@ -98,7 +98,7 @@ class RolledPlan:
         words = np.zeros(Header.SIZE + len(bodies) * TableRow.SIZE)
         header = words[: Header.SIZE]
         header.view(np.int64)[[Header.BODIES, Header.SLOTS]] = len(bodies), self.slots
-        rest = Motion.at_rest(gravity)
+        rest = BodyMotion.at_rest(gravity)
         header[Header.BASE_MOTION : Header.BASE_MOTION + 9] = [*rest.w, *rest.wd, *rest.a]
         rows = words[Header.SIZE :].reshape(len(bodies), TableRow.SIZE)
         whole = rows.view(np.int64)

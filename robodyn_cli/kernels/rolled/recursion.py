@@ -24,7 +24,7 @@ from functools import lru_cache
 from typing import Any
 
 from robodyn_cli.algorithms.aba import factor_joint
-from robodyn_cli.algorithms.kinematics import Motion, step_motion, step_transform
+from robodyn_cli.algorithms.kinematics import BodyMotion, step_motion, step_transform
 from robodyn_cli.algorithms.rnea import drive_torque, inertial_wrench
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, is_nonzero, reachable
 from robodyn_cli.expr.rebuild import apply
@@ -87,8 +87,8 @@ def _twist(xs: Sequence[Scalar]) -> Twist:
     return Twist(vector(xs[0:3]), vector(xs[3:6]))
 
 
-def _motion(xs: Sequence[Scalar]) -> Motion:
-    return Motion(vector(xs[0:3]), vector(xs[3:6]), vector(xs[6:9]))
+def _motion(xs: Sequence[Scalar]) -> BodyMotion:
+    return BodyMotion(vector(xs[0:3]), vector(xs[3:6]), vector(xs[6:9]))
 
 
 def _articulated(xs: Sequence[Scalar]) -> ArticulatedInertia:

@@ -16,9 +16,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO, Any
 
-from robodyn_cli import exit_codes
-from robodyn_cli.errors import NumericalError
-from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
+from robodyn_cli import errors as exit_codes
+from robodyn_cli.errors import INTERNAL, INTERRUPTED, NumericalError
 from robodyn_cli.over.batch.criteria import exit_code
 from robodyn_cli.over.batch.entries import BatchEntry, finished, settle
 from robodyn_cli.results.output_dir import SUMMARY_NAME, OutputDirectory

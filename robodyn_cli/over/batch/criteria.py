@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from robodyn_cli.errors import SceneError, did_you_mean
-from robodyn_cli.exit_codes import INTERNAL, OF_STATUS
+from robodyn_cli.errors import INTERNAL, OF_STATUS, SceneError, did_you_mean
 from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.summaries.checks import JudgedCriterion
 

@@ -9,22 +9,18 @@ import dataclasses
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
-from robodyn_cli.errors import ResultFileError, RobodynError, SceneError
-from robodyn_cli.exit_codes import FAILED, worst
+from robodyn_cli.errors import FAILED, ResultFileError, RobodynError, SceneError, worst
 from robodyn_cli.over.batch.criteria import EXIT_CODE, exit_code, judge
 from robodyn_cli.record import mutable_record
 from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, same_run
-from robodyn_cli.results.provenance import sha256
-from robodyn_cli.results.summary import read_summary
+from robodyn_cli.results.summary import read_summary, sha256
 from robodyn_cli.scene.load import load_scene
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.checks import BaselineReport, JudgedCriterion
 from robodyn_cli.version import __version__
-
-if TYPE_CHECKING:
-    from robodyn_cli.scene.types import Scene
 
 
 @mutable_record

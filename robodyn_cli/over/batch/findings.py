@@ -10,8 +10,7 @@ import numpy as np
 
 from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.model.consistency import doubtful_bodies
-from robodyn_cli.over.commands import check, command_of
-from robodyn_cli.over.placing import owners, place
+from robodyn_cli.over.commands import check, command_of, owners, place
 from robodyn_cli.over.plan.text import listed_data
 from robodyn_cli.scene.load import examine
 from robodyn_cli.scene.text.nodes import Node, dotted, located, name_of, nearest

@@ -1,7 +1,5 @@
-"""Results of earlier runs, by the directory or the file that holds them.
-
-The scenes that files, folders and patterns on a command line mean.
-"""
+"""Results of earlier runs, by the directory or file that holds them; directories of results compared; the scenes that
+files, folders and patterns mean."""
 
 from __future__ import annotations
 
@@ -11,9 +9,11 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.errors import ResultFileError, SceneError
+from robodyn_cli.errors import FAILED, ResultFileError, RobodynError, SceneError
+from robodyn_cli.record import record
+from robodyn_cli.results.compare import Difference, compare
 from robodyn_cli.results.hdf5 import read
-from robodyn_cli.results.output_dir import RESULT_NAME, SUMMARY_NAME, same_run
+from robodyn_cli.results.output_dir import RESULT_NAME, RUN_ID, SUMMARY_NAME, same_run
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.scene.load import is_part
@@ -112,3 +112,118 @@ def _of(word: str) -> Iterator[Path]:
                 yield file
     else:
         yield path
+
+
+# from what cannot be compared to what only the new tree has
+RANK = {"unreadable": 0, "missing": 1, "differs": 2, "equal": 3, "extra": 4}
+
+MOST_TOLD = 5  # datasets of one of many results
+
+
+@record
+class Compared:
+    """A result beside its baseline.
+
+    ``verdict`` is ``"equal"`` (within tolerance), ``"differs"``, ``"missing"`` (only in the baseline), ``"extra"``
+    (only in the results) or ``"unreadable"``. message : why the two could not be compared. differing : datasets, worst
+    first.
+    """
+
+    name: str
+    verdict: str
+    message: str = ""
+    differing: tuple[Difference, ...] = ()
+
+    @property
+    def exit_code(self) -> int:
+        """What this pair alone would end with."""
+        return {"equal": 0, "extra": 0, "unreadable": ResultFileError.exit_code}.get(self.verdict, FAILED)
+
+    @property
+    def lines(self) -> list[str]:
+        """Why the two could not be compared, or the datasets that differ most, in words."""
+        found = [self.message] if self.message else []
+        found += [f"{item.path}: {item.text}" for item in self.differing[:MOST_TOLD]]
+        more = len(self.differing) - MOST_TOLD
+        if more > 0:
+            found.append(f"and {more} more; robodyn compare of these two results lists all")
+        return found
+
+    @property
+    def sort_key(self) -> tuple[float, ...]:
+        """Worst first: what cannot be compared, then datasets that cannot, then by how much they differ."""
+        by_value = [item.ratio for item in self.differing if item.verdict == "differs"]
+        odd = len(self.differing) - len(by_value)
+        return RANK[self.verdict], -odd, -max(by_value, default=0.0)
+
+
+def is_tree(path: Path) -> bool:
+    """Tell whether a path means all results below it: a directory that is not the output directory of a run."""
+    return path.is_dir() and not is_run(path)
+
+
+def compare_trees(results: Path, baselines: Path, *, rtol: float, atol: float) -> list[Compared]:
+    """Return how all results below two directories compare, worst first; what has the same path from there belongs
+    together.
+
+    Raises
+    ------
+    ResultFileError : there is no result below one of them.
+    """
+    new, old = _required(results, baselines), _required(baselines, results)
+    pairs = [Compared(name, "missing") for name in old - new] + [
+        Compared(name, "extra") for name in new - old
+    ]
+    for name in new & old:
+        pairs.append(compare_stored(name, results / name, baselines / name, rtol=rtol, atol=atol))
+    return sorted(pairs, key=lambda pair: (*pair.sort_key, pair.name))
+
+
+def _required(root: Path, other: Path) -> set[str]:
+    """Return the runs below a directory, of which there must be some since they are compared with those of another."""
+    if not is_tree(root):
+        raise ResultFileError(
+            f"{root} is no directory with results below it, but {other} is; name two results or two such directories",
+            path=str(root),
+        )
+    found = runs_below(root)
+    if not found:
+        raise ResultFileError(f"{root}: there is no result in it, nor below it", path=str(root))
+    return found
+
+
+def runs_below(root: Path) -> set[str]:
+    """Return the output directories of runs below a directory, by their paths from there."""
+    found = set()
+    for folder, below, _ in os.walk(root):
+        below[:] = [name for name in below if not name.startswith(".")]
+        if is_run(Path(folder)):
+            found.add(Path(folder).relative_to(root).as_posix())
+    return found
+
+
+def compare_stored(name: str, result: Path, baseline: Path, *, rtol: float, atol: float) -> Compared:
+    """Return how the results of two output directories compare."""
+    try:
+        found = compare(read_run(result), read_run(baseline), rtol=rtol, atol=atol)
+    except RobodynError as error:
+        return Compared(name, "unreadable", error.message)
+    return Compared(name, "equal" if found.agrees else "differs", differing=found.differing)
+
+
+def read_run(directory: Path) -> Result:
+    """Return what a run left in its output directory; of one that failed before it had samples the status alone.
+
+    Raises
+    ------
+    ResultFileError : there is nothing, or it cannot be read.
+    """
+    summary = read_summary(directory / SUMMARY_NAME)
+    if (directory / RESULT_NAME).exists() or RUN_ID not in summary:
+        return read_stored(directory)
+    return Result(str(summary.get("command")), str(summary.get("title")), str(summary.get("status")), "")
+
+
+def is_run(directory: Path) -> bool:
+    """Tell whether a directory is the output directory of a run."""
+    return (directory / RESULT_NAME).exists() or RUN_ID in read_summary(directory / SUMMARY_NAME)

@@ -10,8 +10,7 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.over.commands import command_of, locks
-from robodyn_cli.over.crosscheck.engine import PeerEngine
-from robodyn_cli.over.crosscheck.translation import Translation, translate
+from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translate
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.summaries.checks import ComparedQuantity, CrosscheckReport
@@ -73,10 +72,10 @@ def compared_command(scene: Scene) -> str:
 
 def _engine(name: str) -> Callable[[Any], PeerEngine]:
     if name == "pinocchio":
-        from robodyn_cli.over.crosscheck.in_pinocchio import InPinocchio
+        from robodyn_cli.over.crosscheck.engines import InPinocchio
 
         return InPinocchio
-    from robodyn_cli.over.crosscheck.in_mujoco import InMujoco
+    from robodyn_cli.over.crosscheck.engines import InMujoco
 
     return InMujoco
 

@@ -11,8 +11,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.errors import RobodynError
-from robodyn_cli.exit_codes import INTERNAL
+from robodyn_cli.errors import INTERNAL, RobodynError
 from robodyn_cli.over.batch.criteria import exit_code, lookup_number
 from robodyn_cli.over.many.groups import Built, Structures
 from robodyn_cli.over.many.keys import Key, settings

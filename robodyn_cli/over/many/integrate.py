@@ -18,8 +18,7 @@ from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, Status
 from robodyn_cli.integrators.runtime.options import JUDGED, Options, stride_of
-from robodyn_cli.motion.error.attempts import Attempt, First, Masks, integrate_again
-from robodyn_cli.motion.error.estimate import Courses, remainder
+from robodyn_cli.motion.error import Attempt, Courses, First, Masks, integrate_again, remainder
 from robodyn_cli.motion.method import compare
 from robodyn_cli.motion.self_check import EPS, allowed_drift, is_judged_by_energy
 from robodyn_cli.motion.stiffness import COST, FIRST_LOOK, MOST, WORTH, largest_decays
@@ -30,7 +29,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.error.conditioning import Conditioning
+    from robodyn_cli.motion.conditioning import Conditioning
 
 
 @record

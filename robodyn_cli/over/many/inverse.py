@@ -25,7 +25,7 @@ from robodyn_cli.torques.build import OpenChain
 from robodyn_cli.torques.checks import FIGURES, Loaded
 from robodyn_cli.torques.program import InverseProgram
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
-from robodyn_cli.works.inverse import at_rest, program_of
+from robodyn_cli.works.inverse import at_rest, inverse, program_of
 
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
 
@@ -156,8 +156,6 @@ class InverseRuns(BatchCommand[InverseStructure]):
         return found
 
     def single(self, scene: Scene) -> Result:
-        from robodyn_cli.works.inverse import inverse
-
         return inverse(scene)
 
     def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:

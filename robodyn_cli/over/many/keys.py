@@ -11,7 +11,7 @@ import numpy as np
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.fixed import Fixed
-from robodyn_cli.expr.formula import Formula
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.formula_tree import Num
 from robodyn_cli.model.places import with_places
 from robodyn_cli.record import record
@@ -150,7 +150,7 @@ def _same(one: Any, two: Any) -> bool:
 
 def _parts(x: Any) -> list[tuple[str, Any, Any]] | None:
     """Return the parts of a value, (name, part, default); None where it has none."""
-    if isinstance(x, Formula) and isinstance(x.root, Num):
+    if isinstance(x, FormulaTree) and isinstance(x.root, Num):
         return [("", x.root.number, None)]
     if dataclasses.is_dataclass(x):
         return [

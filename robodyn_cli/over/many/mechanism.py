@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.over.many.command import ManyRuns
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, Making, ManyRuns
 from robodyn_cli.over.many.groups import Structures
 from robodyn_cli.over.many.keys import Allowed, Key, understand
 from robodyn_cli.scene.load import Family
@@ -18,11 +19,6 @@ from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.threads import one_at_a_time
 from robodyn_cli.works.functions.model import ModelFunctions
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from robodyn_cli.over.many.command import BatchCommand, Making
 
 Values = Mapping[str, Any] | Any
 Start = tuple[Array | None, Array | None]
@@ -194,8 +190,6 @@ class Mechanism(ModelFunctions):
         self, command: BatchCommand[Any], result: ManyRuns, start: Start, samples: int, threads: int
     ) -> tuple[Making, NDArray[np.int64]]:
         """Return what makes the runs, and the numbers of those whose values are allowed."""
-        from robodyn_cli.over.many.command import AskedRuns, Making
-
         refused = self._allowed.refusals(result.values)
         for row, error in refused.items():
             result.code[row], result.reason[row] = error.exit_code, error.message

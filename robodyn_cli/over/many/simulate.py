@@ -14,8 +14,7 @@ from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
 from robodyn_cli.motion.build import build_motion
-from robodyn_cli.motion.error.attempts import First, Masks
-from robodyn_cli.motion.error.estimate import time_errors
+from robodyn_cli.motion.error import First, Masks, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.groups import first_of
@@ -28,8 +27,8 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.tools.stopwatch import Stopwatch
-from robodyn_cli.works.deploy.deploy import build_deployment
+from robodyn_cli.tools.progress import Stopwatch
+from robodyn_cli.works.deploy.deploy import build_deployment, deploy
 from robodyn_cli.works.deploy.lock import TRUSTED
 
 SECOND_STEPS = "error_estimate.steps"
@@ -254,8 +253,6 @@ class Deploy(MotionCommand):
         return result.time_error[rows] if key == LOCK_TIME else math.nan
 
     def single(self, scene: Scene) -> Result:
-        from robodyn_cli.works.deploy.deploy import deploy
-
         return deploy(scene)
 
     def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:

@@ -21,7 +21,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
-    from robodyn_cli.motion.error.conditioning import Conditioning
+    from robodyn_cli.motion.conditioning import Conditioning
 
 
 class Buildable(Protocol):

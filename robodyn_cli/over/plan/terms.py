@@ -171,7 +171,7 @@ def fixed_links(e: PlanEquations) -> Terms:
     if names:
         apart = Problem(e.here.scene, model=build_model(e.here.scene, merge=False))
         work = count_operations(list(apart.bias)) - count_operations(list(e.problem.bias))
-        why = f"the links on {listed(names)} are merged into what carries them; counted: in h(q, qd)"
+        why = f"the links on {listed(names)} are merged into their carriers; counted: in h(q, qd)"
         yield Term("links on fixed joints", False, why, max(0, work))
 
 
@@ -193,7 +193,7 @@ def loops(e: PlanEquations) -> Terms:
             yield Term(
                 f"{title}: {plural(len(dropped), 'row')} {listed(dropped)}",
                 False,
-                f"{where}, so these rows vanish identically; counted: what they would add in space",
+                f"{where}, so these rows vanish identically; counted: their operations in space",
                 (space, dataclasses.replace(space, rows=others)),
             )
 

@@ -58,7 +58,7 @@ NUMBER = 11
 INDENT = "  "
 LOOPS = (
     ("the open tree, loops cut", "open_tree"),
-    ("what the loops add", "loop_terms"),
+    ("terms of the loops", "loop_terms"),
     ("together: equation (36)", "operations"),
     ("an open chain of as many joints", "open_chain_of_as_many_joints"),
     ("projection of positions", "projection_of_positions"),
@@ -98,8 +98,8 @@ class _Page:
                 yield from self.row(entry["term"], entry[count], entry["reason"])
         yield ""
         yield from self.wrapped(
-            "Kept: what leaving it out would save. Left out: what it would add in general form. Terms share "
-            "work, so these figures do not add up to the total."
+            "Kept: operations that leaving a term out would save. Left out: operations that it would add in general "
+            "form. Terms share work, so these figures do not add up to the total."
             if plan["terms_counted"]
             else "Terms are not counted one by one for a model of this size."
         )

@@ -13,8 +13,8 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from robodyn_cli.equations.braces import Braces
 from robodyn_cli.equations.constraints import Constraints, Dependence
+from robodyn_cli.equations.prescribed import Braces
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.forces.friction import CoulombPair, Friction

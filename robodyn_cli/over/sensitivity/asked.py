@@ -11,7 +11,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places, with_free
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
-from robodyn_cli.over.study.row import RunRows, Task
+from robodyn_cli.over.study.rows import RunRows, Task
 from robodyn_cli.over.study.study import run_nominal, units_of_keys
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family

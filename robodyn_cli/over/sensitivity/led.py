@@ -72,7 +72,9 @@ def _slopes(asked: AskedSlopes, k: int, give: Callable[[Scene], Arrays]) -> list
         noise = np.array([np.full(raw[0].shape, ROUNDED * size / step) for step in steps])
         slope, error = extrapolated(raw, noise)
         if np.any(error > JUMPS * float(np.abs(slope).max(initial=0.0)) + noise[-1].max(initial=0.0)):
-            raise CapabilityError("what the trajectory asks jumps at a sample when the key changes")
+            raise CapabilityError(
+                "the motion that the trajectory gives jumps at a sample when the key changes"
+            )
         found.append(slope)
     return found
 
@@ -113,7 +115,7 @@ class LedSlopes:
 
     Raises
     ------
-    CapabilityError : an operation, or a number, has no derivative.
+    CapabilityError : an operation, or a number, has no derivative, or the motion has no times of its own.
     """
 
     def __init__(
@@ -123,6 +125,8 @@ class LedSlopes:
         numbers: Sequence[int],
         course_of: Callable[[Scene], LedCourse],
     ) -> None:
+        if scene.trajectory is not None and not scene.trajectory.in_time:
+            raise CapabilityError("limits of torques or paths decide the motion")
         self.asked, self.numbers, self.course_of = asked, numbers, course_of
         self.course = course_of(scene)
         self.places = asked.places(numbers)
@@ -179,7 +183,9 @@ class LedMotion:
         J = along["J"].reshape(len(dt), -1, self.nv) * conditions.lengths / sizes
         s = np.linalg.svd(J, compute_uv=False)
         if s.shape[1] < self.nv or np.any(s[:, -1] < SINGULAR * s[:, 0]):
-            raise CapabilityError("what is led leaves joints free, which go the way with the least rates")
+            raise CapabilityError(
+                "the led joints or point leave joints free, which go the way with the least rates"
+            )
         back = conditions.lengths[:, None] * np.linalg.pinv(J)
         moved = {"t": dt}
         N = along["N"].reshape(len(dt), -1, self.nv)

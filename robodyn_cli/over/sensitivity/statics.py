@@ -23,21 +23,25 @@ from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
-from robodyn_cli.over.sensitivity.exact import Found, compared
-from robodyn_cli.over.sensitivity.figures import slopes_along
-from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients
+from robodyn_cli.over.sensitivity.differences import Slope
+from robodyn_cli.over.sensitivity.gradients import KEYS, Along, MotionGradients, slopes_along
 from robodyn_cli.over.sensitivity.led import velocity_map
-from robodyn_cli.over.sensitivity.motion.start import Closing, given_slopes
-from robodyn_cli.over.sensitivity.slope import Slope
+from robodyn_cli.over.sensitivity.motion.ends import Closing, given_slopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, least_norm_change, share, share_change
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
-from robodyn_cli.works.balance import balanced, holding_joints, load_at_rest, staying
-from robodyn_cli.works.statics import closed_configuration, problem_of
+from robodyn_cli.works.statics import (
+    balanced,
+    closed_configuration,
+    holding_joints,
+    load_at_rest,
+    problem_of,
+    staying,
+)
 
-RANK = 1e-8  # as ``solve/equilibrium.py`` solves for multipliers
+RANK = 1e-8  # as ``solve/load_sharing.py`` solves for multipliers
 INDIFFERENT = 1e-9  # part of the largest stiffness below which a configuration may be any
 
 
@@ -59,16 +63,6 @@ class Rest:
 
     values: dict[str, Array]
     changes: dict[str, Array]
-
-
-def slopes(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
-    """Return the derivatives of the figures of ``statics`` by some keys.
-
-    Raises
-    ------
-    CapabilityError : they cannot be computed exactly.
-    """
-    return compared(StaticsSlopes, asked, numbers)
 
 
 class StaticsSlopes:

@@ -18,10 +18,8 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, OutputError
 from robodyn_cli.kernels.compiler import machine
-from robodyn_cli.over.study.compiled import LARGEST_BLOCK, Compiled, suits
-from robodyn_cli.over.study.row import Points, RunRows, Task, killed
-from robodyn_cli.over.study.rows import RowFile
-from robodyn_cli.over.study.runs import SceneSource, Waiting, run_points
+from robodyn_cli.over.study.rows import Points, RowFile, RunRows, Task, killed
+from robodyn_cli.over.study.runs import LARGEST_BLOCK, Compiled, SceneSource, Waiting, run_points, suits
 from robodyn_cli.record import record
 from robodyn_cli.version import __version__
 

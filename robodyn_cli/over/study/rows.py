@@ -1,4 +1,5 @@
-"""The rows of a study in a file, each at the place of its run, so that any number of runs takes the same memory.
+"""What runs of a study share and give: rows in a file, each at the place of its run, so that any number of runs takes
+the same memory.
 
 A file that an earlier process left is gone on with. Rows of another design, of more samples say, are found by their
 values and taken over.
@@ -9,7 +10,7 @@ from __future__ import annotations
 import contextlib
 import json
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any
@@ -17,10 +18,83 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.errors import INTERNAL
 from robodyn_cli.over.study.design import Design
-from robodyn_cli.over.study.row import Points, RunRows, Runs, Task
+from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, write_bytes
+from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
+
+Runs = NDArray[np.int64]
+
+
+@record
+class Task:
+    """What all runs of a study share: their scenes, the command, the keys that vary, the outputs."""
+
+    family: Family
+    command: str
+    keys: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    @property
+    def layout(self) -> np.dtype[Any]:
+        """What is kept of a run.
+
+        values : of the keys. outputs, errors : numbers, nan where a run has none. code : exit code that the command
+        would have. holds : whether all of ``expect`` holds. done : 1 once the run was made.
+        """
+        keys, outputs = (len(self.keys),), (len(self.outputs),)
+        return np.dtype([
+            ("values", "<f8", keys), ("outputs", "<f8", outputs), ("errors", "<f8", outputs),
+            ("code", "<i2"), ("holds", "?"), ("done", "?"),
+        ])  # fmt: skip
+
+
+@record
+class RunRows:
+    """What some runs of a study gave.
+
+    runs : their numbers (n,). rows : what they gave (n,), see ``Task.layout``. reasons : why those failed that did, by
+    the number of the run.
+    """
+
+    runs: Runs
+    rows: NDArray[Any]
+    reasons: dict[int, str]
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+
+def joined(parts: Sequence[RunRows]) -> RunRows:
+    """Return the rows of several parts as one."""
+    reasons = {run: reason for part in parts for run, reason in part.reasons.items()}
+    return RunRows(np.concatenate([p.runs for p in parts]), np.concatenate([p.rows for p in parts]), reasons)
+
+
+@record
+class Points:
+    """Runs that are to be made: their numbers (n,) and values (n, keys)."""
+
+    runs: Runs
+    values: Array
+
+    def __len__(self) -> int:
+        return len(self.runs)
+
+    def part(self, which: Any) -> Points:
+        """Return some of them."""
+        return Points(self.runs[which], self.values[which])
+
+
+def killed(points: Points, task: Task) -> RunRows:
+    """Return the row of a run with which its process died."""
+    row = np.zeros(1, task.layout)
+    row["values"], row["code"], row["done"] = points.values, INTERNAL, True
+    row["outputs"] = row["errors"] = np.nan
+    return RunRows(points.runs, row, {int(points.runs[0]): "the process of this run was ended from outside"})
+
 
 ROWS_NAME, REASONS_NAME = "unfinished.rows", "unfinished.jsonl"
 BLOCK = 8192  # rows that are read at a time

@@ -18,11 +18,10 @@ from robodyn_cli.over.batch.criteria import lookup, refuse_unknown
 from robodyn_cli.over.many.command import number_of
 from robodyn_cli.over.many.keys import Allowed, setting, understand
 from robodyn_cli.over.study.design import Design, make_design
-from robodyn_cli.over.study.row import RunRows, Task
-from robodyn_cli.over.study.rows import RowFile
+from robodyn_cli.over.study.rows import RowFile, RunRows, Task
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
-from robodyn_cli.results.provenance import sha256
+from robodyn_cli.results.summary import sha256
 from robodyn_cli.scene.checks.scene import key_names
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions

@@ -10,11 +10,10 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.report.decimate import finite
-from robodyn_cli.report.drawing.bodies import Links, colour_of, hide, payload_parts
-from robodyn_cli.report.drawing.joints import Connections
+from robodyn_cli.report.drawing.parts import Connections, Links, colour_of, hide, payload_parts
 from robodyn_cli.report.drawing.places import STILL, DrawnExpressions, arrows, evenly, loads, moving_paths
 from robodyn_cli.report.drawing.record import Drawing, Trail
+from robodyn_cli.report.lines import finite
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene_text

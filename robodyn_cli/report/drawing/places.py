@@ -18,11 +18,11 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.expr.rebuild import Interpreter
+from robodyn_cli.model.joints import joint_axes
 from robodyn_cli.model.model import FixedFrame
-from robodyn_cli.model.placement import joint_axes
 from robodyn_cli.record import record
-from robodyn_cli.report.decimate import finite
 from robodyn_cli.report.drawing.record import Arrow, Drawing, Trail
+from robodyn_cli.report.lines import finite
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array, Matrix, Vector, identity, zeros
 

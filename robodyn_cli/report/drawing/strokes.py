@@ -9,9 +9,9 @@ import numpy as np
 
 from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.camera import View
-from robodyn_cli.report.drawing.pins import pin_strokes
 from robodyn_cli.report.drawing.record import FAINT, INK, PAPER, DrawnPart, Stroke, body, mixed
 from robodyn_cli.report.drawing.record import GRID as LINES
+from robodyn_cli.report.drawing.symbols import pin_strokes
 from robodyn_cli.report.style import ALARM
 from robodyn_cli.scene.mesh.surfaces import CUBE
 from robodyn_cli.spatial.algebra import Array

@@ -23,7 +23,7 @@ from matplotlib.lines import Line2D
 from matplotlib.text import Annotation
 
 from robodyn_cli.report.canvas import NOTE
-from robodyn_cli.report.decimate import envelope
+from robodyn_cli.report.lines import envelope
 from robodyn_cli.spatial.algebra import Array
 
 

@@ -14,7 +14,7 @@ from robodyn_cli.report.drawing.places import evenly, nearest
 from robodyn_cli.report.drawing.record import Drawing, DrawnPart, Trail
 from robodyn_cli.report.movie.frames import usual_speed
 from robodyn_cli.report.page.charts import Arrays
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.style import number
 from robodyn_cli.results.moments import Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.mesh.surfaces import CUBE, Surface

@@ -1,18 +1,218 @@
-"""A page of results: one file that needs no network, with a policy that lets nothing but its own script run."""
+"""A page of results, a section each: one file that needs no network, with a policy that lets nothing but its own script
+run."""
 
 from __future__ import annotations
 
 import base64
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from importlib.resources import files
+from io import BytesIO
 from pathlib import Path
+from typing import Any
 
-from robodyn_cli.report.page.charts import Store
-from robodyn_cli.report.page.section import Shown, section
+from matplotlib.figure import Figure
+from matplotlib.transforms import Bbox
+
+from robodyn_cli.record import record
+from robodyn_cli.report.canvas import below_heading, decisive_text, print_figure
+from robodyn_cli.report.drawing.build import has_poses
+from robodyn_cli.report.figures import notes
+from robodyn_cli.report.page import tables
+from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned
+from robodyn_cli.report.page.motion import motion_data
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
+from robodyn_cli.report.registry import applicable, draw
+from robodyn_cli.report.style import number, styled
 from robodyn_cli.results.atomic import write_bytes
+from robodyn_cli.results.moments import moments
+from robodyn_cli.results.result import Result
 from robodyn_cli.version import __version__
+
+LARGEST_SVG = 250_000  # bytes; a picture with more is smaller as pixels
+SPEEDS = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
+ALARMS = ("failed", "warning")  # how notes begin that nobody should miss
+LISTED = 12  # moments that have a button
+HELP = "Drag or arrow keys: turn. Wheel, pinch, + and −: zoom. Shift and drag: move. 0: as at first. Space: play."
+THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
+
+
+@record
+class Shown:
+    """A result on a page: its label, and the plan of its scene, None where there is none."""
+
+    label: str
+    result: Result
+    plan: Mapping[str, Any] | None = None
+
+
+def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
+    """Return the section of the ``place``-th result; what the script draws goes into ``store``.
+
+    alone : whether it is the page's only one, whose title is that of the page.
+
+    Raises
+    ------
+    CapabilityError : the result has poses, but this version cannot read its scene.
+    """
+    result = shown.result
+    moving = has_poses(result)
+    parts: list[Any] = [
+        _head(shown, alone),
+        _motion(result, store) if moving else None,
+        tables.main_figures(result),
+        _plots(result, store, moving),
+        element("h3", "Summary"),
+        element("div", tables.summary_tables(result.summary), class_="tables"),
+    ]
+    if shown.plan is not None:
+        parts += [element("h3", "Plan"), tables.plan_tables(shown.plan)]
+    scene = element("summary", "the scene as it was run"), element("pre", result.scene_text)
+    parts += [
+        element("h3", "Scene"),
+        tables.provenance_table(result.summary, result.attributes),
+        element("details", *scene, class_="scene-text"),
+    ]
+    return element("section", parts, id=f"result-{place}", data_result=True)
+
+
+def _head(shown: Shown, alone: bool) -> Html:
+    """Return what stands above: title, status, command, what happened, and what is to be known of the result."""
+    result = shown.result
+    words: list[str] = [
+        element("strong", result.status.replace("_", " "), class_="status"),
+        f" {result.command}",
+    ]
+    words += [element("span", shown.label, class_="label")] if shown.label != result.command else []
+    alarm = decisive_text(moments(result))
+    said = [
+        element("li", note, class_="alarm" if note.startswith(ALARMS) else None) for note in notes(result)
+    ]
+    found = [
+        element("h1" if alone else "h2", result.title or shown.label),
+        element("p", words),
+        element("p", alarm, class_="alarm") if alarm else None,
+        element("ul", said, class_="notes") if said else None,
+    ]
+    return markup(found)
+
+
+def _motion(result: Result, store: Store) -> Html:
+    """Return the drawing with what moves it."""
+    data = motion_data(result, store.arrays)
+    poses, samples = data["poses"], data["samples"]
+    drawing = element(
+        "svg", class_="scene", tabindex="0", role="img", aria_label=f"The mechanism of {result.title}. {HELP}"
+    )
+    words: list[str] = [element("span", data["caption"], class_="grid-caption")]
+    if poses < samples:
+        kept = ", those at moments of the run among them" if moments(result) else ""
+        words.append(f" {poses} of {samples} samples are shown{kept}.")
+    content = [drawing, _controls(data), _moments(result) if poses > 1 else None]
+    content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
+    content += [tables.errors_of(result.summary, "motion")]
+    return element("figure", content, class_="motion", data_figure=store.add(data))
+
+
+def _controls(data: Mapping[str, Any]) -> Html:
+    speeds = sorted({*SPEEDS, data["speed"]})
+    choices = [
+        element("option", f"{number(speed)}×", value=speed, selected=speed == data["speed"])
+        for speed in speeds
+    ]
+    views = [element("option", camera["name"], value=k) for k, camera in enumerate(data["cameras"])]
+    layers = {"arrows": "forces", "trails": "paths", "masses": "centres of mass"}
+    boxes = [
+        element("label", element("input", type="checkbox", checked=True, data_layer=layer), words)
+        for layer, words in layers.items()
+        if data[layer]
+    ]
+    motion = [
+        element("button", "▶", class_="play", type="button", aria_label="Play"),
+        element(
+            "input",
+            type="range",
+            class_="time",
+            min=0,
+            max=data["poses"] - 1,
+            value=0,
+            step=1,
+            aria_label="Time",
+        ),
+        element("span", class_="clock"),
+        element("select", choices, class_="speed", aria_label="Speed"),
+    ]
+    looks = [
+        element("select", views, class_="view", aria_label="View") if len(views) > 1 else None,
+        element("button", "reset", class_="reset", type="button", aria_label="View as at first"),
+        boxes,
+    ]
+    moving = element("div", motion, class_="controls") if data["poses"] > 1 else None
+    return markup([moving, element("div", looks, class_="controls")])
+
+
+def _moments(result: Result) -> Html | None:
+    """Return buttons that go to the moments of the run."""
+    found = moments(result)
+    if not found:
+        return None
+    buttons = [
+        element("button", f"{number(moment.time, 5)} s: {moment.text}", type="button", data_time=moment.time)
+        for moment in found[:LISTED]
+    ]
+    left = len(found) - LISTED
+    return element("p", buttons, f" and {left} more" if left > 0 else None, class_="moments")
+
+
+def _plots(result: Result, store: Store, moving: bool) -> Html | None:
+    """Return the plots that the result has data for; the drawing stands for that of the mechanism."""
+    names = [name for name in applicable(result) if not (name == "mechanism" and moving)]
+    if not names:
+        return None
+    first = len(store.figures)
+    with styled():
+        plots = [_plot(result, name, store) for name in names]
+    thinned = any(is_thinned(chart) for chart in store.figures[first:])
+    note = element("p", THINNED, class_="note") if thinned else None
+    return markup([tables.error_note(result.summary), note, element("div", plots, class_="plots")])
+
+
+def _plot(result: Result, name: str, store: Store) -> Html:
+    """Return a plot: a chart that follows the drawing where it is over time, else a picture."""
+    figure = draw(result, name)
+    data = chart_data(figure, store.arrays)
+    title = name.replace("_", " ").capitalize()
+    content = [
+        element("h3", title),
+        _caption(captions(figure), title),
+        _picture(figure, title) if data is None else element("div", class_="chart"),
+        tables.errors_of(result.summary, name),
+    ]
+    number_of = None if data is None else store.add({**data, "name": title})
+    return element("figure", content, class_="plot", data_figure=number_of)
+
+
+def _caption(lines: list[str], title: str) -> Html | None:
+    """Return what the figure says of itself beyond its name."""
+    text = " ".join(lines)
+    return element("p", text, class_="caption") if text and text != title else None
+
+
+def _picture(figure: Figure, title: str) -> Html:
+    """Return a figure as a picture inside the page, which says itself what stands above the panels."""
+    part = below_heading(figure)
+    kind, data = "svg+xml", _printed(figure, ".svg", part)
+    if len(data) > LARGEST_SVG:
+        kind, data = "png", _printed(figure, ".png", part)
+    source = f"data:image/{kind};base64,{base64.b64encode(data).decode()}"
+    return element("img", src=source, alt=title)
+
+
+def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
+    buffer = BytesIO()
+    print_figure(figure, buffer, suffix, part)
+    return buffer.getvalue()
+
 
 # one after another they are the script of the page
 SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "charts.js", "page.js")

@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.report import figures
-from robodyn_cli.report.ticks import number, unit
+from robodyn_cli.report.style import number, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
 
@@ -139,7 +139,7 @@ def summary_tables(summary: Mapping[str, Any]) -> list[Html]:
     found = _entry_tables(facts, is_open=True)
     if meaning:
         rows = [(named(key), text) for key, text in meaning.items()]
-        found.append(_folded("what the words mean", [table(("", ""), rows)], is_open=False))
+        found.append(_folded("definitions", [table(("", ""), rows)], is_open=False))
     return found
 
 

@@ -1,4 +1,4 @@
-"""Torque over speed of each motor, with the envelopes that it has to stay inside."""
+"""Motors in their envelopes, and the combinations of a catalogue."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
-from robodyn_cli.report.ticks import number
-from robodyn_cli.results.columns import column_names
-from robodyn_cli.results.result import Result
+from robodyn_cli.report.registry import plot
+from robodyn_cli.report.style import log_axis, number
+from robodyn_cli.results.result import Result, column_names
 from robodyn_cli.spatial.algebra import Array
 
 MOST = 8  # motors that are drawn: those that use most of their envelope
@@ -46,13 +46,9 @@ class DrawnMotor:
     ends: tuple[float, float]
 
 
-def applies(result: Result) -> bool:
-    """Tell whether the run has drives."""
-    return "drives/torque" in result and result["drives/torque"].size > 0
-
-
-def draw(result: Result) -> Any:
-    """Return the figure."""
+@plot(lambda result: "drives/torque" in result and result["drives/torque"].size > 0)
+def drives(result: Result) -> Any:
+    """Torque over speed of each motor, with the envelopes that it has to stay inside."""
     names = column_names(result.variables["drives/torque"])
     motors = [_motor(result, names[k], k) for k in _shown(result, names)]
     left = len(names) - len(motors)
@@ -178,3 +174,79 @@ def _title(name: str, facts: Mapping[str, Any]) -> str:
         else f"{number(100.0 * margin)} % left of limit '{limit}'"
     )
     return f"{name}: {facts['motor']}, {verdict}\n{left}"
+
+
+MOST_JOINTS = 8  # joints that are drawn
+WORST = -1.0  # margins below are drawn at the edge
+TICKS = (WORST, -0.5, 0.0, 0.5, 1.0)
+COMBINATION = {"linestyle": "none", "marker": "."}
+FRONT = {"linestyle": "none", "marker": "o", "markerfacecolor": "none", "markersize": 9}
+# what there is to draw, in the order of the legend
+FRONT_LOOKS: dict[str, Mapping[str, Any]] = {
+    "bears it": {**COMBINATION, "color": "#000000", "markersize": 4},
+    "too small": {**COMBINATION, "color": "#b5b5b5", "markersize": 3},
+    "none is better in both": {
+        "drawstyle": "steps-post", "color": style.COLOURS[0], "linewidth": 1.4, "marker": "D", "markersize": 3,
+    },
+    "chosen": {**FRONT, "color": style.ALARM},
+}  # fmt: skip
+
+
+@plot(lambda result: bool(result.group("candidates")))
+def size_front(result: Result) -> Any:
+    """All combinations of motors and gears of each joint: cost or mass over the margin, and what none of them
+    beats."""
+    tables = dict(list(result.group("candidates").items())[:MOST_JOINTS])
+    by = result.summary["size"]["by"]
+    left = len(result.group("candidates")) - len(tables)
+    note = f"; {left} further joints left out" if left else ""
+    found = [_points(result, name, table.data, by) for name, table in tables.items()]
+    labels = [label for label in FRONT_LOOKS if any(len(points[label][0]) for points in found)]
+    sheet = Sheet(
+        result,
+        f"Combinations of motor and gear: {by} over the margin of the limit that decides{note}",
+        panels=len(tables),
+        across=1 if len(tables) == 1 else 2,
+        height=2.4,
+        gap=0.9,
+        titled=True,
+        labels=labels,
+    )
+    for ax, name, points in zip(sheet.axes, tables, found):
+        handles = [ax.plot(*points[label], **FRONT_LOOKS[label])[0] for label in labels]
+        _finish(ax, result, name, by, np.concatenate([prices for _, prices in points.values()]))
+    sheet.legend(handles, labels)
+    return sheet.figure
+
+
+def _points(result: Result, name: str, data: Array, by: str) -> dict[str, tuple[Array, Array]]:
+    """Return margins [%] and prices of one joint's combinations by their look."""
+    sized, drive = result.summary["size"]["joints"][name], result.summary["drives"][name]
+    rows = data[np.isfinite(data[:, 4])]
+    passing = rows[:, 4] >= drive["least_margin"]
+    margins, prices = rows[:, 4], rows[:, {"cost": 2, "mass": 3}[by]]
+    front = np.array([(one["margin"], one[by]) for one in sized["front"]]).reshape(-1, 2)
+    found = {
+        "bears it": (margins[passing], prices[passing]),
+        "too small": (margins[~passing], prices[~passing]),
+        "none is better in both": (front[:, 0], front[:, 1]),
+        "chosen": (np.array([drive["margin"]]), np.array([drive[by]])),
+    }
+    return {label: (100.0 * np.maximum(x, WORST), y) for label, (x, y) in found.items()}
+
+
+def _finish(ax: Any, result: Result, name: str, by: str, prices: Array) -> None:
+    """Give one joint's panel its axes and its title."""
+    sized, drive = result.summary["size"]["joints"][name], result.summary["drives"][name]
+    ax.axvline(100.0 * drive["least_margin"], color=style.GREY, linewidth=0.8, linestyle=style.DASHES[1])
+    if np.all(prices > 0.0):
+        log_axis(ax, 0.8 * float(prices.min()), 1.25 * float(prices.max()))
+    ax.set_xlim(100.0 * WORST - 5.0, 105.0)
+    ax.set_xticks(
+        [100.0 * x for x in TICKS], [f"{'≤ ' if x == WORST else ''}{number(100.0 * x)}" for x in TICKS]
+    )
+    ax.set_xlabel("margin [%]")
+    ax.set_ylabel("cost" if by == "cost" else "mass [kg]")
+    count = f"{sized['passing']} of {sized['combinations']} bear it"
+    ax.set_title(f"{name}: {drive['motor']}{' + ' + drive['gear'] if drive['gear'] else ''}\n{count}",
+                 fontsize=style.FONT_SIZE, loc="left", pad=4)  # fmt: skip

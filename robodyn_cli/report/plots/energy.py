@@ -1,4 +1,4 @@
-"""Kinetic, potential and total energy and the work done, over time."""
+"""Energy over time, and how far it strays from what it must be."""
 
 from __future__ import annotations
 
@@ -7,21 +7,18 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.decimate import finite, largest
-from robodyn_cli.report.lines import draw_columns
-from robodyn_cli.report.ticks import number
+from robodyn_cli.report.lines import draw_columns, draw_magnitudes, finite, largest, where_largest
+from robodyn_cli.report.registry import plot
+from robodyn_cli.report.style import log_axis, number, positive_floor
+from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 
 KINDS = ("kinetic", "potential", "total", "work")
 
 
-def applies(result: Result) -> bool:
-    """Tell whether there are energies to follow."""
-    return "energy/total" in result
-
-
-def draw(result: Result) -> Any:
-    """Return the figure."""
+@plot(lambda result: "energy/total" in result)
+def energy(result: Result) -> Any:
+    """Kinetic, potential and total energy and the work done, over time."""
     kinds = [kind for kind in KINDS if f"energy/{kind}" in result]
     columns = {kind: finite(result[f"energy/{kind}"]) for kind in kinds}
     labels, subtitle = list(kinds), "Energies" + (" and work done" if "work" in kinds else "")
@@ -47,3 +44,49 @@ def _datum(columns: dict[str, Any]) -> float:
     spread = max(largest(item) + largest(-item) for item in columns.values())
     start = float(columns["potential"][0])
     return start if abs(start) > 2.0 * spread > 0.0 else 0.0
+
+
+@plot(lambda result: "energy/total" in result and len(result.time) > 1)
+def energy_drift(result: Result) -> Any:
+    """How far the energy strays from what it must be, on a logarithmic axis."""
+    total = finite(result["energy/total"])
+    change = total - total[0]
+    worked = "energy/work" in result and bool(np.any(result["energy/work"] != 0.0))
+    if worked:
+        work = finite(result["energy/work"])
+        change = change - (work - work[0])
+    time, error = result.time, np.abs(change)
+    locked = lock_time(result)
+    if locked is not None and np.any(time < locked):
+        # A latch takes energy by an impulse, which is no error of the integration.
+        before = time < locked * (1.0 - 1e-12)
+        time, error = time[before], error[before]
+    level, scale = _sizes(result)
+    # One rounding unit of the largest energy: below it there is nothing to see, and zero has no logarithm.
+    floor = np.finfo(float).eps * level if level > 0.0 else 1e-16
+    worst = where_largest(error)
+    name = "|E(t) − E(0) − work|" if worked else "|E(t) − E(0)|"
+    subtitle = (
+        f"Energy {'balance error' if worked else 'drift'} {name}: largest {number(float(error[worst]))} J"
+    )
+    if scale > 0.0 and error[worst] > 0.0:
+        share = number(float(error[worst]) / scale)
+        subtitle += f" at {number(float(time[worst]), 4)} s, {share} of the energy exchanged"
+    sheet = TimeSheet(result, subtitle)
+    ax = sheet.ax
+    draw_magnitudes(ax, time, error[:, None], floor)
+    log_axis(ax, *positive_floor(error, floor=floor))
+    sheet.label_time()
+    sheet.legend([], [])
+    ax.set_ylabel(f"{name} [J]")
+    return sheet.figure
+
+
+def _sizes(result: Result) -> tuple[float, float]:
+    """Return (largest energy, energy exchanged): a potential's level is arbitrary, its range is not."""
+    parts = {
+        k: finite(result[f"energy/{k}"]) for k in ("kinetic", "potential", "total") if f"energy/{k}" in result
+    }
+    level = max(largest(np.abs(part)) for part in parts.values())
+    spans = [largest(parts[k]) + largest(-parts[k]) for k in ("potential", "total") if k in parts]
+    return level, max([*spans, largest(parts.get("kinetic", np.zeros(1)))])

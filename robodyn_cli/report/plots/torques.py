@@ -1,4 +1,4 @@
-"""Actuator torques over time, with the peak and the root mean square of each."""
+"""Torques over time, their terms, and the limits that they use."""
 
 from __future__ import annotations
 
@@ -8,31 +8,39 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.decimate import finite, where_largest
-from robodyn_cli.report.heatmap import draw_map
-from robodyn_cli.report.joint_limits import NOTE as LIMIT_NOTE
-from robodyn_cli.report.joint_limits import draw_limits, limits_near
-from robodyn_cli.report.lines import draw_groups, panel_height, quiet_axis
-from robodyn_cli.report.marks import torque_note
-from robodyn_cli.report.ticks import load_label, number, unit
-from robodyn_cli.results.columns import by_unit, column_names, units_of
-from robodyn_cli.results.result import Result, Variable
+from robodyn_cli.report.canvas import TimeSheet, torque_note
+from robodyn_cli.report.lines import (
+    LIMIT_NOTE,
+    draw_columns,
+    draw_groups,
+    draw_limits,
+    draw_map,
+    finite,
+    limits_near,
+    panel_height,
+    quiet_axis,
+    where_largest,
+)
+from robodyn_cli.report.registry import plot
+from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE, load_label, number, unit
+from robodyn_cli.results.result import Result, Variable, by_unit, column_names, units_of
 from robodyn_cli.solve.extremes import root_mean_square
 from robodyn_cli.spatial.algebra import Array
 
 RATIO = 8.0  # of the peaks of two torques from which on each has a panel of its own
 
 
-def applies(result: Result) -> bool:
+def _has_torques(result: Result) -> bool:
     """Tell whether there are torques: those that were given, and not computed, are not drawn where all are zero."""
     if "tau" not in result or not result["tau"].size:
         return False
     return bool(result.group("torque_terms")) or bool(np.any(result["tau"] != 0.0))
 
 
-def draw(result: Result) -> Any:
-    """Return the figure; joints without any torque are left out where others have some."""
+@plot(_has_torques)
+def torques(result: Result) -> Any:
+    """Actuator torques over time, with the peak and the root mean square of each; joints without any torque are
+    left out where others have some."""
     variable = _working(result.variables["tau"])
     data, names = finite(variable.data), column_names(variable)
     units = [unit(u) for u in units_of(variable)]
@@ -113,3 +121,91 @@ def _worst(names: list[str], data: Any, rms: Any, units: list[str]) -> str:
         f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units[largest]},"
         f" peak {number(float(peak), 4)} {units[largest]}"
     )
+
+
+# The order of the contract, so that a term has the same colour in every drawing.
+ORDER = ("inertia", "coriolis", "gravity", "friction", "passive", "external", "stops", "gear")
+MOST_JOINTS = 8
+
+
+@plot(lambda result: bool(result.group("torque_terms")) and "tau" in result and result["tau"].size > 0)
+def torque_terms(result: Result) -> Any:
+    """What the torque of each joint is made of: one panel a joint, one line a term."""
+    terms = result.group("torque_terms")
+    order = [name for name in ORDER if name in terms] + [name for name in terms if name not in ORDER]
+    total = result.variables["tau"]
+    names = column_names(total)
+    units = units_of(total)
+    peak = np.max(np.nan_to_num(np.abs(finite(total.data))), axis=0)
+    joints = _largest(peak)
+    subtitle = "Terms of the actuator torque, which sum to the total"
+    left_out = int(np.count_nonzero(peak)) - len(joints)
+    if left_out > 0:
+        subtitle += f"; the {len(joints)} of {len(names)} joints with the largest torque"
+    elif len(joints) < len(names):
+        subtitle += f"; {len(names) - len(joints)} joints without any left out"
+    labels = [*order, "total"]
+    count = len(joints)
+    height = {1: 3.3, 2: 2.0}.get(count, 1.6)
+    across = 1 if count <= 3 else 2
+    sheet = TimeSheet(
+        result, subtitle, panels=count, across=across, height=height, gap=0.36, titled=True, labels=labels
+    )
+    styles = [_look(name) for name in order]
+    styles.append({"color": "#000000", "linestyle": "-", "linewidth": 1.8})
+    handles: list[Any] = []
+    for ax, joint in zip(sheet.axes, joints):
+        columns = [terms[name].data[:, joint] for name in order] + [total.data[:, joint]]
+        handles = draw_columns(ax, result.time, np.column_stack(columns), styles)
+        scale = max((peak[k] for k in range(len(names)) if units[k] == units[joint]), default=0.0)
+        quiet_axis(ax, np.column_stack(columns), scale)
+        ax.set_title(names[joint], fontsize=FONT_SIZE, loc="left", pad=4)
+        ax.set_ylabel(load_label("torque or force", units[joint]))
+    sheet.label_time()
+    sheet.legend(handles, labels)
+    return sheet.figure
+
+
+def _look(name: str) -> dict[str, Any]:
+    colours = [colour for colour in COLOURS if colour != "#000000"]
+    index = ORDER.index(name) if name in ORDER else len(ORDER)
+    # black is the total's, so there is one term more than colours: it is wine
+    colours.append("#882255")
+    return {
+        "color": colours[min(index, 7)],
+        "linestyle": (0, (2, 2, 6, 2)) if index >= 7 else DASHES[index + 1],
+        "linewidth": 1.4,
+    }
+
+
+def _largest(peak: Any) -> list[int]:
+    """Return the joints with the largest torques, in their own order; none that are zero beside others."""
+    order = np.argsort(-peak, kind="stable")[:MOST_JOINTS].tolist()
+    return sorted([k for k in order if peak[k] > 0.0] or order)
+
+
+MOST_LIMITS = 8  # limits that are drawn with a name of their own: those that bind longest
+
+
+@plot(lambda result: "limits/use" in result and bool(result["limits/use"].size))
+def limits(result: Result) -> Any:
+    """How much of each limit a motion in the least time uses: one of them binds at every time."""
+    variable = result.variables["limits/use"]
+    data, names = finite(variable.data), column_names(variable)
+    part = np.array([np.mean(result["limits/binding"] == k) for k in range(len(names))])
+    binding = int(np.count_nonzero(part)) or len(part)
+    order = np.argsort(-part, kind="stable")[: min(MOST_LIMITS, binding)]
+    styles = [{"color": style.COLOURS[i % len(style.COLOURS)], "linewidth": 1.4} for i in range(len(order))]
+    labels = [f"{names[k]}: binds {number(100.0 * part[k], 3)} % of the time" for k in order]
+    left = len(names) - len(order)
+    note = f"; {left} that bind less, or never, left out" if left else ""
+    sheet = TimeSheet(
+        result, f"Use of the limits on the path in the least time, 1: on the limit{note}", labels=labels
+    )
+    handles = draw_columns(sheet.ax, result.time, data[:, order], styles)
+    sheet.ax.axhline(1.0, color=style.ALARM, linewidth=0.8, linestyle=style.DASHES[1])
+    sheet.ax.set_ylim(0.0, 1.08)
+    sheet.label_time()
+    sheet.ax.set_ylabel("use of the limit [1]")
+    sheet.legend(handles, labels)
+    return sheet.figure

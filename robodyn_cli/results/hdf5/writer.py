@@ -1,11 +1,16 @@
-"""Write a result file block by block; it gets its final name when it is complete."""
+"""Write a result file block by block; it gets its final name when it is complete.
+
+So that xarray and netCDF readers open every group, each axis of each dataset has a scale that names and labels it: a
+one-dimensional dataset named like its dimension is that scale (``/time``); otherwise the scale lies at the root under
+the dimension's name and holds the labels, or only a length.
+"""
 
 from __future__ import annotations
 
 import contextlib
 import dataclasses
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import TYPE_CHECKING, Any
@@ -13,13 +18,70 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.record import mutable_record
-from robodyn_cli.results import catalogue, provenance
+from robodyn_cli.results import catalogue
+from robodyn_cli.results import summary as provenance
 from robodyn_cli.results.atomic import discard, output_errors, temporary_path, uninterrupted
+from robodyn_cli.results.hdf5 import low
 from robodyn_cli.results.result import Meta, Result, Variable, make_variable
-from robodyn_cli.results.summary import dumps
+from robodyn_cli.results.summary import dumps, jsonable
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
+
+
+@mutable_record
+class Scale:
+    """A dimension of the file: its length, labels (may be empty) and dataset."""
+
+    length: int
+    labels: tuple[str, ...]
+    dataset: Any
+
+
+class Dimensions:
+    """The dimensions of a file being written; ``taken`` are the names its datasets and groups use."""
+
+    def __init__(self, file: low.OutputFile, taken: Container[str]) -> None:
+        self._file = file
+        self._taken = taken
+        self._scales: dict[str, list[Scale]] = {}
+        self._names: set[str] = set()
+
+    def add_coordinate(self, name: str, length: int, dataset: Any) -> None:
+        """Declare that ``dataset`` is the scale of dimension ``name``."""
+        low.make_scale(dataset, name)
+        self._scales.setdefault(name, []).insert(0, Scale(length, (), dataset))
+        self._names.add(name)
+
+    def attach(self, dataset: Any, axis: int, dim: str, length: int, labels: tuple[str, ...]) -> None:
+        """Attach the scale of ``dim`` to an axis, creating it where needed.
+
+        A second length or set of labels under one name gets a dimension of its own: ``NAME_2``, ``NAME_3``.
+        """
+        scales = self._scales.setdefault(dim, [])
+        for scale in scales:
+            if scale.length == length and (not labels or not scale.labels or scale.labels == labels):
+                break
+        else:
+            scale = self._create(dim, length, labels)
+            scales.append(scale)
+        low.attach(dataset, scale.dataset, axis)
+
+    def _create(self, dim: str, length: int, labels: tuple[str, ...]) -> Scale:
+        name, number = dim, 1
+        while name in self._taken or name in self._names:
+            number += 1
+            name = f"{dim}_{number}"
+        self._names.add(name)
+        # Labels that repeat cannot serve as an index.
+        if labels and len(set(labels)) == len(labels):
+            dataset = self._file.text(name, labels)
+            low.make_scale(dataset, name)
+            low.set_text(dataset, "units", "1")
+            low.set_text(dataset, "long_name", f"labels of dimension {dim}")
+            return Scale(length, labels, dataset)
+        return Scale(length, (), self._file.bare_dimension(name, length))
+
 
 FILETYPE = "robodyn.result"
 FORMAT_VERSION = 1
@@ -207,7 +269,6 @@ class ResultWriter:
             column.buffered = shortest - column.written
 
     def _write_columns(self) -> None:
-        from robodyn_cli.results.hdf5.dimensions import Dimensions
 
         groups = {path.split("/")[0] for path in self._columns} | {"events"}
         dimensions = Dimensions(self._file, groups)
@@ -294,7 +355,5 @@ def write(result: Result, path: str | Path) -> Path:
 def dumps_any(value: Any) -> str:
     """Return an attribute that is not text or a number as JSON."""
     import json
-
-    from robodyn_cli.results.summary import jsonable
 
     return json.dumps(jsonable(value), ensure_ascii=False, allow_nan=False)

@@ -1,7 +1,8 @@
-"""Checks of loops, couplers and forces, and of points that move by formulas."""
+"""Checks of loops, couplers, forces and payloads, and of the points that formulas name."""
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 from robodyn_cli.expr.formula import formulas_in, points_of
@@ -13,6 +14,21 @@ from robodyn_cli.scene.types import Robot, Scene
 
 if TYPE_CHECKING:
     from robodyn_cli.scene.robot_parts import Coupler
+
+
+def check_elements(scene: Scene, check: Check) -> Scene:
+    """Return the scene with the couplers of its robot among its own; few scenes have any of what is checked here."""
+    couplers = couplers_of(scene)
+    scene = dataclasses.replace(scene, couplers=tuple(couplers.values()))
+    check_loops(scene, check)
+    check_couplers(scene, couplers, check)
+    check_forces(scene, check)
+    if scene.payloads:
+        from robodyn_cli.scene.checks.carried import check_payloads
+
+        check_payloads(scene, check)
+    check_spans(scene, check)
+    return scene
 
 
 def check_loops(scene: Scene, check: Check) -> None:
@@ -61,18 +77,6 @@ def check_couplers(scene: Scene, couplers: dict[Path, Coupler], check: Check) ->
                 check.known(name, joints, "joint", here, True)
                 if coefficient == 0.0:
                     check.fail(here, "must not be zero (value 0)")
-
-
-def check_moving_points(scene: Scene, check: Check) -> None:
-    """Only points of the base move by formulas."""
-    for name, point in scene.robot.points.items():
-        with check:
-            if point.motion is not None and point.link != BASE:
-                check.fail(
-                    ("robot", "points", name, "motion"),
-                    f"only points on 'base' move by formulas (this one is on {point.link!r}); let a prescribed joint "
-                    "move it",
-                )
 
 
 def check_forces(scene: Scene, check: Check) -> None:

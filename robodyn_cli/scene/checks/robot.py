@@ -14,7 +14,7 @@ from robodyn_cli.scene.points import BASE, BUILT_IN, joint_of, spot_problem
 from robodyn_cli.scene.robot_types import DH, Joint, Orientation, Robot
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.schema.describe import describe
+from robodyn_cli.schema.fields import describe
 
 ROBOT: Path = ("robot",)
 _DRIVE = ("gear_ratio", "rotor_inertia")
@@ -65,7 +65,7 @@ def check_robot(robot: Robot, check: Check) -> Robot:
             with check:
                 check.fail(path, f"{message}; allowed: joint, link")
         if link.visual:
-            from robodyn_cli.scene.checks.shapes import check_shapes
+            from robodyn_cli.scene.checks.carried import check_shapes
 
             check_shapes(link, check, path)
     _check_orientations(robot, check)
@@ -286,6 +286,14 @@ def _check_points(robot: Robot, check: Check) -> None:
                 problem = spot_problem(robot, point.link, point.at) if isinstance(point.at, str) else None
                 if problem is not None:
                     check.fail((*path, "at"), problem)
+    for name, point in robot.points.items():
+        with check:
+            if point.motion is not None and point.link != BASE:
+                check.fail(
+                    (*ROBOT, "points", name, "motion"),
+                    f"only points on 'base' move by formulas (this one is on {point.link!r}); let a prescribed joint "
+                    "move it",
+                )
 
 
 def check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:

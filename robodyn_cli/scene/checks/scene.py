@@ -13,14 +13,6 @@ from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check, key_place
-from robodyn_cli.scene.checks.elements import (
-    check_couplers,
-    check_forces,
-    check_loops,
-    check_moving_points,
-    check_spans,
-    couplers_of,
-)
 from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
 from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
@@ -90,23 +82,17 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     follow = None
     if scene.prescribed:
         scene, follow = _without_following(scene)
-    couplers = couplers_of(scene)
-    scene = dataclasses.replace(scene, robot=robot, couplers=tuple(couplers.values()))
+    scene = dataclasses.replace(scene, robot=robot)
     joints = {joint.name for joint in robot.joints}
     for name in scene.parameters:
         with check:
             if name in joints:
                 message = f"{name!r} is a joint already; choose another name"
                 check.fail(("parameters", name), message, at_key=True)
-    check_loops(scene, check)
-    check_couplers(scene, couplers, check)
-    check_moving_points(scene, check)
-    check_forces(scene, check)
-    if scene.payloads:
-        from robodyn_cli.scene.checks.payloads import check_payloads
+    if any((scene.loops, scene.couplers, robot.couplers, scene.forces, scene.payloads, scene.torques)):
+        from robodyn_cli.scene.checks.elements import check_elements
 
-        check_payloads(scene, check)
-    check_spans(scene, check)
+        scene = check_elements(scene, check)
     _check_drives(scene, check)
     if scene.drives:
         from robodyn_cli.scene.checks.drives import check_drives
@@ -121,7 +107,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         if not check.found:
             scene = dataclasses.replace(scene, trajectory=scene.trajectory.completed(names))
     if scene.control is not None or scene.outputs.signals:
-        from robodyn_cli.scene.checks.control import check_control
+        from robodyn_cli.scene.checks.drives import check_control
 
         scene = check_control(scene, names_of(scene), check)
     if follow is not None:
@@ -295,15 +281,15 @@ def _check_runs(scene: Scene, check: Check) -> None:
                 ("simulate", "max_step"), f"{message}; allowed: with methods that choose their own steps"
             )
     if scene.kinematics != KinematicsOptions():
-        from robodyn_cli.scene.checks.mechanism import check_kinematics
+        from robodyn_cli.scene.checks.options import check_kinematics
 
         check_kinematics(scene, check)
     if scene.deploy != DeployOptions():
-        from robodyn_cli.scene.checks.mechanism import check_deploy
+        from robodyn_cli.scene.checks.options import check_deploy
 
         check_deploy(scene, check)
     if scene.reach is not None:
-        from robodyn_cli.scene.checks.reach import check_reach
+        from robodyn_cli.scene.checks.options import check_reach
 
         check_reach(scene.robot, scene.reach, check)
 

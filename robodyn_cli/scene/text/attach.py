@@ -162,7 +162,9 @@ def _one_convention(robot: Mapping, part: Mapping, item: Mapping, path: Path) ->
         and ours.text != theirs.text
         and _has_dh(robot)
     ):
-        message = f"has {theirs.text} D-H parameters, and what it is attached to has {ours.text} ones"
+        message = (
+            f"has {theirs.text} D-H parameters, and the robot that it is attached to has {ours.text} ones"
+        )
         allowed = "allowed: one convention, or parts placed by 'origin' and 'axis'"
         raise located(item, dotted(path), f"{message}; {allowed}")
     return robot.replaced(scalar(theirs, "convention"), theirs)

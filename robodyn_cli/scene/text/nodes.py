@@ -1,8 +1,7 @@
-"""Plain scalars of YAML 1.2 (core schema), without the readings of YAML 1.1.
+"""The YAML tree: immutable nodes that remember the file, line and column they come from; plain scalars without the
+readings of YAML 1.1; and the errors of a scene, collected.
 
 ``1e-9`` is a number, ``010`` is ten, ``1:30`` and ``yes`` are text, only ``true`` and ``false`` are booleans.
-
-The YAML tree: immutable nodes that remember the file, line and column they come from.
 """
 
 from __future__ import annotations
@@ -10,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Iterator
+from types import TracebackType
 from typing import Any
 
 from robodyn_cli.errors import SceneError, shown
@@ -160,6 +160,22 @@ def scalar(place: Node, value: Value) -> Scalar:
     return Scalar(place.source, place.line, place.column, "" if value is None else str(value), value)
 
 
+def plain(place: Node, value: Any) -> Any:
+    """Return the node of a number, a text, a list or a map at the place of another node, nodes in it as they are.
+
+    Whole numbers are written without a point.
+    """
+    if isinstance(value, Node):
+        return value
+    if isinstance(value, dict):
+        return mapping(place, [(scalar(place, k), plain(place, x)) for k, x in value.items()])
+    if isinstance(value, (list, tuple)):
+        return sequence(place, [plain(place, x) for x in value])
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e6:
+        value = int(value)
+    return scalar(place, value)
+
+
 def find(root: Node, path: Path) -> Node | None:
     """Return the node at ``path``, if there is one."""
     node: Node | None = root
@@ -223,3 +239,74 @@ def describe_node(node: Node) -> str:
     if isinstance(node, Sequence):
         return f"a list of {len(node.items)}"
     return "a map"
+
+
+# reading ends after so many
+MOST = 1000
+
+
+class TooMany(Exception):
+    """There are too many errors; raised to end the reading of the scene."""
+
+
+class Faults:
+    """A list of errors, and a ``with`` block that ends at its first error and adds it to the list.
+
+    found : the errors, in the order in which they were found.
+    lost : keys without a value because a file to be included has an error.
+    """
+
+    def __init__(self) -> None:
+        self.found: list[SceneError] = []
+        self.lost: list[str] = []
+
+    def report(self, error: SceneError) -> None:
+        """Add an error.
+
+        Raises
+        ------
+        TooMany : there are ``MOST`` errors now.
+        """
+        self.found.append(error)
+        if len(self.found) >= MOST:
+            raise TooMany
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> bool:
+        if not isinstance(error, SceneError):
+            return False
+        self.report(error)
+        return True
+
+    @property
+    def keys(self) -> list[str]:
+        """Return the keys with faults."""
+        return [key for key in (*map(key_of, self.found), *self.lost) if key]
+
+    def add_unrelated(self, errors: Iterable[SceneError]) -> None:
+        """Add the errors that do not follow from those found: about the same key, or a key above or below it."""
+        known = self.keys
+        self.found += [e for e in errors if not any(_related(key_of(e), key) for key in known)]
+
+    def in_order(self) -> list[SceneError]:
+        """Return the errors file by file and line by line, each once."""
+        files = list(dict.fromkeys(str(e.details.get("file")) for e in self.found))
+
+        def place(e: SceneError) -> tuple[int, int, int]:
+            line, column = e.details.get("line") or 0, e.details.get("column") or 0
+            return files.index(str(e.details.get("file"))), line, column
+
+        return sorted({e.message: e for e in self.found}.values(), key=place)
+
+
+def key_of(error: SceneError) -> str:
+    """Return the key that an error is about, as a dotted path."""
+    return str(error.details.get("key", ""))
+
+
+def _related(a: str, b: str) -> bool:
+    return a == b or (a != "" and b.startswith(a + ".")) or a.startswith(b + ".")

@@ -3,23 +3,9 @@
 from __future__ import annotations
 
 from robodyn_cli.errors import SceneError, did_you_mean, shown
+from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import Includer, child_kind, concrete
-from robodyn_cli.scene.text.nodes import (
-    Mapping,
-    Node,
-    Path,
-    Scalar,
-    Sequence,
-    Source,
-    describe_node,
-    dotted,
-    index_of,
-    located,
-    mapping,
-    name_of,
-    sequence,
-)
-from robodyn_cli.scene.text.yaml_nodes import compose
+from robodyn_cli.scene.text.yaml_text import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
 HELP = (
@@ -27,7 +13,7 @@ HELP = (
 )
 
 
-def apply(root: Node, kind: Kind, override: str, directory: str, includer: Includer) -> Node:
+def apply(root: nodes.Node, kind: Kind, override: str, directory: str, includer: Includer) -> nodes.Node:
     """Return the tree with one value set, removed where the value is null, or appended to a list.
 
     Parameters
@@ -39,17 +25,17 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
     """
     quoted = " ".join(override.split()) or "''"
     label = "--set " + (quoted if len(quoted) <= 100 else quoted[:97] + "...")
-    source = Source(label, directory, positions=False)
-    place = Scalar(source, 1, 1, "", None)
+    source = nodes.Source(label, directory, positions=False)
+    place = nodes.Scalar(source, 1, 1, "", None)
     key, sign, text = override.partition("=")
     appends, key = key.endswith("+"), key.removesuffix("+")
     steps = key.strip().split(".")
     if not sign:
-        raise located(place, "", f"has no '='; {HELP}")
+        raise nodes.located(place, "", f"has no '='; {HELP}")
     if not all(step.strip() == step and step for step in steps):
-        raise located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
+        raise nodes.located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
     if not text.strip():
-        raise located(
+        raise nodes.located(
             place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
         )
     value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
@@ -57,14 +43,14 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
 
 
 class _Setter:
-    def __init__(self, place: Scalar, value: Node, includer: Includer, appends: bool) -> None:
+    def __init__(self, place: nodes.Scalar, value: nodes.Node, includer: Includer, appends: bool) -> None:
         self.place = place
         self.value = value
         self.includer = includer
         self.appends = appends
-        self.removes = isinstance(value, Scalar) and value.value is None and not appends
+        self.removes = isinstance(value, nodes.Scalar) and value.value is None and not appends
 
-    def set(self, node: Node, kind: Kind | None, steps: list[str], done: Path) -> Node:
+    def set(self, node: nodes.Node, kind: Kind | None, steps: list[str], done: nodes.Path) -> nodes.Node:
         """Return ``node`` with the value at ``steps`` below it replaced."""
         if not steps:
             return self.appended(node, kind, done) if self.appends else self.value
@@ -72,45 +58,45 @@ class _Setter:
             node = self.includer.here(kind, node, done)
             kind = concrete(kind, node)
         step, rest = steps[0], steps[1:]
-        if isinstance(node, Sequence):
+        if isinstance(node, nodes.Sequence):
             index = self.index(node, step, done)
             items = list(node.items)
             if self.removes and not rest:
-                return sequence(node, items[:index] + items[index + 1 :])
+                return nodes.sequence(node, items[:index] + items[index + 1 :])
             items[index] = self.set(items[index], child_kind(kind, step), rest, (*done, index))
-            return sequence(node, items)
-        if isinstance(node, Mapping):
-            key = node.key(step) or Scalar(self.place.source, 1, 1, step, step)
+            return nodes.sequence(node, items)
+        if isinstance(node, nodes.Mapping):
+            key = node.key(step) or nodes.Scalar(self.place.source, 1, 1, step, step)
             below = child_kind(kind, step)
             old = node.get(step)
             # the reader refuses a key that the schema does not know
             known = old is not None or below is not None or not isinstance(kind, Section)
             if self.removes and not rest and known:
                 return self.without(node, kind, step, done)
-            if old is None or (isinstance(old, Scalar) and old.value is None and rest):
+            if old is None or (isinstance(old, nodes.Scalar) and old.value is None and rest):
                 if rest and isinstance(below, ListOf):
                     raise self.error((*done, step), "is empty, so it has no items; set the whole list")
                 # the reader refuses unknown keys and names this option
-                old = mapping(self.place, [])
+                old = nodes.mapping(self.place, [])
             new = self.set(old, below, rest, (*done, step))
             # an absent key needs no removal
             return node if new is old else node.replaced(key, new)
-        what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
+        what = f"is {nodes.describe_node(node)}" if done else f"the scene is {nodes.describe_node(node)}"
         raise self.error(done, f"{what}, so it has no key {shown(step)}")
 
-    def appended(self, node: Node, kind: Kind | None, done: Path) -> Node:
+    def appended(self, node: nodes.Node, kind: Kind | None, done: nodes.Path) -> nodes.Node:
         """Return a list with the value behind its items; a list that is not there has none."""
         if kind is not None:
             node = self.includer.here(kind, node, done)
-        empty = (isinstance(node, Scalar) and node.value is None) or (
-            isinstance(node, Mapping) and not node.entries
+        empty = (isinstance(node, nodes.Scalar) and node.value is None) or (
+            isinstance(node, nodes.Mapping) and not node.entries
         )
-        if isinstance(node, Sequence) or (empty and isinstance(kind, ListOf)):
-            items = node.items if isinstance(node, Sequence) else ()
-            return sequence(self.place, [*items, self.value])
-        raise self.error(done, f"is {describe_node(node)}, so nothing can be appended; allowed: a list")
+        if isinstance(node, nodes.Sequence) or (empty and isinstance(kind, ListOf)):
+            items = node.items if isinstance(node, nodes.Sequence) else ()
+            return nodes.sequence(self.place, [*items, self.value])
+        raise self.error(done, f"is {nodes.describe_node(node)}, so nothing can be appended; allowed: a list")
 
-    def without(self, node: Mapping, kind: Kind | None, step: str, done: Path) -> Node:
+    def without(self, node: nodes.Mapping, kind: Kind | None, step: str, done: nodes.Path) -> nodes.Node:
         """Return a map without a key; a known key that is absent needs no removal."""
         if node.get(step) is not None:
             return node.without(step)
@@ -122,17 +108,17 @@ class _Setter:
             )
         return node
 
-    def index(self, node: Sequence, step: str, done: Path) -> int:
+    def index(self, node: nodes.Sequence, step: str, done: nodes.Path) -> int:
         """Return the index of a list item, given by index or by its ``name``."""
-        index = index_of(node, step)
+        index = nodes.index_of(node, step)
         if index is not None:
             return index
         if step.isdecimal():
             last = f"allowed: 0 to {len(node.items) - 1}" if node.items else "the list is empty"
             raise self.error(done, f"has no item {step}; {last}")
-        names = [name for item in node.items if (name := name_of(item))]
+        names = [name for item in node.items if (name := nodes.name_of(item))]
         allowed = f"; allowed: {', '.join(names)} or an index" if names else "; allowed: an index"
         raise self.error(done, f"has no item named {shown(step)}{did_you_mean(step, names)}{allowed}")
 
-    def error(self, path: Path, message: str) -> SceneError:
-        return located(self.place, dotted(path), message)
+    def error(self, path: nodes.Path, message: str) -> SceneError:
+        return nodes.located(self.place, nodes.dotted(path), message)

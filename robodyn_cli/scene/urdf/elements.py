@@ -12,7 +12,7 @@ from collections.abc import Mapping
 
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
-from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -121,11 +121,9 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
 
     Raises
     ------
-    SceneError : the root element is no ``robot``; xacro.
+    SceneError : xacro.
     """
     _refuse_xacro(root)
-    if root.tag != "robot":
-        raise root.error(f"the root element is <{root.tag}>; allowed: <robot>, of a URDF file")
     links: list[UrdfLink] = []
     joints: list[UrdfJoint] = []
     for child in root.children:

@@ -1,68 +1,65 @@
-"""Read a URDF file: XML, elements, structure, mimics, and the tree that stands for ``robot`` in a scene."""
+"""Read a URDF: elements, structure, mimics, and the tree that stands for ``robot`` in a scene."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+from collections import Counter
+from collections.abc import Iterator
 
-from robodyn_cli.record import record
-from robodyn_cli.scene.text.faults import Faults
-from robodyn_cli.scene.text.nodes import Source
+from robodyn_cli.scene.dialects import Description, Packages, RobotTree
+from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
-from robodyn_cli.scene.urdf.structure import SINGLE, Relation, check_structure, moving_links, relations
-from robodyn_cli.scene.urdf.tree import RobotTree, robot_tree
-from robodyn_cli.scene.urdf.xml import parse_xml
-
-NO_PACKAGES: Mapping[str, str] = {}
+from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations
+from robodyn_cli.scene.urdf.tree import robot_tree
+from robodyn_cli.scene.urdf.xml import XmlElement
 
 
-@record
-class Urdf:
-    """A URDF file that was read, under the name ``file``.
-
-    notes : what the file leaves open. warnings : what makes its equations doubtful; without the file's name.
-    """
-
-    file: str
-    robot: UrdfRobot
-    tree: RobotTree
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
-def read_urdf(text: str, source: Source, faults: Faults, packages: Mapping[str, str] = NO_PACKAGES) -> Urdf:
-    """Return the robot of a URDF text.
-
-    Parameters
-    ----------
-    faults : takes all errors but the last, which is raised.
-    packages : folders of packages of meshes, by name.
+def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Description | None:
+    """Return the robot of a URDF, None where there are faults; see ``dialects``.
 
     Raises
     ------
-    SceneError : the file is no URDF, or what it says is not allowed.
+    SceneError : what the file says is not allowed.
     """
-    robot, relation = _checked(text, source, faults)
-    tree = robot_tree(robot, relation, source.name, packages)
-    notes = (*_notes(robot), *_missing(robot, source.name, packages))
-    return Urdf(source.name, robot, tree, notes, _warnings(robot))
+    robot = read_elements(root, faults)
+    if not faults.found:
+        check_structure(robot, faults)
+    if faults.found:
+        return None
+    file = root.place.source.name
+    tree = robot_tree(robot, relations({joint.name: joint for joint in robot.joints}), file, packages)
+    notes = (*_notes(robot), *_missing(robot, file, packages))
+    return Description(file, tree, _heading(robot, tree), notes, _warnings(robot))
 
 
-def _checked(text: str, source: Source, faults: Faults) -> tuple[UrdfRobot, dict[str, Relation]]:
-    own = Faults()
-    robot = None
-    found: dict[str, Relation] = {}
-    with own:
-        robot = read_elements(parse_xml(text, source), own)
-    if robot is not None and not own.found:
-        check_structure(robot, own)
-    if robot is not None and not own.found:
-        with own:
-            found = relations({joint.name: joint for joint in robot.joints})
-    if robot is None or own.found:
-        for error in own.found[:-1]:
-            faults.report(error)
-        raise own.found[-1]
-    return robot, found
+def _visuals(root: Mapping) -> Iterator[Sequence]:
+    """Yield the shapes of each link that has some."""
+    links = root.get("links")
+    for link in links.items if isinstance(links, Sequence) else ():
+        shapes = link.get("visual") if isinstance(link, Mapping) else None
+        if isinstance(shapes, Sequence):
+            yield shapes
+
+
+def _heading(robot: UrdfRobot, tree: RobotTree) -> tuple[str, ...]:
+    """Return where the robot is from, what it holds and what is left out."""
+    file = os.path.basename(robot.element.place.source.name)
+    kinds = Counter(joint.type for joint in robot.joints)
+    mass = sum(link.inertial.mass for link in robot.links if link.inertial is not None)
+    drawn = sum(len(shapes.items) for shapes in _visuals(tree.root))
+    shapes = sum(len(link.shapes) for link in robot.links)
+    left = Counter({"visual and collision": shapes - drawn}) + robot.ignored
+    texts = [
+        f"{robot.name or 'Robot'}, from {file} by `robodyn import`. SI units, angles in radians.",
+        f"{len(robot.links)} links of {mass:.6g} kg in all; joints: "
+        + (", ".join(f"{n} {kind}" for kind, n in kinds.items()) or "none"),
+        "Frames, centres of mass and inertias are those of the URDF: inertias are about the centre of mass.",
+    ]
+    if left:
+        texts.append(
+            "No part of the equations, so left out: " + ", ".join(f"{n} {what}" for what, n in left.items())
+        )
+    return tuple(texts)
 
 
 def _notes(robot: UrdfRobot) -> tuple[str, ...]:
@@ -70,7 +67,7 @@ def _notes(robot: UrdfRobot) -> tuple[str, ...]:
     return (f"massless links: {', '.join(massless)}",) if massless else ()
 
 
-def _missing(robot: UrdfRobot, urdf: str, packages: Mapping[str, str]) -> tuple[str, ...]:
+def _missing(robot: UrdfRobot, urdf: str, packages: Packages) -> tuple[str, ...]:
     missing = missing_meshes(robot, urdf, packages)
     if not missing:
         return ()

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from robodyn_cli.errors import did_you_mean, shown
 from robodyn_cli.record import record
-from robodyn_cli.scene.text.faults import Faults
+from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.elements import Mimic, UrdfJoint, UrdfLink, UrdfRobot
 
 

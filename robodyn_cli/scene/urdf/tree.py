@@ -7,8 +7,8 @@ import os
 from collections.abc import Mapping as MappingOf
 from typing import Any
 
-from robodyn_cli.record import record
-from robodyn_cli.scene.text.nodes import Mapping, Node, Scalar, mapping, scalar, sequence
+from robodyn_cli.scene.dialects import RobotTree
+from robodyn_cli.scene.text.nodes import Mapping, Node, plain, sequence
 from robodyn_cli.scene.urdf.elements import (
     ZERO,
     Inertial,
@@ -26,15 +26,6 @@ ROOT_JOINT = "root_joint"
 Drawn = tuple[UrdfShape, str]  # with the file of a mesh
 # the scene's type where it has another name
 _TYPES = {"continuous": "revolute"}
-
-
-@record
-class RobotTree:
-    """The tree of a robot; ``remarks`` : what the YAML says of a joint or link, by its name in the scene."""
-
-    root: Mapping
-    joint_remarks: dict[str, list[str]]
-    link_remarks: dict[str, list[str]]
 
 
 def robot_tree(
@@ -63,7 +54,7 @@ class _Tree:
         place = self.robot.element.place
         root = root_of(self.robot)
         first = {"name": self.root_joint, "type": "fixed", "parent": GROUND, "link": self.links[root.name]}
-        joints = [_map(root.element.place, first), *(self.joint(joint) for joint in self.robot.joints)]
+        joints = [plain(root.element.place, first), *(self.joint(joint) for joint in self.robot.joints)]
         self.joint_remarks[self.root_joint] = [
             "holds the robot in the world; a robot that stands or flies freely has type: floating here"
         ]
@@ -74,7 +65,7 @@ class _Tree:
         ]
         if couplers:
             entries["couplers"] = sequence(place, couplers)
-        return RobotTree(_map(place, entries), self.joint_remarks, self.link_remarks)
+        return RobotTree(plain(place, entries), self.joint_remarks, self.link_remarks)
 
     # -- joints ---------------------------------------------------------------------------------------
     def joint(self, joint: UrdfJoint) -> Mapping:
@@ -99,9 +90,9 @@ class _Tree:
             if joint.mimic is not None and kind == "fixed":
                 remarks.append(f"mimics {joint.mimic.joint!r}, which means nothing for a fixed joint")
             entries |= _origin(place, joint.pose)
-            entries |= {} if kind in ("fixed", "floating") else {"axis": _numbers(place, joint.axis)}
+            entries |= {} if kind in ("fixed", "floating") else {"axis": plain(place, joint.axis)}
             entries |= self.drive(joint, remarks)
-        return _map(place, entries)
+        return plain(place, entries)
 
     def drive(self, joint: UrdfJoint, remarks: list[str]) -> dict[str, Any]:
         """Return limits and friction of a joint with one coordinate."""
@@ -125,12 +116,12 @@ class _Tree:
         order = {"lower": "lower", "upper": "upper", "speed": "velocity", "effort": "effort"}
         stated = {name: limits[k] for name, k in order.items() if k in limits}
         if stated:
-            found["limits"] = _map(joint.element.place, stated)
+            found["limits"] = plain(joint.element.place, stated)
         friction: dict[str, Any] = {"viscous": joint.damping} if joint.damping else {}
         if joint.friction:
             friction |= {"coulomb": joint.friction, "law": "set_valued"}
         if friction:
-            found["friction"] = _map(joint.element.place, friction)
+            found["friction"] = plain(joint.element.place, friction)
         return found
 
     def coupler(self, name: str, relation: Relation) -> Mapping:
@@ -139,10 +130,10 @@ class _Tree:
         assert mimic is not None and relation.joint is not None
         place = mimic.element.place
         terms = {self.joints[name]: 1.0, self.joints[relation.joint]: -relation.multiplier}
-        entries: dict[str, Any] = {"name": self.joints[name], "terms": _map(place, terms)}
+        entries: dict[str, Any] = {"name": self.joints[name], "terms": plain(place, terms)}
         if relation.offset:
             entries["value"] = relation.offset
-        return _map(place, entries)
+        return plain(place, entries)
 
     # -- links ----------------------------------------------------------------------------------------
     def link(self, link: UrdfLink) -> Mapping:
@@ -153,18 +144,18 @@ class _Tree:
         place, inertial = link.element.place, link.inertial
         if inertial is None or link.massless:
             remarks.append("massless: " + ("no <inertial>" if inertial is None else "mass and inertia are 0"))
-            return _map(place, {"name": name, "mass": 0.0, **self.visual(link)})
+            return plain(place, {"name": name, "mass": 0.0, **self.visual(link)})
         place = inertial.element.place
         inertia = _turned(inertial)
         if inertia != inertial.inertia:
             remarks.append("the inertia was turned from the axes of <inertial> into those of the link")
-        return _map(
+        return plain(
             link.element.place,
             {
                 "name": name,
-                "mass": _scalar(place, inertial.mass),
-                "com": _numbers(place, inertial.pose.xyz),
-                "inertia": _map(place, {k: inertia[k] for k in ("xx", "yy", "zz", "xy", "xz", "yz")}),
+                "mass": plain(place, inertial.mass),
+                "com": plain(place, inertial.pose.xyz),
+                "inertia": plain(place, {k: inertia[k] for k in ("xx", "yy", "zz", "xy", "xz", "yz")}),
                 **self.visual(link),
             },
         )
@@ -180,39 +171,22 @@ class _Tree:
         if shape.kind == "mesh":
             entries: dict[str, Any] = {"mesh": os.path.relpath(file, self.folder)}
             if shape.sizes != (1.0, 1.0, 1.0):
-                entries["scale"] = _numbers(place, shape.sizes)
+                entries["scale"] = plain(place, shape.sizes)
         elif shape.kind == "sphere":
             entries = {"sphere": shape.sizes[0]}
         else:
-            entries = {shape.kind: _numbers(place, shape.sizes)}
-        return _map(place, entries | _origin(place, shape.pose))
-
-
-# -- values ------------------------------------------------------------------------------------------------
-def _scalar(place: Node, value: float | str) -> Scalar:
-    """Return a number, whole ones without a point, or a text."""
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e6:
-        return scalar(place, int(value))
-    return scalar(place, value)
-
-
-def _numbers(place: Node, values: tuple[float, ...]) -> Node:
-    return sequence(place, [_scalar(place, x) for x in values])
-
-
-def _map(place: Node, entries: dict[str, Any]) -> Mapping:
-    items = [(k, x if isinstance(x, Node) else _scalar(place, x)) for k, x in entries.items()]
-    return mapping(place, [(scalar(place, k), x) for k, x in items])
+            entries = {shape.kind: plain(place, shape.sizes)}
+        return plain(place, entries | _origin(place, shape.pose))
 
 
 def _origin(place: Node, pose: UrdfPose) -> dict[str, Any]:
     """Return the key ``origin``, left out where the frames coincide."""
-    entries: dict[str, Any] = {"xyz": _numbers(place, pose.xyz)} if pose.xyz != ZERO else {}
+    entries: dict[str, Any] = {"xyz": plain(place, pose.xyz)} if pose.xyz != ZERO else {}
     if pose.quaternion is not None:
-        entries["quaternion"] = _numbers(place, pose.quaternion)
+        entries["quaternion"] = plain(place, pose.quaternion)
     elif pose.rpy != ZERO:
-        entries["rpy"] = _numbers(place, pose.rpy)
-    return {"origin": _map(place, entries)} if entries else {}
+        entries["rpy"] = plain(place, pose.rpy)
+    return {"origin": plain(place, entries)} if entries else {}
 
 
 # -- geometry ----------------------------------------------------------------------------------------------

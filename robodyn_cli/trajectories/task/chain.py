@@ -10,10 +10,16 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.spatial.orientation import rotation_of
-from robodyn_cli.trajectories.task.curves import STILL, Curve, Line, blend
-from robodyn_cli.trajectories.task.segments import BEYOND, FARTHEST, PathProblem
-from robodyn_cli.trajectories.task.stretch import Stretch, step_course
-from robodyn_cli.trajectories.task.turning import Attitudes, Facing, Turning, Turns, turn_between
+from robodyn_cli.trajectories.task.segments import BEYOND, FARTHEST, STILL, Curve, Line, PathProblem, blend
+from robodyn_cli.trajectories.task.stretch import (
+    Attitudes,
+    Facing,
+    Stretch,
+    Turning,
+    Turns,
+    step_course,
+    turn_between,
+)
 
 SAME_WAY = 1e-6  # rad: how well directions have to meet where the frame goes on
 

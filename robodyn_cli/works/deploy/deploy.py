@@ -9,8 +9,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
-from robodyn_cli.motion.self_check import Judgement, Run, motion_warnings, redundant_rows
-from robodyn_cli.motion.summary import motion_records
+from robodyn_cli.motion.self_check import Judgement, Run, motion_records, motion_warnings, redundant_rows
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
@@ -23,11 +22,10 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import MotionErrors
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.works.deploy.lock import (
-    Latch,
+    ClosedLatch,
     Lock,
     bifurcation_error,
     close,
@@ -38,8 +36,13 @@ from robodyn_cli.works.deploy.lock import (
     find_lock,
     time_error,
 )  # fmt: skip
-from robodyn_cli.works.deploy.locked_motion import FollowedLock, first_overload, follow_locked, join
-from robodyn_cli.works.deploy.recording import record_motion
+from robodyn_cli.works.deploy.recording import (
+    FollowedLock,
+    first_overload,
+    follow_locked,
+    join,
+    record_motion,
+)
 from robodyn_cli.works.deploy.scan import Scan, ScanEnd, decide, follow_deployment, latch_position, scan
 
 
@@ -55,7 +58,7 @@ class Deployment(Run):
     end: ScanEnd
     estimate: MotionErrors | None = None
     lock: Lock | None = None
-    latch: Latch | None = None
+    latch: ClosedLatch | None = None
     time_error: float | None = None
     followed: FollowedLock | None = None
 

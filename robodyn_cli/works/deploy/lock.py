@@ -7,8 +7,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
-from robodyn_cli.motion.error.attempts import Attempt, First, integrate_again
-from robodyn_cli.motion.error.estimate import time_errors
+from robodyn_cli.motion.error import Attempt, First, integrate_again, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
@@ -46,7 +45,7 @@ class Lock:
 
 
 @record
-class Latch:
+class ClosedLatch:
     """The structure that a latch makes of the mechanism, and its impact."""
 
     locked: Locked
@@ -83,14 +82,14 @@ def _approaches(motion: Motion, found: Scan, stop: float) -> bool:
     return first not in growth.calmed
 
 
-def close(motion: Motion, found: Scan, lock: Lock | None) -> Latch | None:
+def close(motion: Motion, found: Scan, lock: Lock | None) -> ClosedLatch | None:
     """Close the scene's latch at the lock; None without one, at an overload, or where rates are unbounded."""
     asked = motion.scene.deploy.latch
     if lock is None or asked is None or lock.kind == "overload" or found.driven:
         return None
     q, qd, _ = motion.system.split(lock.state)
     structure = locked(motion.problem, asked.between[0], asked.between[1], q, lock.time)
-    return Latch(structure, close_latch(motion.problem, structure, q, qd, lock.time))
+    return ClosedLatch(structure, close_latch(motion.problem, structure, q, qd, lock.time))
 
 
 def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
@@ -183,7 +182,12 @@ def criteria(motion: Motion, found: Scan) -> CriterionTimes:
 
 
 def describe_lock(
-    motion: Motion, found: Scan, lock: Lock, latch: Latch | None, error: float | None, recorder: Recorder
+    motion: Motion,
+    found: Scan,
+    lock: Lock,
+    latch: ClosedLatch | None,
+    error: float | None,
+    recorder: Recorder,
 ) -> LockKeys:
     """Describe the lock: time and its ``error``, configuration, kind, multipliers, latch."""
     problem, model = motion.problem, motion.problem.model
@@ -233,7 +237,7 @@ def _multiplier_keys(motion: Motion, found: Scan, recorder: Recorder) -> Multipl
 
 
 def _latch_keys(
-    motion: Motion, lock: Lock, latch: Latch | None
+    motion: Motion, lock: Lock, latch: ClosedLatch | None
 ) -> tuple[LatchKeys | Absent | None, str | Absent]:
     """Return what is said of the latch, and a note where one was asked for and none could close."""
     if latch is not None:

@@ -12,15 +12,15 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.model.model import FixedFrame
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.threads import ThreadSafe, once, one_at_a_time
-from robodyn_cli.torques.function import StateFunction
+from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics, StateFunction
 
 if TYPE_CHECKING:
     from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics
     from robodyn_cli.scene.types import Scene
     from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
-    from robodyn_cli.works.functions.constrained import ConstrainedDynamics
     from robodyn_cli.works.functions.derivatives import (
         AccelerationDerivatives,
+        ConstrainedDynamics,
         InertialParameters,
         Regressor,
         TorqueDerivatives,
@@ -132,8 +132,6 @@ class ModelFunctions(ThreadSafe):
     @once
     def inverse_dynamics(self) -> InverseDynamics:
         """Torques tau (T, nv) of samples (q, qd, qdd): M qdd + C qd + G less springs, friction and forces."""
-        from robodyn_cli.torques.dynamics import InverseDynamics
-
         return InverseDynamics(self._problem)
 
     @once
@@ -143,10 +141,9 @@ class ModelFunctions(ThreadSafe):
         Of a mechanism with loops those under the forces of the loops, which q and qd must satisfy.
         """
         if self._problem.model.closures:
-            from robodyn_cli.works.functions.constrained import ConstrainedDynamics
+            from robodyn_cli.works.functions.derivatives import ConstrainedDynamics
 
             return ConstrainedDynamics(self._problem)
-        from robodyn_cli.torques.dynamics import ForwardDynamics
 
         return ForwardDynamics(self._problem)
 

@@ -1,27 +1,244 @@
-"""``linearise``: a scene as x-dot = A x + B u, y = C x + D u about a state, a balance, or along a motion."""
+"""``linearise``: a scene as x-dot = A x + B u, y = C x + D u about a state, a balance, or along a motion; its poles and
+modes, what its inputs reach and its outputs show, and all of it as datasets."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from robodyn_cli.control.lqr import reached
 from robodyn_cli.equations.linear.reduce import Linear, linearise_states
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.units import add_motion
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Termination
-from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSummary, Mode
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.summaries.linear import LargestGrowth, LinearInstant, LinearSignal, LinearSummary, Mode
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.motion import JointMotion
-from robodyn_cli.works.linearise.modes import modes_of, stability_of
-from robodyn_cli.works.linearise.nominal import Nominal, Question, nominal
-from robodyn_cli.works.linearise.signals import LinearOutputs, input_signals, state_signals
-from robodyn_cli.works.linearise.stored import Systems, add_matrices, add_poses, add_responses
+from robodyn_cli.works.linearise.nominal import (
+    LinearOutputs,
+    Nominal,
+    Question,
+    input_signals,
+    nominal,
+    state_signals,
+)
+
+TRIALS = 8  # disturbed systems that tell how far rounding moves the poles
+SAFETY = 4.0
+PARALLEL = 1e-6  # so little may the motions of a mode at 0 differ: its position and its rate have a pole each
+BLIND = 1e-8  # a mode this weakly reached or shown, relative, is not reached or shown at all
+POINTS = 400  # of a frequency response
+BEYOND = 10.0  # how far it goes beyond the slowest and the fastest pole
+
+
+def pole_errors(A: Array, rounding: Array, poles: Array) -> Array:
+    """Return how far poles (n,) of A may move where its entries change by no more than ``rounding`` (n, n) [1/s].
+
+    The farthest that disturbed systems have none nearer, with the rounding of the eigenvalue solver. That of a multiple
+    pole goes with a root of the disturbance, which no derivative would tell.
+    """
+    from scipy.linalg import matrix_balance
+
+    balanced, (scale, _) = matrix_balance(A, permute=False, separate=True)
+    reach = rounding / scale[:, None] * scale + np.finfo(float).eps * np.abs(balanced).max(initial=0.0)
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], (TRIALS, *A.shape))
+    moved = np.linalg.eigvals(balanced + signs * reach)
+    gaps = np.abs(poles[:, None] - moved[:, None, :]).min(axis=2, initial=np.inf)
+    found: Array = SAFETY * gaps.max(axis=0, initial=0.0)
+    return found
+
+
+def without_rounding(poles: Array, errors: Array) -> Array:
+    """Return poles with those parts 0 that are no larger than the error of the pole."""
+    real, imaginary = (np.where(np.abs(part) > errors, part, 0.0) for part in (poles.real, poles.imag))
+    return real + 1j * imaginary
+
+
+def poles_along(linear: Linear) -> tuple[Array, Array]:
+    """Return the poles (T, 2n) of linear systems, from left to right, and their errors (T, 2n) [1/s]."""
+    raw = np.linalg.eigvals(linear.A)
+    errors = np.array([pole_errors(*each) for each in zip(linear.A, linear.rounding, raw)]).reshape(raw.shape)
+    poles = without_rounding(raw, errors)
+    order = np.lexsort((poles.imag, poles.real), axis=-1)
+    return np.take_along_axis(poles, order, axis=-1), np.take_along_axis(errors, order, axis=-1)
+
+
+def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> list[Mode]:
+    """Return the modes of the system at a sample, slowest first; C (outputs, 2n), names : of all coordinates.
+
+    A free motion, of position and rate, is one mode at 0.
+    """
+    A, B, dq = linear.A[sample], linear.B[sample], linear.dq[sample]
+    raw, vectors = np.linalg.eig(A)
+    errors = pole_errors(A, linear.rounding[sample], raw)
+    poles = without_rounding(raw, errors)
+    found: list[Mode] = []
+    free: list[Array] = []
+    for k in sorted(range(len(poles)), key=lambda k: (abs(poles[k]), poles[k].real)):
+        s, motion = complex(poles[k]), dq @ vectors[: dq.shape[1], k]
+        if s.imag < 0.0 or (not s and any(_parallel(motion, other) for other in free)):
+            continue
+        if not s:
+            free.append(motion)
+        size = abs(s)
+        found.append(
+            Mode(
+                s.real, s.imag, float(errors[k]), size / math.tau, 0.0 - s.real / size if size else None,
+                1.0 / abs(s.real) if abs(s.real) > BLIND * size else None,
+                _shape(motion, names), reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
+            )
+        )  # fmt: skip
+    return found
+
+
+def _parallel(a: Array, b: Array) -> bool:
+    """Tell whether two motions are the same but for their size."""
+    sizes = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return bool(abs(np.vdot(a, b)) >= (1.0 - PARALLEL) * sizes)
+
+
+def _shape(motion: Array, names: Sequence[str]) -> dict[str, list[float]]:
+    """Return amplitude and phase of each coordinate, relative to the largest."""
+    if not len(motion):
+        return {}
+    k = int(np.argmax(np.abs(motion)))
+    relative = motion / motion[k] if motion[k] else motion
+    return {name: [float(abs(x)), float(np.angle(x))] for name, x in zip(names, relative)}
+
+
+def stability_of(modes: Sequence[Mode]) -> str:
+    """Return ``stable``, ``unstable``, or ``marginal``: some modes neither decay nor grow."""
+    if any(m.real > 0.0 for m in modes):
+        return "unstable"
+    return "stable" if all(m.real < 0.0 for m in modes) else "marginal"
+
+
+def frequencies_for(modes: Sequence[Mode]) -> Array:
+    """Return angular frequencies (F,) [rad/s] that show what the modes do."""
+    sizes = [math.tau * m.frequency for m in modes if m.frequency > 0.0] or [1.0]
+    return np.geomspace(min(sizes) / BEYOND, max(sizes) * BEYOND, POINTS)
+
+
+def response(A: Array, B: Array, C: Array, D: Array, frequencies: Array) -> Array:
+    """Return C (j w E - A)^-1 B + D (F, outputs, inputs) at angular frequencies (F,) [rad/s]."""
+    left = 1j * frequencies[:, None, None] * np.eye(len(A)) - A
+    found: Array = C @ np.linalg.solve(left, np.broadcast_to(B, (len(frequencies), *B.shape))) + D
+    return found
+
+
+SWING = 0.25  # rad, or a part of the size of the mechanism: how far a drawn mode goes
+CLOSING = 12  # steps that close the loops of a drawn mode
+
+OF_ROW = "of the row"  # unit of an entry of a matrix, before that of its column
+
+
+@record
+class Systems:
+    """x-dot = A x + B u, y = C x + D u at T states: C (T, outputs, 2n), D (T, outputs, inputs), and what y is."""
+
+    given: Nominal
+    linear: Linear
+    C: Array
+    D: Array
+    outputs: list[LinearSignal]
+
+    @property
+    def along(self) -> bool:
+        """Whether the states are those of a motion."""
+        return self.given.about == "motion"
+
+
+def add_matrices(result: Result, systems: Systems) -> None:
+    """Store A to D and the poles, of one state or along a motion."""
+    given, linear, along = systems.given, systems.linear, systems.along
+    model = given.problem.model
+    states, inputs = state_signals(model, given.places), input_signals(model, given.inputs)
+    for name, matrix, rows, columns, signals in (
+        ("A", linear.A, "state", "state", states), ("B", linear.B, "state", "input", inputs),
+        ("C", systems.C, "output", "state", states), ("D", systems.D, "output", "input", inputs),
+    ):  # fmt: skip
+        if not signals:
+            continue
+        # two axes of a file may not have one name
+        row = "of the row per s" if rows == "state" else OF_ROW
+        across = f"{columns}_column" if rows == columns else columns
+        result.add(
+            f"linear/{name}", matrix if along else matrix[0], names=tuple(s.name for s in signals),
+            units=f"{row}, over that of the column", column_units=tuple(f"{row}, per {s.unit}" for s in signals),
+            dims=(*(("time",) if along else ()), rows, across), long_name=f"{name} of the linear system",
+        )  # fmt: skip
+    poles, errors = poles_along(linear)
+    for name, part, what in (
+        ("real", poles.real, "real parts of the poles"), ("imaginary", poles.imag, "imaginary parts of the poles"),
+        ("error", errors, "how far rounding may move the poles"),
+    ):  # fmt: skip
+        result.add(
+            f"linear/poles_{name}", part if along else part[0], units="1/s",
+            dims=(*(("time",) if along else ()), "pole"), long_name=what,
+        )  # fmt: skip
+
+
+def add_responses(result: Result, systems: Systems, samples: Sequence[int], modes: Sequence[Mode]) -> None:
+    """Store the frequency responses at samples, over frequencies that show what ``modes`` do."""
+    given, linear, along = systems.given, systems.linear, systems.along
+    if not given.inputs or not samples:
+        return
+    w = frequencies_for(modes)
+    found = np.array([response(linear.A[k], linear.B[k], systems.C[k], systems.D[k], w) for k in samples])
+    result.add("linear/frequency", w, units="rad/s", dims=("frequency",), long_name="angular frequency")
+    if along:
+        result.add(
+            "linear/instant", given.states.times[list(samples)], units="s", dims=("instant",),
+            long_name="instants of the frequency responses",
+        )  # fmt: skip
+    inputs = input_signals(given.problem.model, given.inputs)
+    for name, part in (("real", found.real), ("imaginary", found.imag)):
+        result.add(
+            f"linear/response_{name}", part if along else part[0], names=tuple(s.name for s in inputs),
+            units=f"{OF_ROW}, over that of the column", column_units=tuple(f"{OF_ROW}, per {s.unit}" for s in inputs),
+            dims=(*(("instant",) if along else ()), "frequency", "output", "input"),
+            long_name=f"{name} part of outputs over inputs",
+        )  # fmt: skip
+
+
+def add_poses(result: Result, given: Nominal, modes: Sequence[Mode]) -> None:
+    """Store the poses on both sides of each mode."""
+    if modes:
+        result.add(
+            "modes/q", np.array([_swung(given, mode) for mode in modes]), units="rad or m",
+            dims=("mode", "side", "position"), names=given.problem.model.q_names,
+            long_name="poses in which a mode is drawn, loops closed",
+        )  # fmt: skip
+
+
+def _swung(given: Nominal, mode: Mode) -> list[Array]:
+    """Return the poses (nq,) on both sides of a mode, with the loops closed."""
+    problem, q = given.problem, given.states.q[0]
+    model = problem.model
+    step = np.array([size * np.cos(phase) for size, phase in mode.shape.values()])
+    room = np.array([SWING if unit == "rad" else SWING * mechanism_size(model) for unit in model.v_units])
+    step *= 1.0 / max(float((np.abs(step) / room).max(initial=0.0)), 1e-300) if step.any() else 0.0
+    manifold = Manifold(model)
+    return [_closed(problem, manifold, manifold.integrate(q, side * step)) for side in (1.0, -1.0)]
+
+
+def _closed(problem: Problem, manifold: Manifold, q: Array) -> Array:
+    """Return q with the loops closed by steps of least norm, as far as they go."""
+    for _ in range(CLOSING if problem.constraints.rows else 0):
+        eta = problem.numbers(problem.constraints.eta, q)
+        q = manifold.integrate(q, -np.linalg.pinv(problem.numbers(problem.psi, q), rcond=1e-6) @ eta)
+    return q
+
 
 REST = 1e-8  # an acceleration this small beside that of the freed weights counts as none
 NEAR = 1e-9  # s beyond the ends of a motion that still count as the ends

@@ -1,4 +1,14 @@
-"""All combinations of a catalogue for one joint: how much of its limits each uses."""
+"""All combinations of a catalogue for one joint, how much of its limits each uses, and how torques depend on the masses
+and inertias of drives.
+
+A torque of inverse dynamics is linear in the inertial data of the bodies (C. G. Atkeson, C. H. An and J. M. Hollerbach,
+IJRR 5(3), 1986), and so are the torques that share a load. With the drives' masses m_j on their links and the inertias
+I_j that they reflect on their joints,
+
+    tau = tau_0 + sum_j m_j A_j + sum_j I_j B_j.
+
+The equations are built once, with numbers for m_j and I_j; tables with one of them changed give A_j and B_j.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +20,191 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.drives.cycle import Duty, ShaftDuty, Use, motor_cycle, motor_limits, other_limits
-from robodyn_cli.motors.drive import Catalogue, Drive, Train
+from robodyn_cli.drives.report import following
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.many import ManyNumbers, Recipe
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import MOTION_GROUPS
+from robodyn_cli.motors.drive import NOWHERE, Catalogue, Drive, Train
 from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
+from robodyn_cli.motors.gear import Belt
+from robodyn_cli.motors.kinds import TorqueTable
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.checks import jumps
+from robodyn_cli.torques.program import InverseProgram, Sampled
+from robodyn_cli.works.inverse import at_rest, program_of
+
+# a drive of 1 kg that reflects 1 kg m^2 or 1 kg
+UNIT = Catalogue(
+    motors={
+        "unit": TorqueTable(
+            type="envelope", peak=((0.0, 1.0), (1.0, 1.0)), continuous=((0.0, 1.0), (1.0, 1.0))
+        )
+    },
+    gears={
+        "rad": Belt(type="belt", motor_radius=1.0, joint_radius=1.0),
+        "m": Belt(type="belt", motor_radius=1.0),
+    },
+)
+
+
+@record
+class DriveLoads:
+    """What is linear in masses and inertias, for n drives: tau (T, nv) [N m or N], without drives, and by unit of each.
+
+    none : (T, nv). by_mass, by_inertia : (n, T, nv), zero for a mass that is not carried or does not vary.
+    """
+
+    none: Array
+    by_mass: Array
+    by_inertia: Array
+
+    def at(self, masses: Array, inertias: Array) -> Array:
+        """Return tau (T, nv) for masses and inertias (n,)."""
+        found: Array = (
+            self.none + np.tensordot(masses, self.by_mass, 1) + np.tensordot(inertias, self.by_inertia, 1)
+        )
+        return found
+
+
+@record
+class Responses:
+    """A motion, and the torques that drives of any mass and inertia need for it.
+
+    joints : that are driven. times : (T,). qd, qdd : (T, nv). tau : of the motion. hold : at rest in its poses, None
+    where loops leave it open. breaks : where torques jump, in steps from the first sample.
+    """
+
+    scene: Scene
+    joints: tuple[str, ...]
+    columns: tuple[int, ...]
+    times: Array
+    qd: Array
+    qdd: Array
+    tau: DriveLoads
+    hold: DriveLoads | None
+    breaks: tuple[float, ...]
+
+    @staticmethod
+    def of(scene: Scene, drives: dict[str, Drive]) -> Responses:
+        """Return the responses of a scene whose joints have these drives, whatever their parts.
+
+        Raises
+        ------
+        RobodynError : see ``inverse``. CapabilityError : the motion depends on the drives.
+        """
+        unit = with_unit_drives(scene, drives)
+        program = program_of(unit)
+        samples = scene.inverse.samples
+        planned = at_rest(program.problem, program.plan(samples))
+        sampled = program.evaluate(planned, program.compile(samples))
+        variants = _Variants.of(program, unit, tuple(drives))
+        hold = variants.loads(program, sampled, still=True)
+        R = None
+        if hold is not None:
+            loops = sampled.loops
+            psi = np.zeros((samples, 0, program.problem.model.nv)) if loops is None else loops.psi
+            R = following(program.problem, psi)
+        names = program.problem.model.v_names
+        tau = variants.loads(program, sampled)
+        assert tau is not None
+        return Responses(
+            scene, tuple(drives), tuple(names.index(name) for name in drives), planned.times,
+            sampled.motion.qd, sampled.motion.qdd, tau, None if R is None or hold is None else _projected(hold, R),
+            tuple(jumps(program.problem, planned.times)),
+        )  # fmt: skip
+
+
+def with_unit_drives(scene: Scene, drives: dict[str, Drive]) -> Scene:
+    """Return the scene whose drives have a mass of 1 kg and reflect an inertia of one unit each.
+
+    Raises
+    ------
+    CapabilityError : the motion depends on the drives.
+    """
+    if scene.trajectory is not None and scene.trajectory.least_time:
+        raise CapabilityError(
+            "the times of a path of type fastest follow from the torques, and these from the drives; give its "
+            "result as a trajectory of type table, and size that"
+        )
+    units = {
+        joint.name: joint_types[joint.type].v_units[0] for joint in scene.robot.joints if joint.name in drives
+    }
+    found = {}
+    for name, drive in drives.items():
+        own = None if drive.mass_on == NOWHERE else 1.0 if drive.mass is None else drive.mass
+        found[name] = Drive(
+            motor="unit", gear=units[name], count=drive.count, coupling_inertia=1.0, mass=own, mass_on=drive.mass_on,
+            mass_at=drive.mass_at,
+        )  # fmt: skip
+    return dataclasses.replace(scene, drives=found, catalogue=UNIT)
+
+
+def _projected(loads: DriveLoads, R: Array) -> DriveLoads:
+    """Return the loads along the motions R (T, nv, nv) of single joints."""
+    return DriveLoads(
+        np.einsum("tik,ti->tk", R, loads.none),
+        np.einsum("tik,nti->ntk", R, loads.by_mass),
+        np.einsum("tik,nti->ntk", R, loads.by_inertia),
+    )
+
+
+@record
+class _Variants:
+    """A compiled program, and its tables of numbers: as it is, then with one mass doubled, then one inertia.
+
+    masses, inertias : the drives' own in the first table, as all of a joint's drives have them; ``masses`` is 0 where
+    there is none to vary.
+    """
+
+    kernel: SampleKernel
+    outputs: tuple[str, ...]
+    tables: Array
+    masses: Array
+    inertias: Array
+
+    @staticmethod
+    def of(program: InverseProgram, scene: Scene, joints: Sequence[str]) -> _Variants:
+        outputs = dict(program.terms)
+        if program.others.get("psi"):
+            outputs["psi"] = program.others["psi"]
+        kernel = SampleKernel({f"o{k}": list(x) for k, x in enumerate(outputs.values())}, MOTION_GROUPS)
+        drives = [scene.drives[name] for name in joints]
+        keys = ("mass", "coupling_inertia")
+        own = {f"drives.{n}.{key}": getattr(d, key) for key in keys for n, d in zip(joints, drives)}
+        own = {place: 0.0 if x is None else x for place, x in own.items()}
+        rows = np.tile(np.array(list(own.values())), (1 + len(own), 1))
+        rows[1:] += np.diag(rows[0])
+        numbers = ManyNumbers(Recipe(list(own)), dict(zip(own, rows.T)), len(rows))
+        count = np.array([drive.count for drive in drives], dtype=float)
+        masses = count * [own[f"drives.{n}.mass"] for n in joints]
+        tables = numbers.table(kernel.program.numbers or (0.0,))
+        return _Variants(kernel, tuple(outputs), tables, masses, count)
+
+    def loads(self, program: InverseProgram, sampled: Sampled, still: bool = False) -> DriveLoads | None:
+        """Return torques of the motion, or with ``still`` what the joints bear at rest in its poses."""
+        motion, samples = sampled.motion, len(sampled.times)
+        at_rest = np.zeros_like(motion.qd)
+        groups = {"t": sampled.times[:, None], "q": motion.q, "v": at_rest if still else motion.qd,
+                  "a": at_rest if still else motion.qdd, "p": sampled.p}  # fmt: skip
+        arrays = self.kernel.of_tables(self.tables, samples, groups)
+        found = []
+        for k in range(len(self.tables)):
+            parts = {n: arrays[f"o{i}"][k].T for i, n in enumerate(self.outputs)}
+            psi = parts.pop("psi", np.zeros((samples, 0)))
+            tau = np.sum(list(parts.values()), axis=0) if still else program.shared(parts, psi, sampled)
+            if tau is None:
+                return None
+            found.append(tau)
+        n = len(self.masses)
+        by_mass, by_inertia = (np.array(x) - found[0] for x in (found[1 : n + 1], found[n + 1 :]))
+        by_mass /= np.where(self.masses > 0.0, self.masses, 1.0)[:, None, None]
+        by_inertia /= self.inertias[:, None, None]
+        none = DriveLoads(found[0], by_mass, by_inertia).at(-self.masses, -self.inertias)
+        return DriveLoads(none, by_mass, by_inertia)
 
 
 @record

@@ -18,11 +18,10 @@ from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.catalogue import EXAMPLE
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.summaries.size import Sized, SizeSummary, Sizing
-from robodyn_cli.tools.progress import Progress, no_progress
-from robodyn_cli.tools.stopwatch import Stopwatch
+from robodyn_cli.summaries.inverse import Sized, SizeSummary, Sizing
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.inverse import inverse
-from robodyn_cli.works.size.responses import Responses
+from robodyn_cli.works.size.candidates import Responses
 from robodyn_cli.works.size.search import DriveSearch, Together, order_of
 
 # combinations times samples that are evaluated for combinations of all joints together: a blink, some minutes

@@ -1,12 +1,19 @@
-"""The course of a motion as its variational equations see it: smooth stretches, and the switches between them."""
+"""The course of a motion as its variational equations see it: smooth stretches, and the switches between them.
+
+How sensitivities go over the updates of a sampled controller, z+ = u(t, q, v, z-, k) at known instants:
+
+S_z+ = u_x S- + u_k,   S_q and S_v as they are
+"""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from robodyn_cli.equations.control.control import NOISE
 from robodyn_cli.equations.discontinuities import is_of_time
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
@@ -17,7 +24,7 @@ from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
-from robodyn_cli.over.sensitivity.motion.variational import NEW
+from robodyn_cli.over.sensitivity.motion.variational import NEW, StatePoint, Variational
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -247,3 +254,42 @@ def plain_states(system: System, plain: System, x: Array) -> Array:
 def further_places(plain: System) -> Sequence[int]:
     """Return the places in x of the states beside q and v: those of a controller."""
     return range(plain.nq + plain.nv, plain.size) if plain.layout is None else plain.layout.z
+
+
+class Updated:
+    """The updates of a motion's controller; none where it has no sampled one."""
+
+    def __init__(self, motion: Motion, variational: Variational) -> None:
+        self.motion, self.variational = motion, variational
+        control: Any = motion.problem.control
+        self.control = control
+        self.updates = variational.system.updates
+        self.places = list(further_places(variational.system))
+        layout = variational.system.layout
+        phases = [] if self.updates is None else control.phases
+        self.phases = [phase if layout is None else layout.renamed(phase) for phase in phases]
+
+    def over(self, update: tuple[int, int], before: StatePoint) -> Array:
+        """Return S (nx, K) behind an update, named by its number and phase."""
+        number, phase = update
+        return self._set(phase, number, before.t, before.x, before.S)
+
+    def begun(self, S: Array) -> Array:
+        """Return S at t = 0 with the states of a controller, which the first update sets."""
+        if self.updates is None:
+            return S
+        system, control = self.variational.system, self.control
+        q, v = self.motion.assembled.q, self.motion.assembled.v
+        z = control.before_start(q, v, self.motion.system.parameters_at(0.0, q), self.updates.noise[0])
+        S = S.copy()
+        if control.last:  # what was measured last is where the joints are
+            S[np.array(self.places)[control.last]] = S[list(system.q_places)]
+        return self._set(0, 0, 0.0, system.join(q, v, z), S)
+
+    def _set(self, phase: int, number: int, t: float, x: Array, S: Array) -> Array:
+        assert self.updates is not None
+        noise = self.updates.noise[min(number, len(self.updates.noise) - 1)]
+        at = self.variational.slopes(self.phases[phase], t, x, **{NOISE: noise})
+        found = S.copy()
+        found[self.places] = at.state @ S + at.keys
+        return found

@@ -1,0 +1,227 @@
+"""Errors of motions from a second, more accurate integration: when it is made, how the two differ, and what rounding is
+expected to leave.
+
+The rules are those of one run and of many: arrays have a leading axis of runs, which is of length 1 for a run alone."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+if TYPE_CHECKING:
+    from robodyn_cli.motion.conditioning import Conditioning
+
+MORE_STEPS = 1.9  # times the steps of the first run: both together take less than three times its time
+MOST_STEPS = 4  # times the steps of the first run, at which the second is given up
+TIGHTER = 200.0  # times, at most: a tolerance so much tighter is enough even where it takes fewer steps
+TIGHTEST_RTOL = 2e-14  # not below what double precision can resolve
+FINEST_RTOL = 1e-12  # below it, methods of high order are at rounding, where a tighter tolerance says nothing
+FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the second run must not take the same steps
+DECIDES = 0.5  # of the growth of the steps, as a power: below it something else than the tolerance decides about them
+SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
+FIRST_STEPS = 0.4  # times the first steps, at the start and behind events: else both runs share their errors
+HIGH_ORDER = 7
+
+Integers = NDArray[np.int64]
+Masks = NDArray[np.bool_]
+
+
+@record
+class First:
+    """First integrations by one method: their steps (N,), and the time that each went (N,) [s]."""
+
+    options: Options
+    method: str
+    steps: Integers
+    went: Array
+
+
+@record
+class Attempt:
+    """Second integrations of the runs of these numbers.
+
+    options : of all. step : fixed or longest steps (n,) [s], None: as in the options. most : numbers of steps (n,).
+    how : what differs from the first, in words.
+    """
+
+    rows: Integers
+    options: Options
+    step: Array | None
+    most: Integers
+    how: str
+
+    @property
+    def alone(self) -> Options:
+        """The options of the only run."""
+        most, step = int(self.most[0]), self.options.max_step if self.step is None else float(self.step[0])
+        if self.options.step is None:
+            return dataclasses.replace(self.options, max_steps=most, max_step=step)
+        return dataclasses.replace(self.options, max_steps=most, step=step)
+
+
+Once = Callable[[Attempt], tuple[Any, Masks]]
+
+
+def integrate_again(first: First, once: Once) -> None:
+    """Make second integrations, with a tighter tolerance, or with other steps where that says nothing.
+
+    With fewer steps than half of the growth (as a power) that the tolerance alone would give, (rtol_1 / rtol_2)^(1/p),
+    the tolerance does not decide about them, so that many of the same ones were taken once more.
+
+    Parameters
+    ----------
+    once : makes an attempt; returns the steps of its runs (n,), and which of them were given up for their number.
+    """
+    attempt = first_attempt(first)
+    steps, given_up = once(attempt)
+    if attempt.step is not None:
+        return
+    kind, tight = methods[first.method], attempt.options
+    growth = (first.options.rtol / tight.rtol) ** (DECIDES * kind.proportion / kind.order)
+    few = ~given_up & (steps < growth * first.steps)
+    # what is given up has a tolerance that the method cannot keep
+    for rows, options in ((np.flatnonzero(few), tight), (np.flatnonzero(given_up), first.options)):
+        if len(rows):
+            once(_other_steps(first, rows, options))
+
+
+def first_attempt(first: First) -> Attempt:
+    """Return the first attempt at all runs.
+
+    A local error falls as h to the power p of the error estimate, so MORE_STEPS times the steps take a tolerance
+    MORE_STEPS^p times tighter.
+    """
+    options, rows, kind = first.options, np.arange(len(first.steps)), methods[first.method]
+    factor = min(TIGHTER, MORE_STEPS ** (kind.order / kind.proportion))
+    if kind.order >= HIGH_ORDER:
+        factor = min(factor, options.rtol / TIGHTEST_RTOL)
+    rtol = options.rtol / factor
+    fine = options.rtol >= FINEST_RTOL if kind.order >= HIGH_ORDER else rtol >= TIGHTEST_RTOL
+    if options.step is not None or not (kind.adaptive and fine):
+        # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
+        return _other_steps(first, rows, options)
+    tight = dataclasses.replace(options, rtol=rtol, atol=options.atol / factor, first=FIRST_STEPS)
+    return Attempt(rows, tight, None, _most(first, rows), f"rtol {rtol:.1g}")
+
+
+def _other_steps(first: First, rows: Integers, options: Options) -> Attempt:
+    """Return the attempt at some runs with shorter steps."""
+    mean = (first.went / np.maximum(first.steps, 1))[rows]
+    if options.step is None:
+        part, step = SHORTER, np.minimum(options.max_step, SHORTER * mean)
+    else:  # a step that is longer than a run is as long as the run
+        part, step = FINER, FINER * np.where(options.step < 2.0 * mean, options.step, mean)
+    other, how = dataclasses.replace(options, first=FIRST_STEPS), f"steps {part:g} times as long"
+    return Attempt(rows, other, step, _most(first, rows), how)
+
+
+def _most(first: First, rows: Integers) -> Integers:
+    """Return the numbers of steps at which second integrations of some runs are given up."""
+    found: Integers = np.minimum(4 * first.options.max_steps, MOST_STEPS * first.steps[rows] + 1000)
+    return found
+
+
+ConditioningOf = Callable[[int], "Conditioning"]
+
+NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the accelerations is looked at
+HALF_UNIT = 1.1e-16
+TIME_ROUNDING = 1e-14  # part of the time of an event that rounding leaves over the steps of a run
+
+
+def remainder(first: First, more: Any) -> Array:
+    """Return 1 / (1 - (n_1 / n_2)^p), at most 2 (N,): what the second run's own error hides of the first one's.
+
+    more : n_2, the steps of the second runs (N,).
+    """
+    kind = methods[first.method]
+    # between steps the dense output decides
+    power = min(kind.order, kind.dense_order + 1)
+    left = np.minimum(1.0, first.steps / np.maximum(more, 1)) ** power
+    found: Array = 1.0 / (1.0 - np.minimum(left, 0.5))
+    return found
+
+
+@record
+class Courses:
+    """States (N, T, nx) of both integrations at the start, the samples that are judged, and the end; their ``scale``
+    (N,), see ``remainder``."""
+
+    system: System
+    first: Array
+    second: Array
+    scale: Array
+
+    @property
+    def errors(self) -> Array:
+        """Estimated errors of the first (N, T, nx)."""
+        found: Array = self.scale[:, None, None] * np.abs(self.second - self.first)
+        return found
+
+    def at_end(self, floor: Floor) -> Array:
+        """Return the errors at the end (N, nx), no less than the floor.
+
+        There the errors of both may agree by chance. So they are no less than what the second run's own error, a part
+        1 - 1/scale of the first one's (see ``remainder``), typically is over the second half of the samples.
+        """
+        errors = self.errors
+        found: Array = errors[:, -1].copy()
+        for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
+            largest = errors[:, errors.shape[1] // 2 :, list(places)].max(axis=2, initial=0.0)
+            typical = (1.0 - 1.0 / self.scale) * np.median(largest, axis=1)
+            found[:, list(places)] = np.maximum(found[:, list(places)], np.maximum(typical, least)[:, None])
+        return found
+
+    def floor(
+        self, steps: Any, lasted: Any, conditioning: Callable[[int], Conditioning], watched: float = 0.0
+    ) -> Floor:
+        """Return what rounding is expected to leave.
+
+        Parameters
+        ----------
+        steps : of the first integrations (N,), which lasted so long (N,) [s]. conditioning : that of a run, by number;
+            the first one that it counts for is asked. watched : what others say that rounding leaves.
+        """
+        largest, part = (
+            np.abs(self.first).max(axis=1, initial=0.0),
+            HALF_UNIT * np.sqrt(np.maximum(1.0, steps)),
+        )
+        both = list(self.system.q_places), list(self.system.v_places)
+        q, qd = (np.maximum(part * largest[:, places].max(axis=1, initial=0.0), watched) for places in both)
+        errors = self.errors[:, :, [*both[0], *both[1]]].max(axis=(1, 2), initial=0.0)
+        near = errors <= NEAR_ROUNDING * np.maximum(q, qd)
+        if not near.any():
+            return Floor(q, qd)
+        off_q, off_qd = conditioning(int(np.argmax(near))).leaves(lasted)
+        return Floor(np.where(near, np.maximum(q, off_q), q), np.where(near, np.maximum(qd, off_qd), qd))
+
+
+@record
+class Floor:
+    """Errors that rounding alone is expected to leave, of positions and of rates (N,).
+
+    The state's own rounding grows as sqrt(steps). Where errors are not far above that, what constants and the
+    conditioning of the equations do counts too (see ``Conditioning``). Both runs share some of it, so that their
+    difference hides it.
+    """
+
+    q: Array
+    qd: Array
+
+
+def time_errors(first: First, apart: Any, more: Any, times: Any) -> Array:
+    """Return the errors of the times (N,) [s] of events, which second runs with so many steps put ``apart``.
+
+    An agreement below what rounding leaves over the steps of a run says nothing.
+    """
+    found: Array = np.maximum(remainder(first, more) * apart, TIME_ROUNDING * times)
+    return found

@@ -1,0 +1,321 @@
+"""Runs that go on: one that was killed, from its journal; and one from a state of a stored run,
+``initial: {from: RESULT, at: TIME}``.
+
+A journal begins with a line that says of which run it is. Each block follows as a line (JSON: the shape, the counters,
+the changes of method, what watchers have noted) and its numbers: times (m,), states (m, nx) and parameters (np,), as
+doubles. A block that was being written when the run ended is not used.
+
+From a stored run the clock goes on too: formulas of time and prescribed joints see its time, and `simulate.duration` is
+the end on that clock. What is stored is the whole state (q, v, and the work done so far). Contact states are found anew
+from it, as at any start.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from robodyn_cli.commands import COMMANDS
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import ResultFileError, SceneError
+from robodyn_cli.formulations.system import System
+from robodyn_cli.motion.driver import Driver, MethodChange
+from robodyn_cli.motion.motion import Beginning, Motion
+from robodyn_cli.record import record
+from robodyn_cli.results.atomic import output_errors
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import robodyn_version, sha256
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import Counters
+
+DOUBLE = np.dtype("<f8")
+
+
+@record
+class JournalBlock:
+    """Samples at times t (m,) with states x (m, nx), all with parameters p; what the run had done by then.
+
+    noted : by the driver's watchers, in their order.
+    """
+
+    t: Array
+    x: Array
+    p: Array
+    counters: Counters
+    changes: tuple[MethodChange, ...]
+    noted: tuple[dict[str, float], ...]
+
+
+class Journal:
+    """Context manager around the file of one run.
+
+    resume : whether to take over the blocks of an earlier run; ``taken`` tells whether there are any.
+
+    Raises
+    ------
+    SceneError : the blocks are of another scene, or of other settings.
+    """
+
+    def __init__(self, path: Path, scene: Scene, resume: bool = False) -> None:
+        self.path = path
+        self._head = {"scene": sha256(scene.text), "version": robodyn_version()}
+        self._length = 0
+        self.taken = resume and self._find(scene)
+        self._file: BinaryIO | None = None
+
+    def _find(self, scene: Scene) -> bool:
+        """Tell whether there are blocks of this run, and note how long the file is up to its last whole one."""
+        found = False
+        if not self.path.exists():
+            return False
+        with output_errors(self.path), open(self.path, "rb") as file:
+            head = _line(file)
+            if head is not None and head != self._head:
+                raise SceneError(
+                    f"{scene.path}: the unfinished run in {self.path} is of another scene, other settings or another "
+                    "version of robodyn; allowed: the same ones, or a run from the start, without --resume",
+                    file=scene.path,
+                )
+            for _ in _blocks(file):
+                self._length, found = file.tell(), True
+        return found
+
+    def __enter__(self) -> Journal:
+        with output_errors(self.path):
+            if self.taken:
+                os.truncate(self.path, self._length)
+                self._file = open(self.path, "ab")
+            else:
+                self._file = open(self.path, "wb")
+                self._write(json.dumps(self._head).encode() + b"\n")
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._file is not None:
+            with contextlib.suppress(OSError):
+                self._file.close()
+
+    def blocks(self) -> Iterator[JournalBlock]:
+        """Yield the blocks that were taken over."""
+        if self.taken:
+            with open(self.path, "rb") as file:
+                _line(file)
+                for block in _blocks(file):
+                    yield block
+                    if file.tell() >= self._length:  # behind it are those that this run adds
+                        return
+
+    def add(self, t: Array, x: Array, driver: Driver) -> None:
+        """Write a block of samples; it is in the file when this returns."""
+        p = driver.parameters
+        head = {
+            "shape": [*x.shape, len(p)],
+            "counters": dataclasses.astuple(driver.counters),
+            "changes": [dataclasses.astuple(change) for change in driver.changes],
+            "noted": [watcher.noted for watcher in driver.watchers],
+        }
+        numbers = np.concatenate([t, x.ravel(), p]).astype(DOUBLE)
+        with output_errors(self.path):
+            self._write(json.dumps(head).encode() + b"\n" + numbers.tobytes())
+
+    def _write(self, data: bytes) -> None:
+        assert self._file is not None
+        self._file.write(data)
+        self._file.flush()
+
+
+def _line(file: BinaryIO) -> dict[str, Any] | None:
+    """Return the next line, None where there is no whole one."""
+    line = file.readline()
+    with contextlib.suppress(ValueError):
+        found = json.loads(line)
+        if line.endswith(b"\n") and isinstance(found, dict):
+            return found
+    return None
+
+
+def _blocks(file: BinaryIO) -> Iterator[JournalBlock]:
+    """Yield the whole blocks from here on."""
+    while (head := _line(file)) is not None:
+        m, n, k = head["shape"]
+        data = file.read(DOUBLE.itemsize * (m * (n + 1) + k))
+        if len(data) < DOUBLE.itemsize * (m * (n + 1) + k):
+            return
+        t, x, p = np.split(np.frombuffer(data, DOUBLE).copy(), [m, m * (n + 1)])
+        changes = tuple(MethodChange(*c) for c in head["changes"])
+        yield JournalBlock(t, x.reshape(m, n), p, Counters(*head["counters"]), changes, tuple(head["noted"]))
+
+
+RESULT_FILE = "result.h5"
+STORED = ("time", "q", "qd", "energy/work", "control/states")
+SAME_TIME = 1e-9  # part of a time (or of a second) by which the sample asked for may differ
+# Runs with Baumgarte's method or none drift from the loops; beyond this [m, rad and their rates] the loops are others.
+CLOSED = 1e-3
+
+
+@record
+class Stored:
+    """Samples of a stored run: times (T,), q (T, nq), v (T, nv) with the names of their columns, work (T,) if any.
+    control : states of the controller (T, nc), if any.
+
+    sample : the one to go on from.
+    """
+
+    scene: Scene
+    times: Array
+    q: Array
+    v: Array
+    q_names: tuple[str, ...]
+    v_names: tuple[str, ...]
+    work: Array | None
+    control: Array | None
+    sample: int
+
+    @property
+    def time(self) -> float:
+        return float(self.times[self.sample])
+
+    def completed(self) -> Scene:
+        """Return the scene with the positions and rates of the first sample where it gives none at t = 0.
+
+        The state at t = 0 still decides how the equations are set up (which rows are redundant, which method suits).
+        """
+        initial = self.scene.initial
+        if initial.q:
+            return self.scene
+        q, v = (
+            dict(zip(names, row[0].tolist()))
+            for names, row in ((self.q_names, self.q), (self.v_names, self.v))
+        )
+        return dataclasses.replace(
+            self.scene, initial=dataclasses.replace(initial, q=q, qd={**v, **initial.qd})
+        )
+
+    def beginning(self, motion: Motion) -> Beginning:
+        """Return where the run of a motion begins.
+
+        Raises
+        ------
+        SceneError : the state is not one of this mechanism.
+        """
+        model, system = motion.problem.model, motion.system
+        for what, found, needed in (
+            ("positions", self.q_names, model.q_names),
+            ("rates", self.v_names, model.v_names),
+        ):
+            if tuple(found) != tuple(needed):
+                raise self._refused(f"holds {what} of {_listed(found)}; this scene has {_listed(needed)}")
+        q, v = self.q[self.sample], self.v[self.sample]
+        self._check_loops(motion.problem, q, v)
+        return Beginning(self.time, system.join(q, v, self._further(system)))
+
+    def _further(self, system: System) -> Array:
+        """Return the further states: those of the controller, and the work so far, where that is integrated."""
+        controlled = system.further - (1 if system.work_done_by else 0)
+        states = np.zeros(0) if self.control is None else self.control[self.sample]
+        if len(states) != controlled:
+            raise self._refused(
+                f"has {len(states)} states of a controller (control/states); this scene's controller has {controlled}"
+            )
+        if not system.work_done_by:
+            return states
+        if self.work is None:
+            raise self._refused("has no work (energy/work), which this scene's drives or losses do")
+        return np.append(states, self.work[self.sample])
+
+    def _check_loops(self, problem: Problem, q: Array, v: Array) -> None:
+        constraints = problem.constraints
+        if not constraints.rows:
+            return
+        off = [
+            problem.numbers(entries, q, self.time, v)
+            for entries in (constraints.eta, constraints.velocity_residual(problem.v))
+        ]
+        largest = max(float(np.abs(x).max(initial=0.0)) for x in off)
+        if not largest <= CLOSED:
+            raise self._refused(
+                f"has at {self.time:g} s a state in which this scene's loops and prescribed joints are off by "
+                f"{largest:.2g} (m or rad, or their rates); allowed: a state in which they hold"
+            )
+
+    def _refused(self, why: str) -> SceneError:
+        return refused(self.scene, f"the stored run {why}")
+
+
+def refused(scene: Scene, why: str, key: str = "from") -> SceneError:
+    """Return the error of what `initial.from` (or `initial.at`) names."""
+    return SceneError(f"{scene.path}: initial.{key}: {why}", file=scene.path, key=f"initial.{key}")
+
+
+def stored_run(scene: Scene) -> Stored:
+    """Return the stored run that a scene goes on from.
+
+    Raises
+    ------
+    SceneError : there is no such result, or it cannot be gone on from.
+    """
+    named = scene.initial.source
+    assert named is not None
+    result = _read(scene, Path(scene.path).parent / named)
+    able = [name for name, row in COMMANDS.items() if row.goes_on]
+    if result.command not in able:
+        allowed = " or ".join(map(repr, able))
+        raise refused(scene, f"{named!r} is a result of {result.command!r}; allowed: of {allowed}")
+    time, q, v = (result.variables[path] for path in STORED[:3])
+    work, control = (result.variables.get(path) for path in STORED[3:])
+    sample = _sample(scene, time.data)
+    return Stored(
+        scene,
+        time.data,
+        q.data,
+        v.data,
+        q.names,
+        v.names,
+        None if work is None else work.data,
+        None if control is None else control.data,
+        sample,
+    )
+
+
+def _read(scene: Scene, path: Path) -> Result:
+    from robodyn_cli.results.hdf5 import read
+
+    try:
+        return read(path / RESULT_FILE if path.is_dir() else path, lambda name: name in STORED)
+    except ResultFileError as error:
+        raise refused(scene, error.message) from error
+
+
+def _sample(scene: Scene, times: Array) -> int:
+    """Return the number of the sample to go on from: the last one, or that at `initial.at`."""
+    at = scene.initial.at
+    k = len(times) - 1 if at is None else int(np.argmin(np.abs(times - at)))
+    time = float(times[k])
+    if at is not None and abs(time - at) > SAME_TIME * max(1.0, abs(at)):
+        raise refused(
+            scene,
+            f"there is no sample at {at:g} s; allowed: a time of a sample of the stored run, which has {len(times)} "
+            f"from {times[0]:g} s to {times[-1]:g} s (the nearest: {time:.17g} s)",
+            "at",
+        )
+    if not time < scene.simulate.duration:
+        raise refused(
+            scene,
+            f"the run would begin at {time:g} s, and simulate.duration, the end on the same clock, is "
+            f"{scene.simulate.duration:g} s; allowed: a later end",
+            "from" if at is None else "at",
+        )
+    return k
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    shown = ", ".join(names[:8])
+    return f"{shown}, ... ({len(names)})" if len(names) > 8 else shown or "no joints"

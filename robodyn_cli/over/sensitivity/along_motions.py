@@ -1,0 +1,263 @@
+"""Exact derivatives of the figures of ``inverse`` and ``kinematics``: of a motion, of points, loops and torques along
+it.
+
+    d tau / dk = tau_k + tau_t dt + tau_q dq + tau_v dv + tau_a da
+
+in an open chain; with loops it is the change of the load B tau + Psi^T lambda, which actuators and loops share.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from robodyn_cli.equations.gears import geared
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.given.motion import Planned
+from robodyn_cli.kernels.program import Program
+from robodyn_cli.model.model import MOTION_GROUPS
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.reactions import ReactionSamples
+from robodyn_cli.observe.reactions import figures as largest_loads
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
+from robodyn_cli.over.sensitivity.differences import Slope
+from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
+from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.load_sharing import share_change
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.drives import DriveFigures
+from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
+from robodyn_cli.summaries.inverse import JointFigures
+from robodyn_cli.summaries.mechanism import KinematicsSummary
+from robodyn_cli.torques.checks import joint_figures
+from robodyn_cli.torques.closed import ClosedLoops
+from robodyn_cli.torques.program import InverseProgram, Sampled
+from robodyn_cli.works.inverse import at_rest, program_of
+from robodyn_cli.works.kinematics import leading, outputs, plan, problem_of, report, summarise
+
+
+@record
+class InverseFigures:
+    """The keys of the summary of ``inverse`` that are figures of its samples."""
+
+    termination: Termination
+    joints: dict[str, JointFigures]
+    reactions: PeakLoads | Absent = ABSENT
+    drives: dict[str, DriveFigures] | Absent = ABSENT
+
+
+class InverseSlopes:
+    """The samples of an inverse run, and their derivatives by some keys, which are named by their numbers.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+
+    def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
+        self.asked, self.numbers = asked, numbers
+        self.led = LedSlopes(asked, scene, numbers, self._course)
+        self.program = program_of(scene)
+        self.problem = self.program.problem
+        _refuse(self.program)
+        self.samples = scene.inverse.samples
+        self.loads = ReactionSamples(self.problem, self.samples) if scene.outputs.reactions else None
+        self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
+
+    def _outputs(self) -> dict[str, Sequence[Scalar]]:
+        terms = self.program.terms.values()
+        found: dict[str, Sequence[Scalar]] = {"load": [sum(parts) for parts in zip(*terms)]}
+        if isinstance(self.program, ClosedLoops):
+            found["psi"] = self.program.others["psi"]
+        if self.loads is not None:
+            found |= self.loads.function.outputs
+        return found
+
+    @property
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [self.gradients.program, *self.led.programs]
+
+    def slopes(self) -> dict[str, list[Slope]]:
+        """Return the derivatives of those outputs that are figures of the samples."""
+        sampled, moved = self.sampled, self.moved
+        arrays = [
+            (sampled.motion.qd, moved["v"]),
+            (sampled.motion.qdd, moved["a"]),
+            (sampled.tau, moved["tau"]),
+        ]
+        arrays += [(wrench, moved[path]) for path, wrench in self.wrenches.items()]
+        return slopes_along(self.asked, self.numbers, self._figures, arrays)
+
+    @cached_property
+    def sampled(self) -> Sampled:
+        """The run of the scene as it stands."""
+        planned = at_rest(self.problem, self.program.plan(self.samples))
+        return self.program.evaluate(planned, self.program.compile(self.samples))
+
+    @cached_property
+    def moved(self) -> dict[str, Array]:
+        """Derivatives (T, n, K) of t, q, v, v-dot, of the torques, and of the wrenches that are wanted by path."""
+        sampled, motion = self.sampled, self.sampled.motion
+        groups = {"t": sampled.times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
+        moved = self.led.moved(groups)
+        lam = self.program.row_multipliers(sampled)
+        groups["lam"] = (
+            np.zeros((len(sampled.times), len(self.problem.constraints.rows))) if lam is None else lam
+        )
+        along = self.gradients(groups)
+        tau = along.change("load", moved)
+        if sampled.loops is not None:
+            tau, moved["lam"] = self._shared(along.change("psi", moved), tau)
+        paths = self.loads.names if self.loads is not None else ()
+        return {**moved, "tau": tau, **{path: along.change(path, moved) for path in paths}}
+
+    def _shared(self, psi_change: Array, load_change: Array) -> tuple[Array, Array]:
+        """Return the change of torques (T, nv, K), and of the multipliers of all rows (T, m, K)."""
+        loops, constraints = self.sampled.loops, self.problem.constraints
+        assert loops is not None
+        tau = np.zeros_like(load_change)
+        lam = np.zeros((len(tau), len(constraints.rows), len(self.numbers)))
+        for k in range(len(self.numbers)):
+            psi = psi_change[:, :, k].reshape(loops.psi.shape)
+            tau[:, :, k], lam[:, constraints.of_loops, k] = share_change(
+                loops.psi, loops.driven, loops.shared, psi, load_change[:, :, k]
+            )
+        return tau, lam
+
+    @staticmethod
+    def _course(scene: Scene) -> LedCourse:
+        program = program_of(scene)
+        lead = program.lead if isinstance(program, ClosedLoops) else None
+        return LedCourse.of(program.problem, program.times(scene.inverse.samples), lead)
+
+    def _figures(self, k: int, step: float, every: int) -> InverseFigures:
+        """Return the figures for a key changed by so much, along the derivatives of the samples."""
+        sampled, moved = self.sampled, self.moved
+        motion, part = sampled.motion, every_second(len(sampled.times), every)
+        arrays = {"q": motion.q, "v": motion.qd, "a": motion.qdd, "tau": sampled.tau, **self.wrenches}
+        there = {name: (x + step * moved[name][:, :, k])[part] for name, x in arrays.items()}
+        times = (sampled.times + step * moved["t"][:, 0, k])[part]
+        motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
+        sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
+        found = InverseFigures(
+            Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem, sampled)
+        )
+        if self.loads is not None:
+            data = {path: there[path] for path in self.loads.names}
+            found = dataclasses.replace(
+                found, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(times, data, self.loads.names))
+            )
+        if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
+            found = dataclasses.replace(found, drives=self._drives(sampled, step, k))
+        return found
+
+    @cached_property
+    def wrenches(self) -> Mapping[str, Array]:
+        """Forces and moments (T, n) by path, where they are wanted."""
+        if self.loads is None:
+            return {}
+        sampled, motion = self.sampled, self.sampled.motion
+        lam = self.program.row_multipliers(sampled)
+        return self.loads(sampled.times, motion.q, motion.qd, motion.qdd, lam, sampled.p)
+
+    def _drives(self, sampled: Sampled, step: float, k: int) -> dict[str, DriveFigures]:
+        """Return the figures of the drives along samples, for a key changed by so much."""
+        from robodyn_cli.drives.report import Drives, Moved
+
+        number = self.numbers[k]
+        part = step / (abs(self.asked.values[number]) or 1.0)
+        scene = self.asked.changed([number], part) if step else self.asked.scene
+        motion = sampled.motion
+        moved = Moved(sampled.times, motion.q, motion.qd, motion.qdd, sampled.tau)
+        return Drives.of(scene, program_of(scene).problem if step else self.problem, moved).figures()
+
+
+def _refuse(program: InverseProgram) -> None:
+    """Refuse runs whose torques do not follow from t, q, v and v-dot alone.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if program.problem.model.switched:
+        raise CapabilityError("payloads are gripped or released on the way")
+    if isinstance(program, ClosedLoops) and geared(program.problem.model):
+        raise CapabilityError("the losses of gears depend on how loops share the load")
+
+
+class KinematicsSlopes:
+    """The samples of a kinematic analysis, and their derivatives by some keys, which are named by their numbers.
+
+    Raises
+    ------
+    CapabilityError : they cannot be computed exactly.
+    """
+
+    def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
+        self.asked, self.numbers = asked, numbers
+        self.led = LedSlopes(asked, scene, numbers, _course)
+        self.problem = self.led.course.problem
+        self.gradients = MotionGradients(self.problem, outputs(self.problem), self.led.places)
+
+    @property
+    def programs(self) -> list[Program]:
+        """The code of values and derivatives."""
+        return [self.gradients.program, *self.led.programs]
+
+    def slopes(self) -> dict[str, list[Slope]]:
+        """Return the derivatives of those outputs that are figures of the samples."""
+        motion, moved = self.planned[0].motion, self.moved
+        arrays = [(motion.q, moved["q"]), (motion.qd, moved["v"])]
+        arrays += [(array, moved[name]) for name, array in self.arrays.items() if name != "eta"]
+        return slopes_along(self.asked, self.numbers, self._summary, arrays)
+
+    @cached_property
+    def planned(self) -> tuple[Planned, tuple[str, ...]]:
+        """The motion of the scene as it stands, and the velocity coordinates that lead it."""
+        return plan(self.problem)
+
+    @cached_property
+    def arrays(self) -> dict[str, Array]:
+        """What is evaluated along the motion."""
+        planned, _ = self.planned
+        function = SampleFunction(outputs(self.problem), MOTION_GROUPS, len(planned.times))
+        return function.along(planned.times, planned.motion)
+
+    @cached_property
+    def moved(self) -> dict[str, Array]:
+        """Derivatives (T, n, K) of t, q, v, v-dot, and of what is evaluated along the motion, by name."""
+        planned, _ = self.planned
+        motion = planned.motion
+        groups = {"t": planned.times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
+        moved = self.led.moved(groups)
+        along = self.gradients(groups)
+        return {**moved, **{name: along.change(name, moved) for name in self.arrays}}
+
+    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary:
+        """Return the summary for a key changed by so much, along the derivatives of the samples."""
+        (planned, led), moved = self.planned, self.moved
+        part = every_second(len(planned.times), every)
+        there = {
+            name: (x + step * moved[name][:, :, k])[part]
+            for name, x in (
+                ("t", planned.times[:, None]), ("q", planned.motion.q), ("v", planned.motion.qd),
+                ("a", planned.motion.qdd), *self.arrays.items(),
+            )
+        }  # fmt: skip
+        motion = dataclasses.replace(planned.motion, q=there["q"], qd=there["v"], qdd=there["a"])
+        planned = dataclasses.replace(planned, times=there["t"][:, 0], motion=motion)
+        result = report(self.problem, planned, led, {name: there[name] for name in self.arrays})
+        return summarise(self.problem, planned, result, None)
+
+
+def _course(scene: Scene) -> LedCourse:
+    problem = problem_of(scene)
+    lead, times = leading(problem)
+    return LedCourse.of(problem, times, lead)

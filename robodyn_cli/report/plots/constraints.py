@@ -1,0 +1,288 @@
+"""Loops over time: residuals, singular values, multipliers, and the reactions in joints and closures."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.report import style
+from robodyn_cli.report.canvas import TimeSheet, growth_times, loop_columns, sharing_note
+from robodyn_cli.report.lines import (
+    NOTHING,
+    draw_columns,
+    draw_magnitudes,
+    draw_map,
+    finite,
+    largest,
+    panel_height,
+    quiet_axis,
+    where_largest,
+)
+from robodyn_cli.report.registry import plot
+from robodyn_cli.report.style import labelled, log_axis, number, positive_floor, unit
+from robodyn_cli.results import result as wrenches
+from robodyn_cli.results.moments import lock_time
+from robodyn_cli.results.result import Result, Variable, by_unit, column_names
+from robodyn_cli.spatial.algebra import Array
+
+KINDS = {"position_residual": "position", "velocity_residual": "velocity"}
+
+
+@plot(lambda result: any(_has(result, kind) for kind in KINDS))
+def constraint_residual(result: Result) -> Any:
+    """How well the loops stay closed: position and velocity residuals on a logarithmic axis; a panel for
+    positions and one for velocities, which have different units."""
+    kinds = {kind: word for kind, word in KINDS.items() if _has(result, kind)}
+    sheet = TimeSheet(
+        result,
+        f"Residuals of the loop closures, the largest of all closures; {_worst(result, kinds)}",
+        panels=len(kinds),
+        height=panel_height(len(kinds)),
+    )
+    for ax, (kind, word) in zip(sheet.axes, kinds.items()):
+        size = np.max(np.abs(finite(result[f"constraints/{kind}"])), axis=1)
+        ax.set_ylabel(labelled(word, result.variables[f"constraints/{kind}"].units))
+        if not np.any(size):
+            draw_columns(ax, result.time, size[:, None])
+            quiet_axis(ax, size, magnitudes=True)
+            continue
+        low, high = positive_floor(size)
+        # Roundings that happen to cancel reach down without end.
+        low = max(low, high * 1e-6)
+        draw_magnitudes(ax, result.time, size[:, None], low)
+        log_axis(ax, low, high)
+    sheet.label_time()
+    sheet.legend([], [])
+    return sheet.figure
+
+
+def _has(result: Result, kind: str) -> bool:
+    path = f"constraints/{kind}"
+    return path in result and result[path].size > 0
+
+
+def _worst(result: Result, kinds: dict[str, str]) -> str:
+    """Return the largest residuals in words."""
+    found = []
+    for kind, word in kinds.items():
+        variable = result.variables[f"constraints/{kind}"]
+        found.append(f"{word} {number(largest(np.abs(finite(variable.data))))} {unit(variable.units)}")
+    return ", ".join(found)
+
+
+BLOCKS = {"psi": ("Ψ", style.COLOURS[0], "-"), "passive": ("passive block", style.ALARM, style.DASHES[1])}
+# Between the largest and the smallest of many singular values there is little to see.
+MOST_VALUES = 6
+
+
+@plot(
+    lambda result: any(
+        f"singularity/{kind}" in result and result[f"singularity/{kind}"].size for kind in BLOCKS
+    )
+)
+def singular_values(result: Result) -> Any:
+    """Singular values of the constraint Jacobian and of its passive block: dead points and bifurcations."""
+    columns: list[Any] = []
+    styles: list[dict[str, Any]] = []
+    labels: list[str] = []
+    smallest = []
+    for kind, (word, colour, dash) in BLOCKS.items():
+        path = f"singularity/{kind}"
+        if path not in result or not result[path].size:
+            continue
+        data = np.sort(finite(result[path]), axis=1)[:, :MOST_VALUES]
+        columns += [data[:, column] for column in range(data.shape[1])]
+        # The smallest one decides; the others fade.
+        styles += [
+            {"color": colour, "linestyle": dash, "linewidth": 1.8 if column == 0 else 0.9}
+            for column in range(data.shape[1])
+        ]
+        labels.append(f"{word}: smallest {number(-largest(-data))}")
+        smallest.append(len(columns) - data.shape[1])
+    sheet = TimeSheet(
+        result,
+        "Singular values of the constraint Jacobian; the smallest of each drawn heavier",
+        labels=labels,
+    )
+    ax = sheet.ax
+    values = np.column_stack(columns)
+    low, high = positive_floor(values)
+    # Where one vanishes, how deep a sample happens to fall says nothing.
+    low = max(low, high * 1e-6)
+    handles = draw_columns(ax, result.time, np.maximum(values, low), styles)
+    log_axis(ax, low, high)
+    sheet.label_time()
+    ax.set_ylabel("singular value [1]")
+    sheet.legend([handles[index] for index in smallest], labels)
+    return sheet.figure
+
+
+@plot(lambda result: "constraints/multipliers" in result and result["constraints/multipliers"].size > 0)
+def multipliers(result: Result) -> Any:
+    """Lagrange multipliers of the loops: their norm and each of them, and where they grow beyond bounds; the
+    whole run, and below it the time in which the multipliers grow; a panel a unit."""
+    variable = result.variables["constraints/multipliers"]
+    data = np.abs(finite(variable.data))
+    names = column_names(variable)
+    groups = by_unit(variable)
+    norms = {
+        units: _norm(data, columns, loop_columns(result, tuple(names))) for units, columns in groups.items()
+    }
+    shown = data.shape[1] if data.shape[1] < style.FEW else 0
+    labels = ["norm", *(f"|{name}|" for name in names[:shown])]
+    growth = growth_times(result)
+    if growth:
+        labels.append("multiple of the running median")
+    close = _window(result, growth)
+    windows = [slice(None)] if close is None else [slice(None), close]
+    panels = [(units, window) for window in windows for units in groups]
+    height = {1: 3.3, 2: 2.4}.get(len(panels), 1.8)
+    sheet = TimeSheet(
+        result, _subtitle(result, norms), panels=len(panels), height=height, gap=0.55, labels=labels
+    )
+    looks = _styles(shown)
+    handles: dict[int, Any] = {}
+    for ax, (units, window) in zip(sheet.axes, panels):
+        columns = [column for column in groups[units] if column < shown]
+        drawn = _draw_unit(
+            ax, result.time, window, data[:, columns], norms[units], [looks[k] for k in [*columns, -1]]
+        )
+        handles.update(zip([*columns, shown], drawn))
+        ax.set_ylabel(labelled("multiplier", units))
+        ax.set_xlabel("time [s]")
+    sheet.mark()
+    shown_norms = {ax: norms[units] for ax, (units, _) in zip(sheet.axes, panels)}
+    marks = _mark_growth(shown_norms, len(groups), result.time, growth)
+    sheet.legend([handles[shown], *(handles[k] for k in range(shown)), *marks], labels)
+    return sheet.figure
+
+
+def _norm(data: Array, columns: list[int], loops: list[int]) -> Array:
+    """Return the norm (T,) of the columns of one unit that belong to loops, or of all of them where none does."""
+    chosen = [column for column in columns if column in loops] or columns
+    norm: Array = np.sqrt(np.sum(data[:, chosen] ** 2, axis=1))
+    return norm
+
+
+def _subtitle(result: Result, norms: dict[str, Array]) -> str:
+    largest = []
+    for units, norm in norms.items():
+        top = where_largest(norm)
+        time = number(float(result.time[top]), 6)
+        largest.append(f"{number(float(norm[top]), 6)} {unit(units)} at t = {time} s")
+    return f"Lagrange multipliers; largest norm {', '.join(largest)}{sharing_note(result)}"
+
+
+def _draw_unit(
+    ax: Any, time: Array, window: slice, data: Array, norm: Array, looks: list[dict[str, Any]]
+) -> list[Any]:
+    """Draw the columns (T, n) of one unit, and last their norm, in a window of the time; return the handles."""
+    low, high = positive_floor(norm)
+    # A component crosses zero while the norm does not; its dip may leave the picture.
+    low = max(low * 1e-2, positive_floor(data)[0]) if data.size else low
+    columns = np.maximum(np.column_stack([data, norm]), low)
+    handles = draw_columns(ax, time[window], columns[window], looks)
+    log_axis(ax, low, high)
+    return handles
+
+
+def _styles(components: int) -> list[dict[str, Any]]:
+    """Return the looks of the components, then that of the norm: heavy and black."""
+    looks = [look for look in style.line_styles(style.FEW) if look["color"] != "#000000"]
+    thin = [{**look, "linewidth": 1.1} for look in looks[:components]]
+    return [*thin, {"color": "#000000", "linestyle": "-", "linewidth": 1.8}]
+
+
+def _window(result: Result, growth: list[tuple[float, float]]) -> slice | None:
+    """Return the samples around the growth or the lock, if that is but a part of the run."""
+    time, end = result.time, lock_time(result)
+    marks = [at for _, at in growth] + ([end] if end is not None else [])
+    if not marks or len(time) < 20:
+        return None
+    span = max(max(marks) - min(marks), 0.01 * float(time[-1] - time[0]))
+    first = int(np.searchsorted(time, min(marks) - 0.5 * span))
+    last = int(np.searchsorted(time, max(marks) + 0.25 * span, side="right"))
+    few = last - first < 10
+    return None if few or last - first > 0.5 * len(time) else slice(first, last)
+
+
+def _mark_growth(
+    norms: dict[Any, Array], groups: int, time: Array, growth: list[tuple[float, float]]
+) -> list[Any]:
+    """Mark on axes where the norm passed each factor; the factors are written in the last panel of each unit only."""
+    handles: list[Any] = []
+    look = {"color": "white", "markeredgecolor": style.ALARM, "markeredgewidth": 1.4, "linestyle": "none"}
+    for factor, at in growth:
+        for place, (ax, norm) in enumerate(norms.items()):
+            value = float(np.interp(at, time, norm))
+            handles = ax.plot(at, value, marker="D", markersize=6, zorder=5, **look)
+            if place >= len(norms) - groups:
+                ax.annotate(
+                    f"{factor:g}×",
+                    (at, value),
+                    xytext=(-6, 7),
+                    textcoords="offset points",
+                    ha="right",
+                    color=style.ALARM,
+                    bbox={"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 0.5},
+                )
+    return handles
+
+
+SPREAD = 30.0  # largest over typical load from which on the scale is logarithmic
+
+
+@plot(lambda result: bool(result.group("reactions")))
+def reactions(result: Result) -> Any:
+    """Forces and moments in joints and loop closures over time: their magnitudes.
+
+    Forces above, moments below, or a map of the forces where there are very many. Moments that are nothing beside the
+    forces have no panel.
+    """
+    loads = {**result.group("reactions"), **result.group("loop_reactions")}
+    force = np.column_stack([magnitude(item, "f") for item in loads.values()])
+    moment = np.column_stack([magnitude(item, "m") for item in loads.values()])
+    names = list(loads)
+    at, worst = np.unravel_index(where_largest(force.ravel()), force.shape)
+    subtitle = (
+        f"Reactions in joints and closures; largest force {number(float(force[at, worst]), 5)} N in {names[worst]} "
+        f"at t = {number(float(result.time[at]), 5)} s{sharing_note(result)}"
+    )
+    if len(names) > style.MANY:
+        return draw_map(
+            result, Variable(force, ("time", "wrench"), "N", "force", tuple(names)), "force", subtitle
+        )
+    panels = [(force, labelled("force", "N"))]
+    if np.nanmax(moment, initial=0.0) > NOTHING * np.nanmax(force, initial=0.0):
+        panels.append((moment, labelled("moment", "N m")))
+    else:
+        subtitle += ", no moments"
+    sheet = TimeSheet(result, subtitle, panels=len(panels), height=2.4, labels=names)
+    handles: list[Any] = []
+    for ax, (data, label) in zip(sheet.axes, panels):
+        handles = _draw_loads(ax, result.time, data)
+        quiet_axis(ax, data, float(np.nanmax(force, initial=0.0)), magnitudes=True)
+        ax.set_ylabel(label)
+    sheet.label_time()
+    sheet.legend(handles, names)
+    return sheet.figure
+
+
+def _draw_loads(ax: Any, time: Array, data: Array) -> list[Any]:
+    """Draw magnitudes: logarithmically where the largest would press the others to the ground."""
+    top = float(np.nanmax(data, initial=0.0))
+    typical = float(np.nanmedian(data.max(axis=1))) if data.size else 0.0
+    if not 0.0 < SPREAD * typical < top:
+        handles = draw_columns(ax, time, data)
+        ax.set_ylim(bottom=0.0)
+        return handles
+    low = 1e-3 * typical
+    handles = draw_columns(ax, time, np.where(data > low, data, np.nan))
+    log_axis(ax, float(data[data > low].min()), top)
+    return handles
+
+
+def magnitude(item: Variable, letter: str) -> Array:
+    """Return the length (T,) of the force (``f``) or the moment (``m``) of a wrench."""
+    return wrenches.magnitude(finite(item.data), item.names, letter)

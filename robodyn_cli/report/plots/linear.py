@@ -1,0 +1,172 @@
+"""Linear models: poles and frequency responses."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from robodyn_cli.record import record
+from robodyn_cli.report.analysis import powers, titled
+from robodyn_cli.report.canvas import Sheet, TimeSheet
+from robodyn_cli.report.registry import plot
+from robodyn_cli.report.style import COLOURS, GREY, dashed_style, number
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+
+
+@plot(lambda result: "linear/poles_real" in result)
+def poles(result: Result) -> Any:
+    """The poles of a linear model in the complex plane; poles along a motion are shaded by time."""
+    real, imaginary = result["linear/poles_real"], result["linear/poles_imaginary"]
+    along = real.ndim == 2
+    text = "Poles of the linear model: left decays, right grows" + ("; shaded by time" if along else "")
+    figure = titled(6.4, 5.2, result, text)
+    ax = figure.add_axes((0.13, 0.11, 0.7 if along else 0.83, 0.74))
+    ax.axvline(0.0, color=GREY, linewidth=0.8)
+    ax.axhline(0.0, color=GREY, linewidth=0.8)
+    if along:
+        shades = np.repeat(result.time[:, None], real.shape[1], axis=1)
+        dots = ax.scatter(
+            real.ravel(), imaginary.ravel(), c=shades.ravel(), cmap="cividis", s=9, linewidths=0
+        )
+        figure.colorbar(dots, cax=figure.add_axes((0.86, 0.11, 0.022, 0.74))).set_label("time [s]")
+    else:
+        ax.plot(real, imaginary, "x", markersize=8.0, markeredgewidth=1.8)
+    size = float(np.hypot(real, imaginary).max()) or 1.0
+    # rounding beside the axes is not to fill the picture
+    for part, limits in ((real, ax.set_xlim), (imaginary, ax.set_ylim)):
+        reach = max(float(np.abs(part).max()), 0.05 * size) * 1.15
+        limits(-reach, reach)
+    ax.set_xlabel("real part [1/s]")
+    ax.set_ylabel("imaginary part [rad/s]")
+    return figure
+
+
+GROWS, DECAYS, STAYS = COLOURS[6], COLOURS[0], COLOURS[2]
+
+
+@plot(
+    lambda result: (
+        "linear/poles_real" in result and result["linear/poles_real"].ndim == 2 and result.time.size > 1
+    )
+)
+def poles_over_time(result: Result) -> Any:
+    """The poles of a linear model along a motion: what grows and decays, and how fast it swings, over time; real
+    parts above, oscillations (if any) below; dots, for poles meet and part."""
+    real, imaginary = result["linear/poles_real"], result["linear/poles_imaginary"]
+    time = np.repeat(result.time[:, None], real.shape[1], axis=1)
+    kinds = [
+        (name, colour, chosen)
+        for name, colour, chosen in (
+            ("grows", GROWS, real > 0.0), ("decays", DECAYS, real < 0.0), ("neither", STAYS, real == 0.0)
+        )
+        if chosen.any()
+    ]  # fmt: skip
+    labels = [name for name, _, _ in kinds]
+    text = "Poles of the linear model along the motion, each instant as if it stayed so"
+    swinging = imaginary > 0.0
+    sheet = TimeSheet(result, text, panels=2 if swinging.any() else 1, height=2.1, labels=labels)
+    upper, lower = sheet.axes[0], sheet.axes[-1]
+    handles = []
+    for _, colour, chosen in kinds:
+        handles += upper.plot(time[chosen], real[chosen], ".", color=colour, markersize=2.6)
+        swings = chosen & swinging
+        lower.plot(time[swings], imaginary[swings] / (2.0 * np.pi), ".", color=colour, markersize=2.6)
+    upper.axhline(0.0, color=GREY, linewidth=0.8)
+    upper.set_ylabel("real part [1/s]")
+    if lower is not upper:
+        lower.set_ylabel("oscillation [Hz]")
+        lower.set_ylim(bottom=0.0)
+    for ax in sheet.axes:
+        ax.set_xlim(float(result.time[0]), float(result.time[-1]))
+    sheet.label_time()
+    sheet.legend(handles, labels)
+    return sheet.figure
+
+
+FEW = 6  # curves that are drawn
+ROUNDING = 1e-13  # of the largest gain, below which a response counts as none
+RIGHT_ANGLE, TURN = 90.0, 180.0  # deg: ticks of a phase that goes so far
+
+
+@record
+class ResponseCurve:
+    """A response that is drawn: at which instant, of which output, over which input."""
+
+    instant: int
+    output: int
+    input: int
+
+
+def shown(result: Result) -> list[ResponseCurve]:
+    """Return what is drawn: of the pairs of output and input the strongest, each at all instants."""
+    found = np.abs(_responses(result))
+    gain = found.max(axis=(0, 1))
+    pairs = [place for place in np.ndindex(*gain.shape) if gain[place] > ROUNDING * gain.max()]
+    instants = min(len(found), FEW)
+    strongest = sorted(pairs, key=lambda place: -gain[place])[: FEW // instants]
+    return [ResponseCurve(k, *place) for place in sorted(strongest) for k in range(instants)]
+
+
+@plot(lambda result: "linear/response_real" in result and bool(shown(result)))
+def frequency_response(result: Result) -> Any:
+    """Gain and phase of a linear model's outputs over the frequency of its inputs (Bode's diagram)."""
+    curves, found = shown(result), _responses(result)
+    every = found[:, 0].size
+    more = "" if len(curves) == every else f"; {len(curves)} of {every} drawn"
+    labels = [_label(result, curve) for curve in curves]
+    text = f"Frequency response of the linear model{more}"
+    sheet = Sheet(result, text, panels=2, height=2.3, labels=labels)
+    gain, phase = sheet.axes
+    hertz = result["linear/frequency"] / (2.0 * np.pi)
+    handles = []
+    for k, curve in enumerate(curves):
+        values = found[curve.instant, :, curve.output, curve.input]
+        handles += gain.plot(hertz, np.abs(values), **dashed_style(k))
+        phase.plot(hertz, np.degrees(np.unwrap(np.angle(values))), **dashed_style(k))
+    gain.set_yscale("log")
+    powers(gain, "y")
+    gain.set_ylabel("gain")
+    _right_angles(phase)
+    phase.set_ylabel("phase [deg]")
+    phase.set_xlabel("frequency [Hz]")
+    for ax in (gain, phase):
+        _modes(ax, result)
+    gain.tick_params(labelbottom=False)
+    sheet.legend(handles, labels)
+    return sheet.figure
+
+
+def _label(result: Result, curve: ResponseCurve) -> str:
+    """Return the name of a response with its unit, and its instant along a motion."""
+    y, u = result.summary["outputs"][curve.output], result.summary["inputs"][curve.input]
+    below = f"({u['unit']})" if " " in u["unit"] else u["unit"]
+    when = f" at {number(result['linear/instant'][curve.instant])} s" if "linear/instant" in result else ""
+    return f"{y['name']} over {u['name']} [{y['unit']}/{below}]{when}"
+
+
+def _modes(ax: Axes, result: Result) -> None:
+    """Set the logarithmic axis of frequencies, with a line at each mode of a state."""
+    ax.set_xscale("log")
+    powers(ax, "x")
+    for mode in result.summary.get("modes", ()):
+        if mode["imaginary"]:
+            ax.axvline(mode["frequency"], color=GREY, linewidth=0.7, linestyle=":")
+
+
+def _right_angles(ax: Axes) -> None:
+    """Number a phase that goes far with multiples of a right angle, or of half a turn."""
+    from matplotlib.ticker import MultipleLocator
+
+    low, high = ax.get_ylim()
+    if high - low > RIGHT_ANGLE:
+        step = RIGHT_ANGLE if high - low < 6.0 * RIGHT_ANGLE else TURN
+        ax.yaxis.set_major_locator(MultipleLocator(step))
+
+
+def _responses(result: Result) -> Array:
+    """Return the responses (instant, frequency, output, input); those of a state as of one instant."""
+    found: Array = result["linear/response_real"] + 1j * result["linear/response_imaginary"]
+    return found if found.ndim == 4 else found[None]

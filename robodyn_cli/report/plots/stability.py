@@ -1,0 +1,243 @@
+"""Stability of a scene: eigenvalues, errors of methods, energy over a long run, Baumgarte's gains."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from robodyn_cli.integration_methods import EXTREMES, METHODS
+from robodyn_cli.report.analysis import LEAST, STATUS, legend_below, powers, titled
+from robodyn_cli.report.canvas import CHARACTER, legend_shape
+from robodyn_cli.report.registry import plot
+from robodyn_cli.report.style import GREY, MARKERS, dashed_style
+from robodyn_cli.results.result import Result
+
+# step limits that are drawn
+SHOWN = tuple(name for name in EXTREMES if not METHODS[name].stiff)
+
+
+@plot(lambda result: "stability/time" in result)
+def stability_spectrum(result: Result) -> Figure:
+    """Eigenvalues in the complex plane, and the largest stable steps along the run."""
+    found = result.summary["spectrum"]
+    figure = titled(
+        7.6, 7.4, result,
+        f"stiffness ratio at most {found['stiffness_ratio']:.3g}; fastest decay {found['fastest_decay']:.3g} 1/s, "
+        f"fastest oscillation {found['fastest_oscillation']:.3g} rad/s",
+    )  # fmt: skip
+    _eigenvalues(figure, result)
+    _steps(figure, result)
+    figure.text(
+        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration of a step is done within its rounds",
+        color=GREY, fontsize=8,
+    )  # fmt: skip
+    return figure
+
+
+def _eigenvalues(figure: Figure, result: Result) -> None:
+    """Draw the eigenvalues in the complex plane, shaded by time."""
+    time = result["stability/time"]
+    real, imaginary = result["stability/eigenvalues_real"], result["stability/eigenvalues_imaginary"]
+    plane = figure.add_axes((0.1, 0.545, 0.72, 0.345))
+    bar = figure.add_axes((0.85, 0.545, 0.022, 0.345))
+    size = max(float(np.abs(real).max()), float(np.abs(imaginary).max()), 1e-9)
+    smallest = max(result.summary["spectrum"]["slowest_rate"], 1e-9 * size)
+    shades = np.repeat(time[:, None], real.shape[1], axis=1)
+    dots = plane.scatter(
+        real.ravel(), imaginary.ravel(), c=shades.ravel(), cmap="cividis", s=11, linewidths=0
+    )
+    for name, values in (("x", real), ("y", imaginary)):
+        largest = float(np.abs(values).max())
+        if largest > 30.0 * smallest:
+            getattr(plane, f"set_{name}scale")("symlog", linthresh=smallest, linscale=0.6)
+            _sparse(plane, name, smallest, largest)
+    plane.axvline(0.0, color=GREY, linewidth=0.8)
+    plane.margins(0.06)
+    plane.set_xlabel("real part of the eigenvalues [1/s]: left decays, right grows")
+    plane.set_ylabel("imaginary part [rad/s]")
+    figure.colorbar(dots, cax=bar).set_label("time [s]")
+
+
+def _steps(figure: Figure, result: Result) -> None:
+    """Draw the largest stable steps along the run."""
+    time, steps = result["stability/time"], result["stability/step_limit"]
+    names = result.variables["stability/step_limit"].names
+    shown = [k for k, name in enumerate(names) if name in SHOWN]
+    ax = figure.add_axes((0.1, 0.2, 0.84, 0.24))
+    for k in shown:
+        name = names[k]
+        place = SHOWN.index(name)  # a method looks the same in every scene
+        good = np.isfinite(steps[:, k])
+        ax.plot(
+            time[good], steps[good, k], label=name, marker=MARKERS[place % len(MARKERS)] if good.sum() < 4 else None,
+            **dashed_style(place),
+        )  # fmt: skip
+    ax.set_yscale("log")
+    powers(ax, "y")
+    ax.set_xlabel("time [s]")
+    ax.set_ylabel("largest stable step [s]")
+    legend_below(figure, ax, (0.08, 0.045))
+
+
+def _sparse(ax: Axes, name: str, smallest: float, largest: float) -> None:
+    """Put a handful of ticks on a symmetric logarithmic axis."""
+    from matplotlib.ticker import FixedLocator, FuncFormatter, NullLocator
+
+    from robodyn_cli.report.style import power
+
+    first, last = int(np.ceil(np.log10(smallest))), int(np.floor(np.log10(largest)))
+    every = max(1, (last - first) // 4)
+    powers = list(range(last, first - 1, -every)) if last >= first else []
+    places = [0.0, *(s * 10.0**p for p in powers for s in (-1.0, 1.0))]
+    axis = getattr(ax, f"{name}axis")
+    axis.set_major_locator(FixedLocator(sorted(places)))
+    axis.set_minor_locator(NullLocator())
+
+    def text(x: float, _: Any = None) -> str:
+        if x == 0.0:
+            return "0"
+        return ("−" if x < 0 else "") + power(round(np.log10(abs(x))))
+
+    axis.set_major_formatter(FuncFormatter(text))
+
+
+@plot(lambda result: bool(result.summary["methods"]) and "cases" not in result.summary)
+def stability_methods(result: Result) -> Figure:
+    """Error of each method at its default settings as a bar, with its status in words."""
+    rows = result.summary["methods"]
+    height = 1.3 + 0.32 * len(rows)
+    ref = result.summary["reference"]
+    told = (
+        f"against {ref['methods'][0]} and {ref['methods'][1]}, which agree to {ref['digits']:.1f} digits up to t = "
+        f"{ref['until']:.4g} s"
+        if ref
+        else "no reference: no two methods get through at tight tolerance"
+    )
+    left, wide = 0.25 + CHARACTER * max(len(row["method"]) for row in rows), 3.95
+    width = left + wide + 2.75  # the last for the words
+    figure = titled(width, height, result, told)
+    ax = figure.add_axes((left / width, 0.52 / height, wide / width, 0.32 * len(rows) / height))
+    for k, row in enumerate(rows):
+        colour, hatch = STATUS[row["status"]]
+        value = row["relative"]
+        if value is not None:
+            ax.barh(k, max(value, LEAST), left=0, color=colour, hatch=hatch, edgecolor="white", height=0.68)
+        note = row["status"].replace("_", " ")
+        if row["method"] == "auto" and row["chosen"]:
+            note += f" ({row['chosen']})"
+        elif value is None and row["until"] > 0.0:
+            note += f", to t = {row['until']:.3g} s"
+        elif row["honest"] is False:
+            note += ", and its estimate hides it"
+        ax.text(1.02, k, note, transform=ax.get_yaxis_transform(), va="center", color="black", fontsize=8.5)
+    ax.axvline(1e-3, color="#D55E00", linewidth=1.0, linestyle="--")
+    largest = max((r["relative"] for r in rows if r["relative"] is not None), default=1.0)
+    ax.set_xscale("log")
+    ax.set_xlim(LEAST, max(10.0, 3 * largest))
+    powers(ax, "x")
+    ax.set_yticks(range(len(rows)), [r["method"] for r in rows])
+    ax.set_ylim(len(rows) - 0.45, -0.55)
+    ax.grid(False, axis="y")
+    ax.set_xlabel("largest error over the range of its quantity; beyond the dashed line: inaccurate")
+    return figure
+
+
+def _curves(result: Result) -> dict[str, Mapping[str, Any]]:
+    """Return the facts of the methods that have a curve, by name."""
+    facts = {m["method"]: m for m in result.summary.get("energy_growth", {}).get("methods", ())}
+    return {n: m for n, m in facts.items() if f"energy_growth/{n}/error" in result and m["steps"]}
+
+
+@plot(lambda result: bool(_curves(result)))
+def energy_growth(result: Result) -> Figure:
+    """Error of the energy balance over a thousand periods."""
+    labels = {name: _label(name, m) for name, m in _curves(result).items()}
+    _, lines = legend_shape(list(labels.values()))
+    height = 4.0 + 0.19 * lines
+    period = result.summary["energy_growth"]["period"]
+    figure = titled(7.6, height, result, f"a period is {period['seconds']:.4g} s: {period['source']}")
+    bottom = (0.6 + 0.19 * lines) / height
+    ax = figure.add_axes((0.1, bottom, 0.86, 1 - bottom - 0.68 / height))
+    for k, (name, label) in enumerate(labels.items()):
+        t, error = result[f"energy_growth/{name}/periods"][1:], result[f"energy_growth/{name}/error"][1:]
+        ax.plot(t, np.maximum(np.maximum.accumulate(error), LEAST), label=label, **dashed_style(k))
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    powers(ax, "x", "y")
+    ax.set_xlabel("time [periods]")
+    ax.set_ylabel("largest error of the energy balance so far [1]")
+    legend_below(figure, ax, (0.08, 0.01))
+    return figure
+
+
+def _label(name: str, facts: Mapping[str, Any]) -> str:
+    power = "" if facts["exponent"] is None else f", ~t^{facts['exponent']:.1f}"
+    ended = "" if facts["status"] == "ok" else f", {facts['status'].replace('_', ' ')}"
+    return f"{name}{power}{ended}"
+
+
+def _planes(result: Result) -> list[str]:
+    return [name for name in ("own", "fixed") if f"baumgarte/{name}/drift" in result]
+
+
+@plot(lambda result: bool(_planes(result)))
+def baumgarte(result: Result) -> Figure:
+    """Drift and error over the plane of Baumgarte's gains, with the chosen pair marked."""
+    found, planes = result.summary["baumgarte"], _planes(result)
+    height = 0.62 + 3.15 * len(planes)
+    figure = titled(
+        8.2, height, result, "star: alpha = beta = c/h, the smallest whose drift stays below the integration error; "
+        "hatched: unstable",
+    )  # fmt: skip
+    for row, name in enumerate(planes):
+        gain = result[f"baumgarte/{name}/gain"]
+        chosen = found[name]["chosen"]
+        y = 1 - (0.3 + 3.15 * (row + 1) - 0.3) / height
+        for column, (path, words) in enumerate((("drift", "drift"), ("error", "error of q"))):
+            ax = figure.add_axes((0.1 + 0.47 * column, y, 0.31, 2.35 / height))
+            bar = figure.add_axes((0.42 + 0.47 * column, y, 0.015, 2.35 / height))
+            _plane(figure, ax, bar, gain, result[f"baumgarte/{name}/{path}"], f"{words} [rad, m]")
+            # where no gain is needed the star stands in the corner, for the axes have no zero
+            ax.plot(
+                [max(chosen["beta"], gain[0])],
+                [max(chosen["alpha"], gain[0])],
+                marker="*",
+                markersize=13,
+                color="white",
+                markeredgecolor="black",
+                clip_on=False,
+            )
+            none = ", no gain needed" if chosen["alpha"] == 0.0 == chosen["beta"] else ""
+            ax.set_title(
+                f"{found[name]['method']}, {path}, h = {found[name]['reference_step']:.2g} s{none}",
+                fontsize=9,
+            )
+            ax.set_xlabel("beta [1/s]")
+            if column == 0:
+                ax.set_ylabel("alpha [1/s]")
+    return figure
+
+
+def _plane(figure: Figure, ax: Axes, bar: Axes, gain: Any, data: Any, label: str) -> None:
+    from matplotlib.colors import LogNorm
+
+    shown = np.ma.masked_invalid(np.maximum(data, LEAST))
+    half = np.sqrt(gain[1] / gain[0])
+    edges = np.append(gain / half, gain[-1] * half)
+    low = float(shown.min()) if shown.count() else 1e-12
+    high = max(float(shown.max()) if shown.count() else 1.0, 10.0 * low)
+    ax.patch.set(facecolor="white", edgecolor="#8a8a8a", hatch="///", linewidth=0.0)
+    drawn = ax.pcolormesh(edges, edges, shown, norm=LogNorm(low, high), cmap="cividis")
+    ax.grid(False)
+    ax.set_xscale("log")
+    ax.set_yscale("log")
+    ax.set_xlim(edges[0], edges[-1])
+    ax.set_ylim(edges[0], edges[-1])
+    powers(ax, "x", "y")
+    figure.colorbar(drawn, cax=bar)
+    bar.set_ylabel(label)
+    powers(bar, "y")

@@ -1,0 +1,124 @@
+"""Checks of the options of ``deploy``, ``kinematics`` and ``reach``."""
+
+from __future__ import annotations
+
+from robodyn_cli.errors import unknown_name
+from robodyn_cli.scene.checks.check import Check
+from robodyn_cli.scene.checks.orientation import check_orientation
+from robodyn_cli.scene.checks.robot import check_joints, columns, moving
+from robodyn_cli.scene.nested_options import ReachOptions
+from robodyn_cli.scene.points import BASE, point_link, point_problem
+from robodyn_cli.scene.robot_types import Robot
+from robodyn_cli.scene.text.nodes import Path
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.trajectories.led import led_joints
+
+
+def check_deploy(scene: Scene, check: Check) -> None:
+    """Check the options of ``deploy``."""
+    options = scene.deploy
+    with check:
+        if options.after == "continue" and options.latch is None:
+            check.fail(
+                ("deploy", "after"), "needs a latch that holds the structure together: key 'latch' beside it"
+            )
+    _check_latch(scene, check)
+    known = [*moving(scene.robot), *(loop.name for loop in scene.loops), "latch"]
+    for name in options.loads:
+        with check:
+            check.known(name, known, "joint or closure", ("deploy", "loads", name), at_key=True)
+    if scene.deploy.latch is not None:
+        between = scene.deploy.latch.between
+        links = [link.name for link in scene.robot.links]
+        for k, name in enumerate(between):
+            with check:
+                check.known(name, [*links, BASE], "link", ("deploy", "latch", "between", k))
+        with check:
+            if between[0] == between[1]:
+                check.fail(
+                    ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
+                )
+
+
+def _check_latch(scene: Scene, check: Check) -> None:
+    """A latch at a position names one coordinate, and goes with `criterion: latch`."""
+    latch, chosen = scene.deploy.latch, scene.deploy.criterion == "latch"
+    path: Path = ("deploy", "latch")
+    given = (
+        {}
+        if latch is None
+        else {key: getattr(latch, key) for key in ("at", "at_limit") if getattr(latch, key)}
+    )
+    with check:
+        if chosen and not given:
+            check.fail(("deploy", "criterion"), "'latch' needs a position: key 'at' or 'at_limit' of 'latch'")
+        if given and not chosen:
+            check.fail((*path, next(iter(given))), "goes with 'criterion: latch'")
+        if sum(len(names) for names in given.values()) > 1:
+            check.fail(
+                (*path, list(given)[-1]), "names more than one joint; allowed: one, in 'at' or 'at_limit'"
+            )
+        single = columns(scene.robot, quasi=False)
+        for key, names in given.items():
+            for name in names:
+                place = (*path, key, *name.split(".")) if key == "at" else (*path, key, name)
+                check.known(name, single, "joint with a coordinate", place, at_key=True)
+                if key == "at_limit":
+                    joint = next(joint for joint in scene.robot.joints if joint.name == name)
+                    if getattr(dict(joint.forces).get("limits"), names[name], None) is None:
+                        check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
+
+
+def check_kinematics(scene: Scene, check: Check) -> None:
+    """Check the options of ``kinematics``."""
+    options = scene.kinematics
+    if options.sweep is not None:
+        joint: Path = ("kinematics", "sweep", "joint")
+        check_joints(scene, [(options.sweep.joint, joint)], check, at_key=False)
+        with check:
+            if options.sweep.start == options.sweep.stop:
+                check.fail(
+                    ("kinematics", "sweep", "stop"), "is where the sweep begins; allowed: another position"
+                )
+        with check:
+            if options.sweep.joint in led_joints(scene.prescribed):
+                check.fail(joint, f"the motion of {options.sweep.joint!r} is prescribed; sweep another joint")
+    for k, reference in enumerate(options.transmission or ()):
+        with check:
+            problem = point_problem(scene.robot, reference)
+            if problem is not None:
+                check.fail(("kinematics", "transmission", k), problem)
+
+
+REACH: Path = ("reach",)
+
+
+def check_reach(robot: Robot, options: ReachOptions, check: Check) -> None:
+    """Refuse a frame that does not exist or does not move, and a pose of which nothing is asked."""
+    with check:
+        _check_frame(robot, options.frame, check)
+    if options.orientation is not None:
+        check_orientation(options.orientation, check, (*REACH, "orientation"))
+    with check:
+        if options.position is None and options.orientation is None:
+            check.fail(REACH, "asks for nothing; give 'position', 'orientation', or both")
+    with check:
+        if options.axis is not None and options.orientation is None:
+            check.fail((*REACH, "axis"), "needs 'orientation' beside it")
+
+
+def _check_frame(robot: Robot, name: str, check: Check) -> None:
+    links = {link.name: link.name for link in robot.links}
+    frames = {key: frame.link for key, frame in robot.frames.items()}
+    link = frames.get(name) or links.get(name)
+    if link is None:
+        problem = point_problem(robot, name)
+        if problem is not None:
+            names = [*robot.points, *frames, *links, "LINK.end"]
+            check.fail((*REACH, "frame"), problem if "." in name else unknown_name("frame", name, names))
+        link = point_link(robot, name)
+    if link == BASE:
+        check.fail(
+            (*REACH, "frame"),
+            f"{name!r} is fixed to the base; allowed: points, frames and links that a joint moves",
+        )

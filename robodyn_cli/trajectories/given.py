@@ -1,0 +1,233 @@
+"""Joint motion given by formulas in t, as a Fourier series, or by samples."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.expr.functions import cos, sin
+from robodyn_cli.expr.graph import Expr
+from robodyn_cli.record import record
+from robodyn_cli.schema.fields import Choice, CsvFile, Formula, JointMap, ListOf, Number, Text, Vector, key
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.trajectories.base import (
+    Problems,
+    SceneNames,
+    joint_problems,
+    led_joints,
+    position_problems,
+    time_problems,
+)
+from robodyn_cli.trajectories.course import Course, hermite_cubic
+from robodyn_cli.trajectories.formulas import evaluated, texts
+from robodyn_cli.trajectories.joint_space import (
+    CourseTrajectory,
+    JointSpaceTrajectory,
+    attitude_places,
+    the_shorter_way,
+)
+from robodyn_cli.trajectories.led import with_attitudes
+from robodyn_cli.trajectories.way_points import monotone_rates
+
+
+@record
+class JointTrajectory(JointSpaceTrajectory):
+    """q(t) of every moving joint as a formula; rates and accelerations are its exact derivatives.
+
+    The attitude of a spherical or floating joint is three or four formulas: ``rpy``, ``rotation_vector`` or
+    ``quaternion``, which need not have length 1.
+    """
+
+    type: str = key(Choice(("joint",)), doc="Kind of trajectory.")
+    q: dict[str, Any] = key(
+        JointMap(Formula(("t",))), unit="rad or m", doc="Position of each joint as a formula in t."
+    )
+    duration: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Length of the motion.")
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        attitudes = {name.partition(".")[0]: name for name in self.q if name.partition(".")[0] in scene.quasi}
+        names = [
+            name for name in self.q if name not in scene.quasi and name.partition(".")[0] not in attitudes
+        ]
+        yield from joint_problems(names, scene.joints, ("q",), led_joints(names, scene))
+        missing = [name for name in scene.quasi if name not in attitudes]
+        if missing and not scene.some:
+            yield ("q",), f"joint {missing[0]!r} is missing; needed here: {', '.join(scene.quasi)}"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The columns of q whose motion it gives."""
+        return tuple(self.q)
+
+    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
+        return evaluated(self.q, env)
+
+    def described(self, column: str) -> str:
+        return texts(self.q, column)
+
+
+def _series(what: str) -> Any:
+    return key(
+        ListOf(JointMap(Number(angle=True), coordinates="v")),
+        default=(),
+        unit="rad or m",
+        doc=f"Amplitudes of {what}, k = 1, 2, ..., by joint; 0 where a joint is left out.",
+    )
+
+
+@record
+class FourierTrajectory(JointSpaceTrajectory):
+    """q = offset + sum_k sine_k sin(k w t) + cosine_k cos(k w t) with w = 2 pi / period (Swevers et al. 1997)."""
+
+    type: str = key(Choice(("fourier",)), doc="Kind of trajectory.")
+    offset: dict[str, float] = key(
+        JointMap(Number(angle=True)), unit="rad or m", doc="Mean position of each joint."
+    )
+    period: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Period of the first harmonic.")
+    duration: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Length of the motion.")
+    sine: tuple[dict[str, float], ...] = _series("sin(k w t)")
+    cosine: tuple[dict[str, float], ...] = _series("cos(k w t)")
+
+    knots = ()
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        yield from position_problems(self.offset, scene, ("offset",))
+        for name in ("sine", "cosine"):
+            for k, amplitudes in enumerate(getattr(self, name)):
+                yield from joint_problems(tuple(amplitudes), scene.rates, (name, k), ())
+                for joint in amplitudes:
+                    if joint in scene.rates and joint not in self.offset:
+                        yield (name, k, joint), self._unled(joint, scene)
+
+    def _unled(self, joint: str, scene: SceneNames) -> str:
+        if joint.partition(".")[0] in scene.quasi:
+            return "an attitude is no sum of angles; it stays as `offset` says, or use type: joint with rpy formulas"
+        return f"joint {joint!r} is missing in `offset`; allowed: {', '.join(self.offset)}"
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The columns of q whose motion it gives."""
+        return tuple(self.offset)
+
+    def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
+        w = 2.0 * math.pi / self.period
+        found: dict[str, Any] = dict(self.offset)
+        for series, wave in ((self.sine, sin), (self.cosine, cos)):
+            for k, amplitudes in enumerate(series, start=1):
+                for joint, amplitude in amplitudes.items():
+                    found[joint] = found[joint] + amplitude * wave(k * w * t)
+        return with_attitudes(found)
+
+
+# rows that an interpolation needs
+LEAST = {"linear": 2, "monotone": 2, "cubic": 4, "quintic": 6}
+UNIT = 1e-3  # tolerance of a quaternion's length 1: three digits
+
+
+@record
+class TableTrajectory(CourseTrajectory):
+    """Positions of all joints at increasing times, in rad or m; the duration is the last time.
+
+    Between the rows runs the spline of degree k (5, 3 or 1) with not-a-knot ends, which reproduces
+    polynomials up to degree k; it needs k + 1 rows. Linear: rates jump at the rows, and accelerations are 0
+    between them. Monotone: cubics that do not overshoot, whose accelerations jump at the rows. The loader replaces
+    ``file`` by the ``columns`` and ``rows`` that it contains.
+    """
+
+    type: str = key(Choice(("table",)), doc="Kind of trajectory.")
+    file: str | None = key(
+        CsvFile(),
+        default=None,
+        doc="CSV file: a header row `t, joint names`, then numbers; or HDF5: a result, or a dataset a column.",
+    )
+    columns: tuple[str, ...] = key(
+        ListOf(Text(), minimum=2),
+        default=(),
+        doc="Column names: `t`, then the joints, or their coordinates as `slide.d`.",
+    )
+    rows: tuple[tuple[float, ...], ...] = key(
+        ListOf(Vector(0), minimum=2), default=(), unit="s, rad or m", doc="Rows of numbers, times from 0."
+    )
+    interpolation: str = key(
+        Choice(("quintic", "cubic", "monotone", "linear")), default="quintic", doc="Spline between the rows."
+    )
+
+    def problems(self, scene: SceneNames) -> Problems:
+        """Report what single keys cannot tell."""
+        if not self.columns or not self.rows:
+            yield (), "a table needs 'file', or both 'columns' and 'rows'"
+            return
+        if self.columns[0] != "t":
+            yield ("columns", 0), f"the first column must be 't' (value {self.columns[0]!r})"
+        yield from self._column_problems(scene)
+        for k, row in enumerate(self.rows):
+            if len(row) != len(self.columns):
+                yield ("rows", k), f"has {len(row)} numbers; needed: {len(self.columns)}, one per column"
+        if all(self.rows):
+            places = [("rows", k, 0) for k in range(len(self.rows))]
+            yield from time_problems([row[0] for row in self.rows], places)
+        yield from self._attitude_problems()
+        least = LEAST[self.interpolation]
+        if len(self.rows) < least:
+            fits = " or ".join(name for name, k in LEAST.items() if k <= len(self.rows))
+            yield (
+                ("rows",),
+                f"has {len(self.rows)} rows; {self.interpolation} interpolation needs {least}, "
+                f"with fewer rows use interpolation: {fits}",
+            )
+
+    def _column_problems(self, scene: SceneNames) -> Problems:
+        for k, name in enumerate(self.columns):
+            if name in self.columns[:k]:
+                yield ("columns", k), f"column {name!r} appears twice"
+            elif k and name not in scene.columns:
+                yield ("columns", k), f"unknown joint {name!r}; allowed: {', '.join(scene.columns)}"
+        if set(self.joints) <= set(scene.columns):
+            led = {name.partition(".")[0] for name in self.joints}
+            whole = [
+                x for x in scene.columns if x in self.joints or x.partition(".")[0] in {*scene.quasi} & led
+            ]
+            needed = whole if scene.some else scene.columns
+            yield from joint_problems(self.joints, scene.columns, ("columns",), needed)
+
+    def _attitude_problems(self) -> Problems:
+        for joint, places in attitude_places(self.joints).items() if all(map(len, self.rows)) else ():
+            for k, row in enumerate(self.rows):
+                length = math.hypot(*(row[1 + place] for place in places if 1 + place < len(row)))
+                if abs(length - 1.0) > UNIT:
+                    what = f"the quaternion of joint {joint!r} has length {length:.6g}"
+                    yield ("rows", k), f"{what}; needed: length 1, to three digits"
+                    break
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The columns of q whose motion it gives."""
+        return tuple(self.columns[1:])
+
+    @property
+    def duration(self) -> float:
+        """Time of the last row [s]."""
+        return self.rows[-1][0]
+
+    def make_course(self) -> Course:
+        data = np.array(self.rows, dtype=float)
+        t, q = data[:, 0], the_shorter_way(self.joints, data[:, 1:])
+        if self.interpolation == "linear":
+            return Course(t, [q[:-1], np.diff(q, axis=0) / np.diff(t)[:, None]])
+        if self.interpolation == "monotone":
+            return hermite_cubic(t, q, monotone_rates(t, q))
+        return _spline(t, q, LEAST[self.interpolation] - 1)
+
+
+def _spline(t: Array, q: Array, degree: int) -> Course:
+    """Return the spline with not-a-knot ends through ``q`` (N, n)."""
+    from scipy.interpolate import make_interp_spline  # takes 0.4 s to import: only where a table is used
+
+    spline = make_interp_spline(t, q, k=degree)
+    knots = np.unique(spline.t)
+    return Course(knots, [spline(knots[:-1], nu=i) / math.factorial(i) for i in range(degree + 1)])
