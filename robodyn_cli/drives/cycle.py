@@ -12,7 +12,7 @@ from robodyn_cli.motors.electric import Curves, Electric, Motor, Supply
 from robodyn_cli.motors.gear import Transmission
 from robodyn_cli.motors.kinds import StepperMotor
 from robodyn_cli.record import record
-from robodyn_cli.solve.extremes import largest
+from robodyn_cli.solve.extremes import largest, tops
 from robodyn_cli.solve.quadrature import integrate, integrate_positive
 from robodyn_cli.spatial.algebra import Array
 
@@ -192,9 +192,9 @@ class Use:
     @staticmethod
     def most(part: Array) -> Use:
         """Return the largest use of samples (..., T): of one cycle between the samples too, see ``extremes``."""
-        at = np.argmax(part, axis=-1)
         if part.ndim > 1:
-            return Use(np.take_along_axis(part, at[..., None], axis=-1)[..., 0], at, part)
+            value, at = tops(part.reshape(-1, part.shape[-1]).T)
+            return Use(value.reshape(part.shape[:-1]), at.reshape(part.shape[:-1]), part)
         top = largest(np.arange(float(len(part))), part[:, None])
         return Use(top.value[0], top.at[0], part, top.error[0], top.time_error[0])
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -26,14 +26,19 @@ from robodyn_cli.spatial.algebra import Array
 
 SPACED = 3  # samples between breaks, at least
 TRIES = 3  # places of the largest samples that are looked at
-TRUSTED = 0.3  # part of the bound by which a polynomial is off at most where a function is smooth
 OUTSIDE = (
     10.0  # times the bound: what is left out beyond samples, and a jump beside the first or the last one
 )
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
 INTEGRAL = 10.0 / 64.0  # of an integral over that of values
 LOOKED = 17  # points between neighbours at which a polynomial is evaluated first
+FEW = 64  # columns, and jumps of one, that are looked at one by one
+HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
+ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
+
+
+Hidden = Sequence[int]
 
 
 @record
@@ -51,10 +56,9 @@ class Extreme:
 
     def or_larger(self, other: Extreme) -> Extreme:
         """Return the larger ones of two; of equal ones the first in time; errors cover which one is larger."""
-        sure = self.error + other.error
-        gap = other.value - self.value
-        alike = np.abs(gap) <= ALIKE * np.abs(self.value) + sure
-        takes = (gap > 0.0) & ~alike | alike & (other.time < self.time)
+        gap, equal = other.value - self.value, ALIKE * np.abs(self.value)
+        alike = np.abs(gap) <= equal + self.error + other.error
+        takes = (gap > equal) | (np.abs(gap) <= equal) & (other.time < self.time)
         first, second = (
             {
                 f.name: np.where(takes == swap, getattr(other, f.name), getattr(self, f.name))
@@ -71,18 +75,83 @@ class Extreme:
 
 def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the largest values of y (T, n) at times (T,), which are best uniform; breaks : see ``quadrature``."""
+    return _gathered([_largest(times, y[:, own], breaks, hidden) for own, hidden in _hidden(y, breaks)])
+
+
+def _largest(times: Array, y: Array, breaks: Breaks, hidden: Hidden) -> Extreme:
+    """Return the largest values of columns whose hidden jumps lie between the same samples."""
     found: Extreme | None = None
     for part, step in _uniform(times):
-        inside = [x - part.start for x in breaks]
+        inside = [x - part.start for x in (*breaks, *hidden)]
         for piece, low, high in pieces(part.stop - part.start, inside):
-            own = _of_piece(y[part], piece, low, high)
+            sides = (piece.start + part.start - 1 in hidden, piece.stop + part.start - 1 in hidden)
+            own = _of_piece(y[part], piece, 0.0 if sides[0] else low, 0.0 if sides[1] else high)
+            own = _beyond(own, y[part][piece], sides)
             at, first = own.at + piece.start, times[part.start]
             there = dataclasses.replace(
                 own, at=at + part.start, time=first + step * at, time_error=step * own.time_error
             )
             found = there if found is None else found.or_larger(there)
     assert found is not None
+    # samples that follow no smooth function say no more than their range
+    return dataclasses.replace(found, error=np.minimum(found.error, 2.0 * np.ptp(y, axis=0)))
+
+
+def _beyond(found: Extreme, y: Array, sides: tuple[bool, bool]) -> Extreme:
+    """Return the extremes of a piece with errors for how far its functions go on until a jump that nobody stated."""
+    for here, end, last in zip(sides, (y[::-1], y), (0, len(y) - 1)):
+        if here:
+            steps = [np.diff(end[-4:], k, axis=0)[-1] for k in range(min(len(end), 4))]
+            more = sum(steps[:3]) + abs(steps[3] if len(steps) > 3 else 0.0) - found.value
+            away = np.where(more > 0.0, np.abs(found.at - last) + 1.0, 0.0)
+            found = dataclasses.replace(
+                found, error=np.maximum(found.error, more), time_error=np.maximum(found.time_error, away)
+            )
     return found
+
+
+def _gathered(parts: Sequence[Extreme]) -> Extreme:
+    """Return the extremes of all columns from those of some and of each other one, in their order."""
+    if len(parts) == 1:
+        return parts[0]
+    fields = {
+        f.name: np.concatenate([getattr(x, f.name) for x in parts]) for f in dataclasses.fields(Extreme)
+    }
+    return Extreme(**fields)
+
+
+def _hidden(y: Array, breaks: Breaks) -> Sequence[tuple[slice, Hidden]]:
+    """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it.
+
+    Many columns are taken together, and what they do in such places is part of their errors.
+    """
+    if y.shape[1] > FEW or len(y) < 2 * POINTS:
+        return [(slice(None), ())]
+    found: list[tuple[slice, Hidden]] = [
+        (slice(k, k + 1), _jumps(y[:, k], breaks)) for k in range(y.shape[1])
+    ]
+    return found if any(hidden for _, hidden in found) else [(slice(None), ())]
+
+
+def _jumps(y: Array, breaks: Breaks) -> list[int]:
+    """Return the samples behind which a function (T,) jumps or bends, by its sixth differences.
+
+    A jump behind sample k shows in the six differences from k - 5 to k, most in the middle two, and in no other.
+    """
+    rough = np.abs(np.diff(y, POINTS))
+    for x in breaks:
+        rough[max(math.floor(x) - POINTS + 1, 0) : math.floor(x) + 1] = 0.0
+    found: list[int] = []
+    least = max(HIDDEN * float(np.ptp(y)), ALONE * float(rough.max(initial=0.0)))
+    while len(found) < FEW and rough.max() > least:
+        i = int(rough.argmax())
+        before, behind = (rough[k] if 0 <= k < len(rough) else 0.0 for k in (i - 1, i + 1))
+        k = i + POINTS // 2 - (before > behind)
+        around = [rough[x] for x in (k - POINTS, k + 1) if 0 <= x < len(rough)]
+        if max(around, default=0.0) < ALONE * rough[i]:
+            found.append(k)
+        rough[max(k - POINTS + 1, 0) : k + 1] = 0.0
+    return sorted(found)
 
 
 def largest_magnitude(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
@@ -111,12 +180,12 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
 
 def integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
     """Return the integrals (n,) of y (T, n) and their errors, see ``integrate``."""
-    return _summed(integrate, times, y, breaks), _summed(sampling_error, times, y, breaks)
+    return _summed(integrate, times, y, breaks)
 
 
 def positive_integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
     """Return the integrals (n,) of max(y, 0) of y (T, n) and their errors, see ``integrate_positive``."""
-    return _summed(integrate_positive, times, y, breaks), _summed(sampling_error, times, y, breaks)
+    return _summed(integrate_positive, times, y, breaks)
 
 
 def root_mean_square(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
@@ -137,10 +206,22 @@ def root_mean_square(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array
     return root, np.maximum(np.sqrt(square + off) - root, root - np.sqrt(np.maximum(square - off, 0.0)))
 
 
-def _summed(figure: Callable[[Array, float, Breaks], Array], times: Array, y: Array, breaks: Breaks) -> Array:
-    """Return the sum of a figure (n,) over the stretches of time in which samples are uniform."""
-    parts = [figure(y[p], step, [x - p.start for x in breaks]) for p, step in _uniform(times)]
-    return np.asarray(sum(parts))
+def _summed(
+    figure: Callable[[Array, float, Breaks], Array], times: Array, y: Array, breaks: Breaks
+) -> tuple[Array, Array]:
+    """Return the sum of a figure (n,) over the stretches of time in which samples are uniform, and its error."""
+    values, errors = np.zeros(y.shape[1]), np.zeros(y.shape[1])
+    for own, hidden in _hidden(y, breaks):
+        # where the jump is between its two samples is not known: in the middle
+        places = [*breaks, *(k + 0.5 for k in hidden)]
+        for part, step in _uniform(times):
+            inside = [x - part.start for x in places]
+            values[own] += figure(y[part, own], step, inside)
+            errors[own] += sampling_error(y[part, own], step, inside)
+        for k in hidden:
+            gap = np.abs(y[k + 1, own] - y[k, own]) + np.abs(y[k, own] - y[k - 1, own])
+            errors[own] += 0.5 * (times[k + 1] - times[k]) * gap
+    return values, errors
 
 
 def _uniform(times: Array) -> list[tuple[slice, float]]:
@@ -151,6 +232,21 @@ def _uniform(times: Array) -> list[tuple[slice, float]]:
     cuts = np.flatnonzero(np.abs(np.diff(steps)) > ALIKE * float(np.abs(steps).max())) + 1
     ends = [0, *cuts.tolist(), len(steps)]
     return [(slice(a, b + 1), float(times[b] - times[a]) / (b - a)) for a, b in itertools.pairwise(ends)]
+
+
+def tops(y: Array) -> tuple[Array, Array]:
+    """Return the largest values (n,) of many columns y (T, n), and their places in samples, without their errors."""
+    columns, window = np.arange(y.shape[1]), min(len(y), 2 * POINTS + 1)
+    j = np.argmax(_tops(y, 0.0, 0.0), axis=0)
+    first = np.clip(j - POINTS, 0, len(y) - window)
+    near = np.take_along_axis(y, first + np.arange(window)[:, None], axis=0)
+    rough = _roughness(near)
+    k = np.arange(len(rough))[:, None] + first
+    error = np.where((k <= j) & (k >= j - POINTS), rough, 0.0).max(axis=0)
+    error = np.where((j < 2) | (j > len(y) - 3), OUTSIDE * error, error)
+    top, at, bend = _refined(y, j, 0.0, 0.0)
+    trusted = (top - y[j, columns] > error) | (error < SMOOTH * bend)
+    return np.where(trusted, top, y[j, columns]), np.where(trusted, at, j)
 
 
 def _of_piece(y: Array, piece: slice, low: float, high: float) -> Extreme:
@@ -200,7 +296,7 @@ def _largest_of_piece(y: Array, low: float, high: float) -> Extreme:
         top, at, bend = _refined(y, j, low, high)
         error, there = near[j, columns], y[j, columns]
         # a polynomial is not believed where what it leaves out is more than it adds
-        trusted = (top - there > TRUSTED * error) | (error < SMOOTH * bend)
+        trusted = (top - there > error) | (error < SMOOTH * bend)
         # differences that are continued beyond the samples are not divided any more
         outside = trusted & ((at < 0.0) | (at > len(y) - 1.0))
         error = np.where(

@@ -96,20 +96,21 @@ def breaks_of(problem: Problem, times: Array, motion: JointMotion) -> list[float
 
     Payloads come and go, the trajectory has knots, and joints that lose energy turn back.
     """
-    places = [*knots_of(problem.scene, times), *_turns(problem, float(times[1] - times[0]), motion)]
-    return spaced(places, len(times), jumps(problem, times))
+    step = float(times[1] - times[0])
+    losing = sorted({place for place, _ in problem.losses(smooth=False)})
+    turns = [x for k in losing for x in turns_of(step, motion.qd[:, k], motion.qdd[:, k])]
+    return spaced([*knots_of(problem.scene, times), *turns], len(times), jumps(problem, times))
 
 
-def _turns(problem: Problem, step: float, motion: JointMotion) -> list[float]:
-    """Return where joints that lose energy turn back, in steps from the first sample, by cubic polynomials."""
+def turns_of(step: float, v: Array, a: Array) -> list[float]:
+    """Return where rates v (T,) change their sign, in steps from the first sample, by cubic polynomials with their
+    slopes a (T,)."""
     found: list[float] = []
-    for k in sorted({place for place, _ in problem.losses(smooth=False)}):
-        v, a = motion.qd[:, k], step * motion.qdd[:, k]
-        for n in np.flatnonzero(v[:-1] * v[1:] < 0.0):
-            rise = v[n + 1] - v[n]
-            cubic = np.array([a[n] + a[n + 1] - 2.0 * rise, 3.0 * rise - 2.0 * a[n] - a[n + 1], a[n], v[n]])
-            roots = np.roots(cubic)
-            found += [float(n + x.real) for x in roots if abs(x.imag) < 1e-9 and 0.0 <= x.real <= 1.0]
+    a = step * a
+    for n in np.flatnonzero(v[:-1] * v[1:] < 0.0):
+        rise = v[n + 1] - v[n]
+        roots = np.roots([a[n] + a[n + 1] - 2.0 * rise, 3.0 * rise - 2.0 * a[n] - a[n + 1], a[n], v[n]])
+        found += [float(n + x.real) for x in roots if abs(x.imag) < 1e-9 and 0.0 <= x.real <= 1.0]
     return found
 
 

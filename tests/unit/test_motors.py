@@ -264,7 +264,9 @@ def test_energy_from_the_supply_goes_somewhere(placed: str) -> None:
         work = joint["driving_energy"] - joint["braking_energy"]
         losses = drive["gear_loss"] + count * (electrical["copper_loss"] + electrical["friction_loss"])
         # kinks where torques and speeds change their signs limit the quadrature, as the stated error says
-        bound = 10.0 * (drive["errors"]["energy"] + 1e-6 * electrical["energy"])
+        bound = 10.0 * (
+            electrical["errors"]["energy"] + joint["errors"]["energy"] + 1e-6 * electrical["energy"]
+        )
         assert supplied == pytest.approx(work + losses, abs=bound), name
         assert bound < 0.02 * electrical["energy"]
 
@@ -321,7 +323,8 @@ def test_figures_of_random_motions_are_within_their_errors(seed: int) -> None:
     shafts = {"a": 4e-4, "s": 5e-4, "b": 3e-4 + 1e-4 + 5e-5 + 7e-5}  # rotor, gear, brake, coupling
     for k, (name, (n, forward, backward)) in enumerate(gears.items()):
         drive, qd, qdd = coarse[name], fine["qd"][:, k], fine["qdd"][:, k]
-        count, errors = drive["count"], drive["errors"]
+        count = drive["count"]
+        errors = drive["shaft"]["errors"] | {"rms_current": drive["electrical"]["errors"]["rms_current"]}
         load = (fine["tau"][:, k] - count * n**2 * shafts[name] * qdd) / count
         torque = load * np.where(load * qd >= 0.0, 1.0 / forward, backward) / n + shafts[name] * n * qdd
         w = n * qd
@@ -330,7 +333,7 @@ def test_figures_of_random_motions_are_within_their_errors(seed: int) -> None:
         mean = (25.0 + (np.trapezoid(cold, t) / 3.0) * (1.0 - 0.00393 * 25.0)) / (
             1.0 - (np.trapezoid(cold, t) / 3.0) * 0.00393
         )
-        copper = cold * (1.0 + 0.00393 * (min(mean, 150.0) - 25.0))
+        copper = cold * (1.0 + 0.00393 * (mean - 25.0))
         power = torque * w
         electrical = power + 0.2 * current * w - power + copper
         found = {
@@ -351,7 +354,10 @@ def test_figures_of_random_motions_are_within_their_errors(seed: int) -> None:
             assert errors[key] < (0.1 if key == "peak_torque" else 0.02) * true
         for key, (side, flow) in energies.items():
             true, whole = np.trapezoid(np.maximum(flow, 0.0), t), np.trapezoid(np.abs(flow), t)
-            assert side[key] == pytest.approx(true, abs=10.0 * errors["energy"] + 1e-4 * whole), (name, key)
+            assert side[key] == pytest.approx(true, abs=10.0 * side["errors"]["energy"] + 1e-4 * whole), (
+                name,
+                key,
+            )
         assert errors["energy"] < 0.02 * whole
 
 
@@ -403,7 +409,7 @@ drives: {crank: {motor: servo2p4_3000, gear: planet60_20, brake: brake9}}
     reflected = 400 * (0.000124 + 9.1e-6 + 5.5e-5)
     inertia = 2.0 * found["energy/kinetic"] / found["qd"][:, 0] ** 2 - reflected
     assert drive["inertia_ratio"] == pytest.approx(
-        [inertia.min() / reflected, inertia.max() / reflected], rel=1e-9
+        [inertia.min() / reflected, inertia.max() / reflected], rel=1e-4
     )
     # what holds it at rest is the slope of the potential energy along the crank
     slope = np.abs(np.gradient(found["energy/potential"], found["q"][:, 0], edge_order=2))
@@ -415,7 +421,11 @@ def test_a_motor_far_too_small_has_finite_figures() -> None:
     found = summary_of(arm("axes", drives))
     assert found["status"] == "undersized" and found["drives"]["a"]["passes"] is False
     assert found["drives"]["a"]["margin"] < -1.0
-    assert math.isfinite(found["drives"]["a"]["winding"]["peak"])
+    # its losses grow faster than the heat leaves: no steady temperature, and a warning says so
+    assert "winding" not in found["drives"]["a"] and math.isfinite(
+        found["drives"]["a"]["limits"]["winding"]["use"]
+    )
+    assert any("no steady state" in warning for warning in found["warnings"])
 
 
 def test_a_margin_that_is_asked_for_decides() -> None:

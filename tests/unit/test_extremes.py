@@ -1,0 +1,99 @@
+"""Extremes and integrals of functions known at samples: errors cover what lies between these, by much finer samples."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robodyn_cli.solve.extremes import (
+    integral,
+    largest,
+    largest_magnitude,
+    positive_integral,
+    root_mean_square,
+    smallest,
+    tops,
+)
+
+FINE = 200_001
+
+
+def waves(rng: np.random.Generator, kind: str, duration: float):
+    """Return a function, its jump, and the shortest period in it."""
+    a, w, phase = rng.normal(size=4), rng.uniform(0.5, 12.0, 4), rng.uniform(0.0, 6.0, 4)
+    at, size = rng.uniform(0.0, duration), rng.normal()
+
+    def function(t: np.ndarray) -> np.ndarray:
+        y = np.sin(np.multiply.outer(t, w) + phase) @ a
+        if kind == "bends":
+            return np.abs(y)
+        return y if kind == "smooth" else y + size * (t > at)
+
+    return function, at, 2.0 * np.pi / w.max()
+
+
+@pytest.mark.parametrize("kind", ["smooth", "bends", "jumps", "jumps somewhere"])
+def test_errors_cover_what_lies_between_samples(kind: str) -> None:
+    rng = np.random.default_rng(["smooth", "bends", "jumps", "jumps somewhere"].index(kind))
+    ratios = []
+    for _ in range(60):
+        duration, samples = rng.uniform(0.5, 3.0), int(rng.choice([8, 11, 30, 51, 101, 500]))
+        y, at, period = waves(rng, kind, duration)
+        if (samples - 1) * period / duration < 5.0:
+            continue  # too few samples to know anything of the function
+        t = np.linspace(0.0, duration, samples)
+        fine = np.sort(np.r_[np.linspace(0.0, duration, FINE), at - 1e-12, at + 1e-12])
+        Y, steps = y(fine), np.diff(fine)
+        breaks = [at / t[1]] if kind == "jumps" else []
+        column, rounding = y(t)[:, None], 1e-8
+        for found, true in (
+            (largest(t, column, breaks), Y.max()), (smallest(t, column, breaks), Y.min()),
+            (largest_magnitude(t, column, breaks), np.abs(Y).max()),
+        ):  # fmt: skip
+            ratios.append(abs(found.value[0] - true) / (found.error[0] + rounding))
+        top = largest(t, column, breaks)
+        ratios.append(abs(top.time[0] - fine[Y.argmax()]) / (top.time_error[0] + 2e-5))
+        for (value, error), integrand in (
+            (integral(t, column, breaks), Y), (positive_integral(t, column, breaks), np.maximum(Y, 0.0)),
+        ):  # fmt: skip
+            true = np.sum(steps * (integrand[1:] + integrand[:-1])) / 2.0
+            ratios.append(abs(value[0] - true) / (error[0] + 1e-7))
+        (rms,), (error,) = root_mean_square(t, column, breaks)
+        true = np.sqrt(np.sum(steps * (Y[1:] ** 2 + Y[:-1] ** 2)) / 2.0 / duration)
+        ratios.append(abs(rms - true) / (error + 1e-7))
+    assert len(ratios) > 150 and max(ratios) < 10.0
+    assert np.mean(np.array(ratios) > 1.0) < 0.01
+
+
+def test_a_smooth_function_is_known_far_better_than_its_samples() -> None:
+    t = np.linspace(0.0, 7.44, 101)
+    y = np.column_stack([np.sin(t), 3.0 * np.cos(1.3 * t + 0.2)])
+    top = largest_magnitude(t, y)
+    assert (
+        np.abs(top.value - [1.0, 3.0]).max() < 2e-8 < 1e-3 * np.abs(np.abs(y).max(axis=0) - [1.0, 3.0]).max()
+    )
+    assert top.error.max() < 1e-5 and abs(top.time[0] - np.pi / 2) < 1e-6
+    value, at = tops(y)
+    assert (
+        np.abs(value - largest(t, y).value).max() < 1e-12
+        and np.abs(t[1] * at - largest(t, y).time).max() < 1e-9
+    )
+
+
+@pytest.mark.parametrize("samples", range(1, 9))
+def test_few_samples_and_constants(samples: int) -> None:
+    t = np.linspace(0.0, 1.0, samples)
+    zero = largest(t, np.zeros((samples, 2)))
+    assert not zero.value.any() and not zero.error.any() and not zero.time.any()
+    line = largest(t, np.column_stack([t, -t]))
+    assert line.value[0] == pytest.approx(t[-1]) and line.value[1] == 0.0
+    assert np.isfinite(line.error).all() and np.isfinite(line.time_error).all()
+
+
+def test_uneven_samples() -> None:
+    """A last sample off the grid, as a run that stops early has it."""
+    t = np.append(np.linspace(0.0, 2.0, 201), 2.0034)
+    y = np.sin(t)[:, None]
+    (value,), (error,) = integral(t, y)
+    assert abs(value - (1.0 - np.cos(t[-1]))) <= error < 1e-4
+    assert abs(largest(t, y).value[0] - 1.0) < 1e-12
