@@ -50,14 +50,22 @@ _TOKEN = re.compile(
 
 
 @record
-class _Token:
+class Token:
+    """A word of a formula, and its column from 1."""
+
     kind: str  # number, name, sign or end
     text: str
     column: int
 
 
-def _tokens(text: str, where: str) -> list[_Token]:
-    tokens = []
+def tokens(text: str, where: str = "") -> list[Token]:
+    """Return the words of a formula, the end last.
+
+    Raises
+    ------
+    SceneError : at a character that no formula has.
+    """
+    found = []
     position = 0
     while position < len(text):
         if text[position] in " \t\r\n":
@@ -66,9 +74,9 @@ def _tokens(text: str, where: str) -> list[_Token]:
         match = _TOKEN.match(text, position)
         if match is None:
             fail(text, position + 1, f"unexpected {text[position]!r}", where)
-        tokens.append(_Token(str(match.lastgroup), match.group(), position + 1))
+        found.append(Token(str(match.lastgroup), match.group(), position + 1))
         position = match.end()
-    return [*tokens, _Token("end", "end of the formula", len(text) + 1)]
+    return [*found, Token("end", "end of the formula", len(text) + 1)]
 
 
 class Parser:
@@ -77,7 +85,7 @@ class Parser:
     def __init__(self, text: str, where: str) -> None:
         self.text = text
         self.where = where
-        self.tokens = _tokens(text, where)
+        self.tokens = tokens(text, where)
         self.position = 0
         self.names: dict[str, int] = {}
         self.degrees = False
@@ -91,10 +99,10 @@ class Parser:
         return root
 
     @property
-    def token(self) -> _Token:
+    def token(self) -> Token:
         return self.tokens[self.position]
 
-    def next(self) -> _Token:
+    def next(self) -> Token:
         token = self.token
         self.position += 1
         return token
@@ -104,10 +112,10 @@ class Parser:
             self.unexpected(self.token, f"{sign!r} is needed here")
         self.next()
 
-    def fail(self, token: _Token, message: str) -> NoReturn:
+    def fail(self, token: Token, message: str) -> NoReturn:
         fail(self.text, token.column, message, self.where)
 
-    def unexpected(self, token: _Token, wanted: str = "") -> NoReturn:
+    def unexpected(self, token: Token, wanted: str = "") -> NoReturn:
         shown = token.text if token.kind == "end" else repr(token.text)
         if not wanted and token.text in _COMPARISONS:
             wanted = "a comparison is allowed only as the first argument of if(a < b, x, y)"
@@ -115,7 +123,7 @@ class Parser:
             wanted = "an operator such as '*' is missing before it"
         self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
 
-    def fold(self, node: FormulaNode, token: _Token, *arguments: FormulaNode) -> FormulaNode:
+    def fold(self, node: FormulaNode, token: Token, *arguments: FormulaNode) -> FormulaNode:
         """Return the node's number if its arguments are numbers, else the node."""
         if not all(isinstance(x, Num) for x in arguments):
             return node
@@ -135,7 +143,7 @@ class Parser:
             left = self.operation(left, self.next(), depth)
         return left
 
-    def operation(self, left: FormulaNode, token: _Token, depth: int) -> FormulaNode:
+    def operation(self, left: FormulaNode, token: Token, depth: int) -> FormulaNode:
         level = _BINDING[token.text]
         if level == _BINDING["^"]:
             right = self.expression(level, depth + 1)  # the same level again: a^b^c is a^(b^c)
@@ -165,7 +173,7 @@ class Parser:
             return operand if token.text == "+" else self.fold(Negative(operand), token, operand)
         return self.postfix(self.primary(token, depth), token)
 
-    def postfix(self, node: FormulaNode, token: _Token) -> FormulaNode:
+    def postfix(self, node: FormulaNode, token: Token) -> FormulaNode:
         if self.token.text != "deg":
             return node
         self.next()
@@ -175,7 +183,7 @@ class Parser:
         degree = Num(_DEGREE)
         return self.fold(self.chain(node, "*", degree), token, node, degree)
 
-    def primary(self, token: _Token, depth: int) -> FormulaNode:
+    def primary(self, token: Token, depth: int) -> FormulaNode:
         if token.kind == "number":
             number = float(token.text)
             if not math.isfinite(number):
@@ -203,7 +211,7 @@ class Parser:
             return Name(token.text)
         self.unexpected(token, "a number, a name or '(' is needed here")
 
-    def call(self, name: _Token, depth: int) -> FormulaNode:
+    def call(self, name: Token, depth: int) -> FormulaNode:
         if name.text in SPANS:
             return self.span(name)
         if name.text != "if" and name.text not in FUNCTIONS:
@@ -216,7 +224,7 @@ class Parser:
         self.expect(")")
         return node
 
-    def span(self, function: _Token) -> FormulaNode:
+    def span(self, function: Token) -> FormulaNode:
         """Return the name of a distance; its arguments are points."""
         points = []
         for sign in ("(", ","):
@@ -231,7 +239,7 @@ class Parser:
         self.names.setdefault(name, function.column)
         return Name(name)
 
-    def function(self, name: _Token, depth: int) -> FormulaNode:
+    def function(self, name: Token, depth: int) -> FormulaNode:
         _, least, most = FUNCTIONS[name.text]
         arguments = []
         if self.token.text != ")":
@@ -246,7 +254,7 @@ class Parser:
             self.count_switches(name, max(1, len(arguments) - 1), arguments)
         return self.fold(Call(name.text, tuple(arguments)), name, *arguments)
 
-    def count_switches(self, token: _Token, count: int, arguments: Sequence[FormulaNode]) -> None:
+    def count_switches(self, token: Token, count: int, arguments: Sequence[FormulaNode]) -> None:
         """Count the places where the formula jumps or bends; numbers alone have none."""
         if all(isinstance(x, Num) for x in arguments):
             return
@@ -255,7 +263,7 @@ class Parser:
             what = f"the formula switches at more than {MAX_SWITCHES} places ({', '.join(SWITCHING)}, if)"
             self.fail(token, f"{what}; give a course of many pieces as a table")
 
-    def conditional(self, name: _Token, depth: int) -> FormulaNode:
+    def conditional(self, name: Token, depth: int) -> FormulaNode:
         left = self.expression(0, depth)
         comparison = self.token
         if comparison.text not in _COMPARISONS:

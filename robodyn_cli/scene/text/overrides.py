@@ -1,4 +1,7 @@
-"""``--set key.path=value``: replace or remove values in the tree before it is read; ``+=`` appends to a list."""
+"""``--set key.path=value``: replace or remove values in the tree before it is read; ``+=`` appends to a list.
+
+``KEY#n=value`` replaces the n-th number that is written at or below a key (see ``numbers``).
+"""
 
 from __future__ import annotations
 
@@ -19,11 +22,13 @@ from robodyn_cli.scene.text.nodes import (
     name_of,
     sequence,
 )
+from robodyn_cli.scene.text.numbers import counted, number_at, why_none, with_leaf
 from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
 HELP = (
-    "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, or list+=item"
+    "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, key.path#n=value for the "
+    "n-th number that is written there, or list+=item"
 )
 
 
@@ -33,7 +38,7 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
     Parameters
     ----------
     root, kind : the tree and what it is.
-    override : ``key.path=value``, or ``key.path+=value`` for lists; the value is YAML 1.2.
+    override : ``key.path=value``, ``key.path#n=value``, or ``key.path+=value`` for lists; the value is YAML 1.2.
     directory : where relative paths in the value start.
     includer : loads the files that the path leads through.
     """
@@ -43,22 +48,33 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
     place = Scalar(source, 1, 1, "", None)
     key, sign, text = override.partition("=")
     appends, key = key.endswith("+"), key.removesuffix("+")
-    steps = key.strip().split(".")
+    key, n = counted(key.strip())
+    steps = key.split(".")
     if not sign:
         raise located(place, "", f"has no '='; {HELP}")
     if not all(step.strip() == step and step for step in steps):
         raise located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
     if not text.strip():
         raise located(
-            place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
+            place, key, "has no value; write null to remove a key, '\"\"' for an empty text"
         )
     value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
-    return _Setter(place, value, includer, appends).set(root, kind, steps, ())
+    if n and (appends or not _is_number(value)):
+        raise located(place, f"{key}#{n}", f"is a number of the scene (value {describe_node(value)}); allowed: a number")
+    return _Setter(place, value, includer, appends, n).set(root, kind, steps, ())
+
+
+def _is_number(value: Node) -> bool:
+    """Tell whether a value may stand in the place of a number: it is one, or a text such as ``pi/2``."""
+    return isinstance(value, Scalar) and not isinstance(value.value, (bool, type(None)))
 
 
 class _Setter:
-    def __init__(self, place: Scalar, value: Node, includer: Includer, appends: bool) -> None:
+    """Puts a value into a tree; ``n`` : it replaces the n-th number there, 0: all that is there."""
+
+    def __init__(self, place: Scalar, value: Node, includer: Includer, appends: bool, n: int) -> None:
         self.place = place
+        self.n = n
         self.value = value
         self.includer = includer
         self.appends = appends
@@ -67,6 +83,8 @@ class _Setter:
     def set(self, node: Node, kind: Kind | None, steps: list[str], done: Path) -> Node:
         """Return ``node`` with the value at ``steps`` below it replaced."""
         if not steps:
+            if self.n:
+                return self.counted(node, kind, done)
             return self.appended(node, kind, done) if self.appends else self.value
         if kind is not None:
             node = self.includer.here(kind, node, done)
@@ -83,6 +101,8 @@ class _Setter:
             key = node.key(step) or Scalar(self.place.source, 1, 1, step, step)
             below = child_kind(kind, step)
             old = node.get(step)
+            if old is None and self.n:
+                raise self.missing(node, kind, step, done)
             # the reader refuses a key that the schema does not know
             known = old is not None or below is not None or not isinstance(kind, Section)
             if self.removes and not rest and known:
@@ -97,6 +117,26 @@ class _Setter:
             return node if new is old else node.replaced(key, new)
         what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
         raise self.error(done, f"{what}, so it has no key {shown(step)}")
+
+    def missing(self, node: Mapping, kind: Kind | None, step: str, done: Path) -> SceneError:
+        """Return the error of a key whose numbers are counted, and which the scene does not write."""
+        if isinstance(kind, Section) and child_kind(kind, step) is not None:
+            return self.error((*done, step), f"is not written in the scene, so there is no #{self.n}")
+        names = [key.text for key, _ in node.entries]
+        return self.error(done, f"has no key {shown(step)}{did_you_mean(step, names)}; allowed: {', '.join(names)}")
+
+    def counted(self, node: Node, kind: Kind | None, done: Path) -> Node:
+        """Return a value with its n-th number replaced."""
+        if kind is not None:
+            node = self.includer.whole(kind, node, done)
+        written = number_at(node, kind, self.n)
+        if written is None:
+            raise self.error(done, why_none(node, kind, self.n))
+        assert isinstance(self.value, Scalar)
+        if not written.inside:
+            return with_leaf(node, written.path, self.value)
+        text = written.replaced(self.value.text)
+        return with_leaf(node, written.path, Scalar(self.place.source, 1, 1, text, text))
 
     def appended(self, node: Node, kind: Kind | None, done: Path) -> Node:
         """Return a list with the value behind its items; a list that is not there has none."""
