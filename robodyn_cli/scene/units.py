@@ -95,7 +95,8 @@ def node_at(root: Node, key: str) -> Node | None:
 
 
 def refuse_doubles(root: Node, keys: Iterable[str], option: str) -> None:
-    """Refuse keys that name one place of a scene twice, perhaps by the number and by the name of a list's item.
+    """Refuse keys that name one place of a scene twice, perhaps by the number and by the name of a list's item, and a
+    number beside the formula or constant in which it stands.
 
     Raises
     ------
@@ -104,10 +105,16 @@ def refuse_doubles(root: Node, keys: Iterable[str], option: str) -> None:
     seen: dict[Path, str] = {}
     for key in keys:
         place = place_of(root, key)
-        if place in seen:
-            other = "" if seen[place] == key else f", also as {seen[place]}"
-            raise SceneError(f"{option} {key}: is given twice{other}", key=key)
+        for known, other in seen.items():
+            if known in (place, _whole(place)) or place == _whole(known):
+                also = "" if other == key else f", also as {other}"
+                raise SceneError(f"{option} {key}: is given twice{also}", key=key)
         seen[place] = key
+
+
+def _whole(place: Path) -> Path:
+    """Return the place of the text in which a number stands, of other places themselves."""
+    return place[:-1] if str(place[-1]).startswith("#") else place
 
 
 def _unit(cls: type, step: str) -> str:

@@ -246,7 +246,7 @@ BY_NAME |= {"wall_time_s", "q", "qd"}
 def test_every_record_of_summaries_has_its_table() -> None:
     module, page = reference("make_summary_reference"), text("docs/cli.md")
     tables = [match.group(2) for match in module.TABLE.finditer(page)]
-    places = [EVERY_RUN, *(place for row in ROWS.values() for place in row.summary)]
+    places = [*EVERY_RUN, *(place for row in ROWS.values() for place in row.summary)]
     assert sorted(tables) == sorted(set(places))
     assert module.rewritten(page) == page, "run: python docs/make_summary_reference.py"
 

@@ -147,7 +147,7 @@ def _of_key(family: Family, name: str) -> tuple[Key, float]:
         head, _, rest = refused.message.partition(": ")
         text = rest if head.startswith("--set ") else refused.message
         raise SceneError(f"--to {name}: {text}", **refused.details) from refused
-    text = "the scene has no number there; allowed: a key with a number, or KEY#n, the n-th number that is written there"
+    text = "the scene has no number there; allowed: a key with a number, or KEY#n, its n-th number"
     if node is None:
         raise SceneError(f"{family.path}: --to {name}: {text}", file=family.path, key=name)
     raise located(node, name, text)

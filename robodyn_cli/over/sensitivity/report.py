@@ -51,7 +51,7 @@ def report(found: Sensitivities, seconds: float) -> Result:
     result.summarise(
         SensitivitySummary(
             of=task.command,
-            outputs={
+            nominal={
                 name: NominalNumber(y, unit, None if math.isnan(error) else error)
                 for name, y, unit, error in zip(task.outputs, asked.outputs, asked.output_units, asked.errors)
             },

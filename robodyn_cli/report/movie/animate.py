@@ -20,6 +20,7 @@ from robodyn_cli.report.drawing.places import along_motion, evenly
 from robodyn_cli.report.movie.frames import plan_movie
 from robodyn_cli.report.ticks import number
 from robodyn_cli.results.result import Result
+from robodyn_cli.summaries.checks import MovieReport
 
 STILLS = 6
 ACROSS, ACROSS_WIDE = 3, 2  # stills side by side, and of drawings that are wide
@@ -63,7 +64,7 @@ KINDS = (".gif", ".mp4", ".webp", ".png")
 
 def animate(
     result: Result, target: Path, speed: float | None = None, fps: float = FPS, follow: str | None = None
-) -> dict[str, Any]:
+) -> MovieReport:
     """Write a movie of a result, or a strip of stills as PNG; return what it shows.
 
     Parameters
@@ -96,15 +97,17 @@ def animate(
     plan = plan_movie(result, speed, fps, suffix == ".gif")
     with styled():
         write_movie(Frames(result, plan, follow), target)
-    return {"file": str(target), "frames": plan.frames, "held": plan.held, "fps": plan.fps, "speed": plan.speed,
-            "duration": plan.frames / plan.fps, "size": target.stat().st_size}  # fmt: skip
+    return MovieReport(
+        "ok", str(target), target.stat().st_size, frames=plan.frames, held=plan.held, fps=plan.fps,
+        speed=plan.speed, duration=plan.frames / plan.fps,
+    )  # fmt: skip
 
 
-def _strip(result: Result, target: Path, follow: str | None) -> dict[str, Any]:
+def _strip(result: Result, target: Path, follow: str | None) -> MovieReport:
     from robodyn_cli.report.canvas import save
     from robodyn_cli.report.style import styled
 
     with styled():
         figure = draw_strip(result, follow)
         save(figure, target)
-    return {"file": str(target), "stills": len(figure.axes), "size": target.stat().st_size}
+    return MovieReport("ok", str(target), target.stat().st_size, stills=len(figure.axes))

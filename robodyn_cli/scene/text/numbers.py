@@ -25,7 +25,7 @@ class WrittenNumber:
     """A number as it is written.
 
     path : steps that lead to its scalar. text : of the scalar. start, end : where it stands in the text. value : as it
-    is written, in the unit in which it is. inside : whether it is a part of a formula or of a constant such as ``90 deg``.
+    is written. inside : whether it is a part of a formula or of a constant such as ``90 deg``.
     """
 
     path: Path

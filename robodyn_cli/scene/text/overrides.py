@@ -27,8 +27,8 @@ from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
 HELP = (
-    "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, key.path#n=value for the "
-    "n-th number that is written there, or list+=item"
+    "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, key.path#n=value for "
+    "the n-th number that is written there, or list+=item"
 )
 
 
@@ -55,12 +55,12 @@ def apply(root: Node, kind: Kind, override: str, directory: str, includer: Inclu
     if not all(step.strip() == step and step for step in steps):
         raise located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
     if not text.strip():
-        raise located(
-            place, key, "has no value; write null to remove a key, '\"\"' for an empty text"
-        )
+        raise located(place, key, "has no value; write null to remove a key, '\"\"' for an empty text")
     value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
     if n and (appends or not _is_number(value)):
-        raise located(place, f"{key}#{n}", f"is a number of the scene (value {describe_node(value)}); allowed: a number")
+        raise located(
+            place, f"{key}#{n}", f"is a number of the scene (value {describe_node(value)}); allowed: a number"
+        )
     return _Setter(place, value, includer, appends, n).set(root, kind, steps, ())
 
 
@@ -123,7 +123,9 @@ class _Setter:
         if isinstance(kind, Section) and child_kind(kind, step) is not None:
             return self.error((*done, step), f"is not written in the scene, so there is no #{self.n}")
         names = [key.text for key, _ in node.entries]
-        return self.error(done, f"has no key {shown(step)}{did_you_mean(step, names)}; allowed: {', '.join(names)}")
+        return self.error(
+            done, f"has no key {shown(step)}{did_you_mean(step, names)}; allowed: {', '.join(names)}"
+        )
 
     def counted(self, node: Node, kind: Kind | None, done: Path) -> Node:
         """Return a value with its n-th number replaced."""

@@ -138,7 +138,7 @@ def _summary(
         largest_acceleration=acceleration if one else ABSENT,
         states=state_signals(model, given.places),
         inputs=input_signals(model, given.inputs),
-        outputs=outputs,
+        measured=outputs,
         stability=stability_of(modes[0]) if one else ABSENT,
         modes=modes[0] if one else ABSENT,
         growth=ABSENT if one else LargestGrowth(float(growth[k]), float(states.times[k])),
