@@ -99,6 +99,7 @@ class JointRange:
     peak_acceleration: float = fact(
         "largest magnitude of the acceleration", ACCELERATION, column="peak acceleration"
     )
+    units: dict[str, str] = fact("units of this joint", names=("position", "speed", "acceleration"))
 
 
 @record

@@ -29,11 +29,9 @@ def report(found: Sensitivities, seconds: float) -> Result:
     task = asked.task
     result = Result("sensitivity", asked.scene.title or task.command, "ok", asked.scene.text)
     key_units = tuple(unit or "1" for unit in asked.units)
-    labelled = {"dims": ("key",), "names": task.keys}
     result.add(
-        "keys/value", asked.values, units=unit_text(key_units), long_name="value of each key",
-        column_units=key_units, **labelled,
-    )  # fmt: skip
+        "keys/value", asked.values, units=unit_text(key_units), column_units=key_units, names=task.keys
+    )
     for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes)):
         units = tuple(quotient(asked.output_units[k], unit) for unit in asked.units)
         value = asked.outputs[k]
@@ -46,7 +44,7 @@ def report(found: Sensitivities, seconds: float) -> Result:
         for group, (meaning, own) in MEANINGS.items():
             result.add(
                 f"{group}/{name}", columns[group], long_name=meaning.format(name),
-                units="1" if own else unit_text(units), column_units=() if own else units, **labelled,
+                units="1" if own else unit_text(units), column_units=() if own else units, names=task.keys,
             )  # fmt: skip
     result.summarise(
         SensitivitySummary(

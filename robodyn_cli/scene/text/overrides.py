@@ -22,7 +22,7 @@ from robodyn_cli.scene.text.nodes import (
     name_of,
     sequence,
 )
-from robodyn_cli.scene.text.numbers import counted, number_at, why_none, with_leaf
+from robodyn_cli.scene.text.numbers import below, counted, number_at, why_none, with_leaf
 from robodyn_cli.scene.text.yaml_nodes import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
@@ -95,24 +95,24 @@ class _Setter:
             items = list(node.items)
             if self.removes and not rest:
                 return sequence(node, items[:index] + items[index + 1 :])
-            items[index] = self.set(items[index], child_kind(kind, step), rest, (*done, index))
+            items[index] = self.set(items[index], below(kind, step), rest, (*done, index))
             return sequence(node, items)
         if isinstance(node, Mapping):
             key = node.key(step) or Scalar(self.place.source, 1, 1, step, step)
-            below = child_kind(kind, step)
+            inner = child_kind(kind, step)
             old = node.get(step)
             if old is None and self.n:
                 raise self.missing(node, kind, step, done)
             # the reader refuses a key that the schema does not know
-            known = old is not None or below is not None or not isinstance(kind, Section)
+            known = old is not None or inner is not None or not isinstance(kind, Section)
             if self.removes and not rest and known:
                 return self.without(node, kind, step, done)
             if old is None or (isinstance(old, Scalar) and old.value is None and rest):
-                if rest and isinstance(below, ListOf):
+                if rest and isinstance(inner, ListOf):
                     raise self.error((*done, step), "is empty, so it has no items; set the whole list")
                 # the reader refuses unknown keys and names this option
                 old = mapping(self.place, [])
-            new = self.set(old, below, rest, (*done, step))
+            new = self.set(old, inner, rest, (*done, step))
             # an absent key needs no removal
             return node if new is old else node.replaced(key, new)
         what = f"is {describe_node(node)}" if done else f"the scene is {describe_node(node)}"
