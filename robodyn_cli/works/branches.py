@@ -12,7 +12,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.given.loop_conditions import LoopConditions
-from robodyn_cli.observe.units import joint_columns
+from robodyn_cli.observe.units import JointColumns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closure import halton, rank, search
@@ -34,8 +34,8 @@ class Branches:
     def add_to(self, result: Result) -> None:
         """Add configurations, determinants and outlines to a result."""
         model = self.problem.model
-        units = joint_columns(model)["q"].units
-        result.add("branches/q", np.array(self.configurations), units=units, names=model.q_names)
+        columns = JointColumns(model.q_names, model.q_units, ("branch", "joint"))
+        result.add("branches/q", np.array(self.configurations), **columns.described())
         determinants = [branch.determinant for branch in self.described]
         if None not in determinants:
             result.add("branches/determinant", np.array(determinants, dtype=float))

@@ -44,9 +44,13 @@ def random_scene(seed: int) -> str:
     for k, kind in enumerate(["revolute", rng.choice(["revolute", "prismatic"])]):
         origin = f"{{xyz: [{x()}, {x()}, {x()}], rpy: [{x()}, {math.degrees(x()):.3f} deg, pi/{k + 3}]}}"
         spring = f"spring: {{stiffness: {x(1, 9)}, rest: {x(-0.3, 0.3)}}}, damper: {{damping: {x()}}}"
-        joints.append(f"    - {{name: j{k}, type: {kind}, axis: [{x()}, {x()}, {x()}], origin: {origin}, {spring}}}")
+        joints.append(
+            f"    - {{name: j{k}, type: {kind}, axis: [{x()}, {x()}, {x()}], origin: {origin}, {spring}}}"
+        )
         inertia = ", ".join(f"{axis}: {x(1, 1.5)}" for axis in ("xx", "yy", "zz"))
-        links.append(f"    - {{name: l{k}, mass: {x(1, 4)}, com: [{x(-0.2)}, {x()}, {x()}], inertia: {{{inertia}}}}}")
+        links.append(
+            f"    - {{name: l{k}, mass: {x(1, 4)}, com: [{x(-0.2)}, {x()}, {x()}], inertia: {{{inertia}}}}}"
+        )
     if seed % 2:
         run = f"""command: inverse
 trajectory: {{type: joint, duration: {x(0.5, 1)}, q: {{j0: {x()}*sin({x(1, 3)}*t), j1: "{x()} + {x()}*t^2"}}}}
@@ -57,7 +61,16 @@ parameters: {{k: {x()}}}
 torques: {{j0: "k*sin({x(1, 3)}*t) - {x()}*q.j0", j1: {x()}}}
 initial: {{q: {{j0: {x(5, 30)} deg, j1: {x(-0.2, 0.2)}}}, qd: {{j0: {x()}, j1: {x()}}}}}
 simulate: {{duration: {x(0.3, 0.5)}, samples: 3}}"""
-    lines = ["schema: 1", f"gravity: [0, {x()}, -9.81]", "robot:", "  joints:", *joints, "  links:", *links, run]
+    lines = [
+        "schema: 1",
+        f"gravity: [0, {x()}, -9.81]",
+        "robot:",
+        "  joints:",
+        *joints,
+        "  links:",
+        *links,
+        run,
+    ]
     return "\n".join(lines) + "\n"
 
 

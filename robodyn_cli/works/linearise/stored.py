@@ -9,7 +9,7 @@ import numpy as np
 from robodyn_cli.equations.linear.reduce import Linear
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.model.manifold import Manifold
-from robodyn_cli.observe.units import unit_text
+from robodyn_cli.observe.units import JointColumns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closure import mechanism_size
@@ -89,8 +89,8 @@ def add_poses(result: Result, given: Nominal, modes: Sequence[Mode]) -> None:
     """Store the poses on both sides of each mode."""
     if modes:
         model = given.problem.model
-        units = {"units": unit_text(model.q_units), "column_units": model.q_units}
-        result.add("modes/q", np.array([_swung(given, mode) for mode in modes]), names=model.q_names, **units)
+        columns = JointColumns(model.q_names, model.q_units, ("mode", "side", "position"))
+        result.add("modes/q", np.array([_swung(given, mode) for mode in modes]), **columns.described())
 
 
 def _swung(given: Nominal, mode: Mode) -> list[Array]:
