@@ -21,7 +21,7 @@ from robodyn_cli.observe.units import add_joint_limits, add_motion
 from robodyn_cli.ready.doors import along
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.ready.singularity import mobility
-from robodyn_cli.results.result import Result
+from robodyn_cli.results.result import Result, units_of
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -208,7 +208,9 @@ def summarise(
 
 def _joint_ranges(result: Result) -> dict[str, JointRange]:
     found, positions = {}, result.variables["q"].names
+    rates = units_of(result.variables["qd"])
     for k, name in enumerate(result.variables["qd"].names):
+        unit = rates[k].removesuffix("/s")
         # quasi-velocities are the rates of no position
         q = result["q"][:, positions.index(name)] if name in positions else None
         found[name] = JointRange(
@@ -216,6 +218,7 @@ def _joint_ranges(result: Result) -> dict[str, JointRange]:
             largest=None if q is None else float(q.max()),
             peak_speed=float(np.abs(result["qd"][:, k]).max()),
             peak_acceleration=float(np.abs(result["qdd"][:, k]).max()),
+            units={"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"},
         )
     return found
 

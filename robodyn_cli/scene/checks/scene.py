@@ -299,16 +299,17 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
+    names = key_names(scene) if scene.expect or scene.study.of else {}
     asked = [(key, expected.numeric, "expect") for key, expected in scene.expect.items()]
     for key, number, section in [*asked, *((key, True, "study") for key in scene.study.of)]:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
-        if not leaves or (leaves[0].names and not any(leaf.fits(key_names(scene)) for leaf in leaves)):
+        if not leaves or (leaves[0].names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
 
             with check:
-                message = refusal(commands[0], key, key_names(scene), number)
+                message = refusal(commands[0], key, names, number)
                 check.fail(key_place(check.root, section, key), message, at_key=section == "expect")
 
 
@@ -316,9 +317,32 @@ def key_names(scene: Scene) -> Names:
     """Return the names that keys of summaries of a scene may have in them, by kind."""
     rates = columns(scene.robot, velocities=True)
     joints = (joint.name for joint in scene.robot.joints)
+    led = () if scene.trajectory is None else scene.trajectory.places
     return {
         "JOINT": tuple(dict.fromkeys((*columns(scene.robot), *rates, *joints))),
         "LOOP": (*(x.name for x in (*scene.loops, *scene.couplers)), "latch"),
         "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
         "PAYLOAD": tuple(payload.name for payload in scene.payloads),
+        "POINT": (*scene.robot.points, *led, *(scene.kinematics.transmission or ())),
+        "ROW": _row_names(scene),
     }
+
+
+def _row_names(scene: Scene) -> tuple[str, ...]:
+    """Return the names that rows of closures, couplers and prescribed joints may have; in the plane some vanish."""
+    from robodyn_cli.loops.base import LoopFrame
+    from robodyn_cli.loops.pairs import FixedLoop
+    from robodyn_cli.spatial.algebra import identity, zeros
+
+    none = zeros(3)
+    ends = [
+        LoopFrame(p, identity(), zeros(3, 1), zeros(3, 1), none, none, none, [0.0])
+        for p in (none, none + 1.0)
+    ]
+    latch = FixedLoop(name="latch", type="fixed", between=("", ""))
+    closures = [row.name for loop in (*scene.loops, latch) for row in loop.rows(*ends)]
+    moved = {name.partition(".")[0] for name in scene.prescribed}
+    prescribed = (
+        f"prescribed.{name}{axis}" for name in moved for axis in ("", ".x", ".y", ".z", ".wx", ".wy", ".wz")
+    )
+    return (*closures, *(f"{coupler.name}.coupling" for coupler in scene.couplers), *prescribed)
