@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
@@ -28,6 +28,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
+    from robodyn_cli.loops.base import LoopClosure
     from robodyn_cli.summaries.keys import Names
 
 
@@ -330,8 +331,22 @@ def key_names(scene: Scene) -> Names:
 
 def _row_names(scene: Scene) -> tuple[str, ...]:
     """Return the names that rows of closures, couplers and prescribed joints may have; in the plane some vanish."""
+    closures = list(scene.loops)
+    if scene.deploy.latch is not None:
+        from robodyn_cli.loops.pairs import FixedLoop
+
+        closures.append(FixedLoop(name="latch", type="fixed", between=("", "")))
+    rows = _rows_of(closures) if closures else ()
+    moved = {name.partition(".")[0] for name in scene.prescribed}
+    prescribed = (
+        f"prescribed.{name}{axis}" for name in moved for axis in ("", ".x", ".y", ".z", ".wx", ".wy", ".wz")
+    )
+    return (*rows, *(f"{coupler.name}.coupling" for coupler in scene.couplers), *prescribed)
+
+
+def _rows_of(closures: Sequence[LoopClosure]) -> tuple[str, ...]:
+    """Return the names of the rows of closures, as they are between any two frames."""
     from robodyn_cli.loops.base import LoopFrame
-    from robodyn_cli.loops.pairs import FixedLoop
     from robodyn_cli.spatial.algebra import identity, zeros
 
     none = zeros(3)
@@ -339,10 +354,4 @@ def _row_names(scene: Scene) -> tuple[str, ...]:
         LoopFrame(p, identity(), zeros(3, 1), zeros(3, 1), none, none, none, [0.0])
         for p in (none, none + 1.0)
     ]
-    latch = FixedLoop(name="latch", type="fixed", between=("", ""))
-    closures = [row.name for loop in (*scene.loops, latch) for row in loop.rows(*ends)]
-    moved = {name.partition(".")[0] for name in scene.prescribed}
-    prescribed = (
-        f"prescribed.{name}{axis}" for name in moved for axis in ("", ".x", ".y", ".z", ".wx", ".wy", ".wz")
-    )
-    return (*closures, *(f"{coupler.name}.coupling" for coupler in scene.couplers), *prescribed)
+    return tuple(row.name for loop in closures for row in loop.rows(*ends))
