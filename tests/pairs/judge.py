@@ -1,0 +1,161 @@
+"""Run a scene by a command in this process, as the command line does, and say what must not be."""
+
+from __future__ import annotations
+
+import contextlib
+import dataclasses
+import io
+import json
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from unittest import mock
+
+import yaml
+
+from robodyn_cli.cli.app import run as run_words
+from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.over.batch.findings import findings
+from tests.fuzz.cases import _signature
+from tests.pairs.reasons import reason_of
+
+BEFORE_STEPS = (2, 3, 4, 5)
+
+
+@dataclasses.dataclass
+class Outcome:
+    """How a command ended: exit code, what it printed, and whether it ended before its first step."""
+
+    code: int
+    out: str
+    err: str
+    early: bool = True
+    finding: str = ""
+
+    @property
+    def message(self) -> str:
+        """The error that ended it."""
+        found = [line for line in self.err.splitlines() if line.startswith("robodyn: error: ")]
+        return found[-1].removeprefix("robodyn: error: ") if found else ""
+
+
+def write(tree: Mapping[str, Any], folder: Path, command: str | None = None) -> Path:
+    """Write a scene, with the files that it names, for a command."""
+    shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True)
+    files = {key: text for key, text in tree.items() if "." in key}
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    own = {"command": command} if command else {}
+    keys = {key: value for key, value in tree.items() if key not in files}
+    path = folder / "scene.yaml"
+    path.write_text(yaml.safe_dump({**keys, **own}, sort_keys=False), encoding="utf-8")
+    return path
+
+
+def call(words: list[str], folder: Path) -> Outcome:
+    """Run a command line in a folder."""
+    out, err, before = io.StringIO(), io.StringIO(), os.getcwd()
+    steps: list[bool] = []
+    with _told_of_steps(steps), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        os.chdir(folder)
+        try:
+            code = run_words(words)
+        except SystemExit as end:
+            code = int(end.code or 0)
+        except Exception as error:
+            code, finding = 70, f"{type(error).__name__} leaves the program: {error}"[:200]
+            return Outcome(code, out.getvalue(), err.getvalue(), finding=finding)
+        finally:
+            os.chdir(before)
+    said = err.getvalue()
+    outcome = Outcome(code, out.getvalue(), said, early=not steps and "results until then" not in said)
+    if code == 70 or "Traceback" in said:
+        outcome.finding = _signature(said) if "Traceback" in said else outcome.message[:120]
+    elif warning := re.search(r"^.*\w+Warning: .*$", said, re.MULTILINE):
+        outcome.finding = f"a raw warning: {warning.group()[-120:]}"
+    return outcome
+
+
+@contextlib.contextmanager
+def _told_of_steps(steps: list[bool]) -> Iterator[None]:
+    """Note in a list that an integration has begun."""
+    own: Callable[..., Any] = Integrator.run
+
+    def run(*values: Any, **keys: Any) -> Any:
+        steps.append(True)
+        return own(*values, **keys)
+
+    with mock.patch.object(Integrator, "run", run):
+        yield
+
+
+def judge(tree: Mapping[str, Any], command: str, folder: Path) -> list[str]:
+    """Run a scene by one of the commands that a scene may name; return what must not be."""
+    return judged(tree, command, folder)[1]
+
+
+def judged(tree: Mapping[str, Any], command: str, folder: Path) -> tuple[Outcome, list[str]]:
+    """Return the outcome too."""
+    path = write(tree, folder, command)
+    quick = ["--quick"] if command == "stability" else []
+    done = call([command, "scene.yaml", "--no-plots", "--out", "out", *quick], folder)
+    if done.finding:
+        return done, [done.finding]
+    found = []
+    if done.code not in (0, 1, *BEFORE_STEPS):
+        found.append(f"exit code {done.code}")
+    refused = done.code in BEFORE_STEPS
+    if refused and reason_of(done.message) is None:
+        found.append(f"refused for no stated reason: {done.code}: {done.message}")
+    if done.code in (0, 1):
+        found += not_finite(folder / "out")
+    found += against_validate(path, command, done)
+    return done, found
+
+
+def against_validate(path: Path, command: str, done: Outcome) -> list[str]:
+    """Return where ``validate`` says something else than the command before its first step."""
+    try:
+        errors = [(f.exit_code, f.message) for f in findings(path) if f.severity == "error"]
+    except Exception as error:
+        return [f"validate: {type(error).__name__}: {error}"]
+    told = [(done.code, done.message)] if done.code in BEFORE_STEPS and done.early else []
+    place = str(path)
+    plain = [(code, text.replace(place, path.name)) for code, text in errors]
+    if plain == told or (told and plain and told[0] in plain and plain[0][0] == done.code == 2):
+        return []
+    if told and plain and all(f"{command} needs " in text for _, text in plain) and " needs " in done.message:
+        return []  # a message for each link, of which the command's says all
+    return [f"validate says {plain or 'ok'}, {command} {told or f'runs (exit code {done.code})'}"]
+
+
+def not_finite(results: Path) -> list[str]:
+    """Return which data of a run that succeeded are not finite, and errors of 0 of figures that are not."""
+    import h5py
+    import numpy as np
+
+    bad: list[str] = []
+
+    def look(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.dtype.kind == "f" and not np.isfinite(item[()]).all():
+            bad.append(f"not finite: /{name}")
+
+    if (results / "result.h5").exists():
+        with h5py.File(results / "result.h5") as file:
+            file.visititems(look)
+    summary = json.loads((results / "summary.json").read_text(), parse_constant=lambda word: 1 / 0)
+    return bad + list(_errors_of_nothing(summary, "summary"))
+
+
+def _errors_of_nothing(tree: Any, place: str) -> Iterator[str]:
+    if not isinstance(tree, dict):
+        return
+    errors = tree.get("errors")
+    for key, value in tree.items():
+        yield from _errors_of_nothing(value, f"{place}.{key}")
+        if value is None and isinstance(errors, dict) and errors.get(key) == 0.0:
+            yield f"an error of 0 for no figure: {place}.{key}"
