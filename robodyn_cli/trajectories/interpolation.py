@@ -16,6 +16,7 @@ MOST = 20_000  # points
 WITHIN = 1e-11  # rad or m: how far the course may be from the motion
 ACCELERATION = 1e-8  # of the largest one: how far its accelerations may be
 PARTS = 8  # into which an interval is divided at once
+ROUNDING = 256 * np.finfo(float).eps  # of a position: over h^2, what it may make of an acceleration
 BESIDE = 1e-9  # of the duration: where accelerations are taken on both sides of a knot
 SHORT = 1e-6  # of the duration: in an interval so short an acceleration may jump, but no rate
 
@@ -26,7 +27,7 @@ def interpolated(motion: Motion, duration: float, knots: Sequence[float] | None,
     """Return quintics through positions, rates and accelerations, which are close to the motion between them too.
 
     Intervals are divided until the course meets the motion half-way: positions to 1e-11, accelerations to 1e-8 of the
-    largest.
+    largest, or to what the rounding of positions makes of them in a short interval.
 
     Parameters
     ----------
@@ -49,7 +50,8 @@ def interpolated(motion: Motion, duration: float, knots: Sequence[float] | None,
         course = course_through(t, q[at], v[at], (a[at + jumps], a[at - jumps]))
         off = np.abs(course(middle) - q[between]).max(axis=1) / WITHIN
         largest = max(float(np.abs(a).max()), 1e-300)
-        rough = np.abs(course(middle, 2) - a[between]).max(axis=1) / (ACCELERATION * largest)
+        rough = np.abs(course(middle, 2) - a[between]).max(axis=1)
+        rough /= ACCELERATION * largest + ROUNDING * np.abs(q).max() / (h * h)
         need = np.maximum(off ** (1.0 / 6.0), np.where(h > SHORT * T, rough**0.25, 0.0))
         if need.max() <= 1.0:
             return course
