@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from robodyn_cli.errors import SceneError
-from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.model.consistency import refuse_immovable
 from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.tools.stopwatch import Stopwatch
 from robodyn_cli.trajectories.led import Follows
@@ -19,11 +18,7 @@ def integrable(scene: Scene, watch: Stopwatch | None = None) -> Ready:
     ------
     SceneError : no joint of the robot moves. RobodynError : see ``with_motion_found`` and ``with_controller_ready``.
     """
-    if not any(joint_types[joint.type].nv for joint in scene.robot.joints):
-        raise SceneError(
-            f"{scene.path}: robot.joints: all joints are fixed, so nothing moves that forces could move",
-            file=scene.path, key="robot.joints",
-        )  # fmt: skip
+    refuse_immovable(scene)
     watch = watch or Stopwatch()
     if any(isinstance(x, Follows) and x.followed is None for x in scene.prescribed.values()):
         from robodyn_cli.ready.in_time import with_motion_found

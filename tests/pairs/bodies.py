@@ -54,6 +54,7 @@ def _dh(convention: str) -> Feature:
             link["com_frame"] = "joint"
         if convention == "standard":
             robot["points"]["tip"] = {"link": "fore", "at": "end"}
+            draft.end = [0, 0, 0]
 
     return write
 
@@ -120,7 +121,7 @@ def _loop(kind: str, led: int = 1, four: bool = False, **keys: Any) -> Feature:
         names = ["c", "d"][: 1 + four]
         for k, name in enumerate(names):
             joint = {"name": name, "type": "revolute", "axis": [0, 0, 1], "parent": ["fore", "third"][k],
-                     "origin": {"xyz": [[0.8, 0, 0], [0.6, 0, 0]][k]}}  # fmt: skip
+                     "origin": {"xyz": [draft.end, [0.6, 0, 0]][k]}}  # fmt: skip
             link = {"name": ["third", "last"][k], "mass": 0.7, "com": [0.3, 0, 0], "inertia": INERTIA}
             draft.add_joint(joint, link)
         draft.starts |= {"b": -1.0, "c": -1.0, "d": -0.8}
@@ -132,7 +133,8 @@ def _loop(kind: str, led: int = 1, four: bool = False, **keys: Any) -> Feature:
         draft.led = [name for name in draft.moving() if name not in ("b", "c", "d")]
         if led == 2:
             draft.led.insert(1, "b")
-        draft.tree["actuated"] = [name for name in draft.led if name in ("a", "b")]
+            x, y = 1.567210, -0.219854
+            draft.tip = [x, y] if len(draft.tip) == 2 else [0.0, x, y + 0.1]
         draft.tree["initial"] = {"hold": [name for name in draft.led if name != "root_joint"]}
 
     return close
@@ -162,7 +164,7 @@ def _coupler(place: str, value: Any) -> Feature:
         draft.starts["n"] = 0.12
         where = draft.robot if place == "robot" else draft.tree
         where.setdefault("couplers", []).append({"name": "mimic", "terms": {"m": 1, "n": -1}, **({"value": value} if value else {})})
-        draft.led = [name for name in draft.followed() if name != "n"]
+        draft.led = [*(name for name in draft.followed() if name not in ("m", "n")), "m"]
         draft.section("initial").setdefault("hold", []).append("m")
 
     return couple
@@ -216,13 +218,19 @@ LIMIT = {
     "speed": _put("limits", speed=50),
     "acceleration": _put("limits", acceleration=5000, jerk=1e7),
     "effort": _put("limits", effort=40),
-    "exceeded": _put("limits", lower=-3, upper=0.301),
+    "exceeded": lambda draft: draft.put("limits", {"lower": draft.beside(1e-3), "upper": 3}),
 }
+
+
+def _stop(**keys: Any) -> Feature:
+    return lambda draft: draft.put("limits", {"lower": draft.beside(5e-4), "stop": keys})
+
+
 SOFT = {"stiffness": 2000, "damping": 5}
 STOP = {
-    "compliant": _put("limits", upper=0.302, stop=SOFT),
-    "hunt_crossley": _put("limits", upper=0.302, stop={**SOFT, "law": "hunt_crossley", "exponent": 1.5}),
-    "rigid": _put("limits", lower=-3, upper=0.3005, stop={"restitution": 0.5}),
+    "compliant": _stop(**SOFT),
+    "hunt_crossley": _stop(**SOFT, law="hunt_crossley", exponent=1.5),
+    "rigid": _stop(restitution=0.5),
 }
 
 
@@ -246,7 +254,9 @@ GEARS: dict[str, dict[str, Any]] = {
 def _motor(kind: str) -> Feature:
     def drive(draft: Draft) -> None:
         draft.section("catalogue").setdefault("motors", {})["m1"] = {"type": kind, **MOTORS[kind]}
-        draft.section("drives")[draft.column()] = {"motor": "m1"}
+        # a joint with several coordinates takes no motor, and stands beside one that has it
+        name = draft.focus["name"] if draft.focus["name"] in draft.single() else "a"
+        draft.section("drives")[name] = {"motor": "m1"}
 
     return drive
 
@@ -255,11 +265,18 @@ def _gear(kind: str) -> Feature:
     def drive(draft: Draft) -> None:
         if "drives" not in draft.tree:
             MOTOR["envelope"](draft)
-        gear = {"type": kind, **GEARS[kind]}
-        if kind == "belt" and draft.focus["type"] == "prismatic":
+        drives, gear = draft.tree["drives"], {"type": kind, **GEARS[kind]}
+        slides = draft.kinds[next(iter(drives))] == "prismatic"
+        if kind == "ball_screw" and not slides:
+            draft.add_joint({"name": "s", "type": "prismatic", "parent": "upper", "axis": [0, 1, 0]},
+                            {"name": "nut", "mass": 0.2, "com": [0, 0, 0], "inertia": INERTIA})  # fmt: skip
+            drives["s"] = drives.pop(next(iter(drives)))
+            if draft.led is not None:
+                draft.led.append("s")
+        elif kind == "belt" and slides:
             del gear["joint_radius"]
         draft.section("catalogue")["gears"] = {"g1": gear}
-        next(iter(draft.tree["drives"].values()))["gear"] = "g1"
+        next(iter(drives.values()))["gear"] = "g1"
 
     return drive
 

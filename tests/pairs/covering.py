@@ -22,14 +22,18 @@ def sets_of(families: Families, strength: int = 2) -> Iterator[tuple[Part, ...]]
             yield parts
 
 
-def covering(families: Families, apart: Collection[tuple[Part, ...]], most: int) -> list[Case]:
+def covering(families: Families, apart: Collection[frozenset[Part]], most: int) -> list[Case]:
     """Return scenes that hold every pair but those that stay apart.
 
     families : names of features by family, of which a scene has at most one each.
-    apart : pairs that a scene must not have. most : features in a scene, so that one that fails is easily read.
+    apart : sets of features that no scene must have all of. most : features in a scene, so that one that fails is read
+    easily.
     """
-    never = {frozenset(pair) for pair in apart}
-    left = {frozenset(pair): None for pair in sets_of(families) if frozenset(pair) not in never}
+    against: dict[Part, list[frozenset[Part]]] = {}
+    for group in apart:
+        for part in group:
+            against.setdefault(part, []).append(group - {part})
+    left = {frozenset(pair): None for pair in sets_of(families) if not any(group <= set(pair) for group in apart)}
     partners: dict[Part, set[Part]] = {part: set() for part in parts_of(families)}
     for one, two in left:
         partners[one].add(two)
@@ -37,10 +41,12 @@ def covering(families: Families, apart: Collection[tuple[Part, ...]], most: int)
     cases = []
     while left:
         chosen = list(next(iter(left)))
-        possible = [part for part in partners if all(frozenset((part, x)) not in never for x in chosen)]
         while len(chosen) < most:
-            taken = {family for family, _ in chosen}
-            possible = [p for p in possible if p[0] not in taken and frozenset((p, chosen[-1])) not in never]
+            taken, here = {family for family, _ in chosen}, set(chosen)
+            possible = [
+                part for part in partners
+                if part[0] not in taken and not any(group <= here for group in against.get(part, ()))
+            ]  # fmt: skip
             gains = [(sum(x in partners[p] for x in chosen), len(partners[p]), -k) for k, p in enumerate(possible)]
             if not gains or max(gains)[0] == 0:
                 break

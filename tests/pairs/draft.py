@@ -59,6 +59,7 @@ class Draft:
         self.starts = {"b": 0.6}
         self.led: list[str] | None = None
         self.tip = [1.452625, 0.922180]
+        self.end = [0.8, 0, 0]  # of the arm, in the frame of its last link
         self.attached = False
 
     @property
@@ -93,7 +94,7 @@ class Draft:
 
     def followed(self) -> list[str]:
         """Return the joints that a motion leads."""
-        return self.moving() if self.led is None else self.led
+        return self.moving() if self.led is None else [name for name in self.led if self.kinds[name] != "fixed"]
 
     def single(self) -> list[str]:
         """Return the joints of one coordinate that motions lead."""
@@ -140,6 +141,11 @@ class Draft:
             focus[key] = {**focus.get(key, {}), **value}
         else:
             focus[key] = {parts[-1]: {**focus.get(key, {}).get(parts[-1], {}), **value}}
+
+    def beside(self, less: float) -> float:
+        """Return a position a little below the start of the coordinate in focus, to which gravity pulls."""
+        parts = COORDINATES[self.focus["type"]]
+        return round((list(parts.values())[-1] if parts else ANGLE)[0] - less, 6)
 
     def column(self) -> str:
         """Return the name of a coordinate of the joint in focus that has one."""

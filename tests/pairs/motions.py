@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from robodyn_cli.integration_methods import METHODS
+from robodyn_cli.integration_methods import METHODS, REPRESENTATIVES
 from tests.pairs.bodies import BODIES, Feature, _keys
 from tests.pairs.draft import DURATION, VELOCITIES, Draft
 
@@ -130,8 +130,7 @@ def _table(draft: Draft) -> dict[str, Any]:
     return {"type": "table", "columns": ["t", *columns], "rows": rows}
 
 
-def _guess(draft: Draft) -> dict[str, Any]:
-    return {"method": "newton", "guess": draft.q(draft.moving())}
+IK = {"method": "newton"}  # from the start
 
 
 def _circle(draft: Draft) -> dict[str, Any]:
@@ -139,20 +138,20 @@ def _circle(draft: Draft) -> dict[str, Any]:
     place = {"center": [x, y - 0.1, *z], "start": "90 deg"}
     if z:  # in the plane y-z of the world
         place = {"center": [x, y, z[0] + 0.1], "normal": [1, 0, 0], "start": "-90 deg"}
-    return {"type": "circle", "point": "tip", "radius": 0.1, "duration": DURATION, "turns": 0.02, **place, "ik": _guess(draft)}
+    return {"type": "circle", "point": "tip", "radius": 0.1, "duration": DURATION, "turns": 0.02, **place, "ik": IK}
 
 
 def _path(draft: Draft) -> dict[str, Any]:
     x, y, z = [*draft.tip, 0.0][:3]
     line = {"type": "line", "to": [x, y - 0.002, z]}
     return {"type": "path", "point": "tip", "law": "quintic", "start": {"position": [x, y, z]},
-            "segments": [{**line, "duration": DURATION}], "ik": _guess(draft)}  # fmt: skip
+            "segments": [{**line, "duration": DURATION}], "ik": IK}  # fmt: skip
 
 
 def _cartesian(draft: Draft) -> dict[str, Any]:
     x, y, *z = draft.tip
     return {"type": "cartesian", "point": "tip", "position": [x, f"{y} - 0.01*sin(t)", *z], "duration": DURATION,
-            "ik": _guess(draft)}  # fmt: skip
+            "ik": IK}  # fmt: skip
 
 
 MADE: dict[str, Any] = {
@@ -188,7 +187,7 @@ def _control(kind: str, **keys: Any) -> Feature:
         control = draft.section("control")
         control |= {"type": kind, **keys}
         if draft.tree.get("loops"):
-            control["joints"] = draft.tree["actuated"]
+            control["joints"] = [name for name in ("a", "b") if name in draft.followed()]
         if kind == "task_pd":
             control["reference"] = MADE["circle"](draft)
 
@@ -198,7 +197,7 @@ def _control(kind: str, **keys: Any) -> Feature:
 def _lqr(draft: Draft) -> None:
     draft.section("control").update(type="lqr", gains={"q": 10, "qd": 1, "tau": 0.1})
     if draft.tree.get("loops"):
-        draft.tree["control"]["joints"] = draft.tree["actuated"]
+        draft.tree["control"]["joints"] = [name for name in ("a", "b") if name in draft.followed()]
 
 
 STATE = {"sum": {"start": 0.1, "rate": "0.3 - a"}}
@@ -211,7 +210,7 @@ CONTROL = {
     "task_pd": _control("task_pd", gains={"kp": 50, "kd": 5}),
     "lqr": _lqr,
     "formulas": _control("formulas", law={"a": "20*(ref.a - a) - 2*qd.a + s.sum"}, state=STATE),
-    "python": _control("python"),
+    "python": _control("python", period=0.01),
 }
 
 
@@ -286,9 +285,9 @@ def _latch(**keys: Any) -> Feature:
 
 
 def _at_limit(draft: Draft) -> None:
-    draft.put("limits", {"upper": 0.3005})
-    column = draft.column()
-    draft.tree["deploy"] = {"criterion": "latch", "latch": {"between": ["upper", "base"], "at_limit": {column: "upper"}}}
+    draft.put("limits", {"lower": draft.beside(5e-4)})
+    latch = {"between": ["upper", "base"], "at_limit": {draft.column(): "lower"}}
+    draft.tree["deploy"] = {"criterion": "latch", "latch": latch}
 
 
 ASKED = {
@@ -303,6 +302,9 @@ ASKED = {
         sweep={"joint": "a", "start": 0.3, "stop": 0.32}, transmission=["hook", "tip", "base.origin"]
     ),
     "position": lambda draft: draft.tree.update(reach={"frame": "tip", "position": [*draft.tip, 0.0][:3]}),
+    "branch": lambda draft: draft.tree.update(
+        reach={"frame": "tip", "position": [*draft.tip, 0.0][:3], "components": "xy", "branch": "elbow_down"}
+    ),
     "orientation": _keys(reach={"frame": "fore", "orientation": {"rpy": [0, 0, 0.9]}, "criterion": "away_from_limits"}),
     "branches": _keys(assemble={"branches": True, "starts": 5}),
 }
@@ -313,14 +315,37 @@ FAMILIES: dict[str, Mapping[str, Feature]] = {
 }  # fmt: skip
 
 
+# commands, and the families that they read: in each row every pair of features meets
+ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+    "simulate": (("simulate",), tuple(f for f in FAMILIES if f not in ("trajectory", "asked"))),
+    "inverse": (
+        ("inverse", "kinematics"),
+        (*BODIES, "initial", "prescribed", "trajectory", "output"),
+    ),
+    "still": (
+        ("deploy", "statics", "linearise", "reach", "assemble"),
+        ("robot", "joint", "loop", "coupler", "force", "passive", "limit", "stop", "payload", "torque", "initial",
+         "prescribed", "asked"),
+    ),
+}  # fmt: skip
+
+
+def families(row: str) -> dict[str, list[str]]:
+    """Return the names of the features of a row by family; of the methods one of each family of methods."""
+    return {f: list(REPRESENTATIVES if f == "method" else FAMILIES[f]) for f in ROWS[row][1]}
+
+
 def scene(features: Mapping[str, str]) -> dict[str, Any]:
     """Return the tree of the scene with a feature of each of some families."""
     draft = Draft()
     for family, members in FAMILIES.items():
         if family in features:
             members[features[family]](draft)
-        elif family == "trajectory":
+        elif family == "trajectory" and draft.followed():
             members["joint"](draft)
+    if draft.tree.get("loops") or "coupler" in features:
+        driven = draft.tree.get("prescribed")
+        draft.tree["actuated"] = [*draft.followed(), *(driven if isinstance(driven, dict) else ())]
     draft.section("initial").setdefault("q", draft.q(draft.moving()))
     if "reach" not in draft.tree:
         ASKED["position"](draft)
