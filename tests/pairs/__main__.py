@@ -23,7 +23,7 @@ from tests.fuzz.cases import _clock
 from tests.pairs.apart import culprit, read, write_all
 from tests.pairs.covering import Case, covering, sets_of
 from tests.pairs.judge import judged, write
-from tests.pairs.motions import ROWS, families, scene
+from tests.pairs.motions import MOST, ROWS, families, scene
 
 TOO_LONG = 60.0  # s, of one run
 
@@ -60,18 +60,17 @@ def settle(row: str, folder: Path) -> None:
     apart = dict(read(row))
     while True:
         added = 0
-        for case in covering(families(row), list(apart), MOST):
+        for case in covering(families(row), list(apart), MOST[row]):
+            if any(group <= set(case.items()) for group in apart):
+                continue
             group = culprit(case, ROWS[row][0], folder)
-            if group is not None and group[0] not in apart:
+            if group is not None:
                 apart[group[0]] = group[1]
                 added += 1
+                write_all(row, apart)  # it takes minutes, and may be stopped
                 print(row, sorted(group[0]), group[1][:150], flush=True)
-        write_all(row, apart)
         if not added:
             break
-
-
-MOST = 8  # features in a scene of the covering array
 
 
 def main() -> int:

@@ -159,3 +159,54 @@ def _errors_of_nothing(tree: Any, place: str) -> Iterator[str]:
         yield from _errors_of_nothing(value, f"{place}.{key}")
         if value is None and isinstance(errors, dict) and errors.get(key) == 0.0:
             yield f"an error of 0 for no figure: {place}.{key}"
+
+
+SAME = 1e-9  # of a figure; stated errors, which are differences of runs near rounding, agree to a factor of two
+
+
+def disagreements(tree: Mapping[str, Any], command: str, folder: Path) -> list[str]:
+    """Return which figures and errors of a run differ from those of the same run among many, and in a sweep."""
+    from robodyn_cli import Mechanism
+
+    path = write(tree, folder, command)
+    done = call([command, "scene.yaml", "--no-plots", "--out", "one"], folder)
+    if done.code not in (0, 1):
+        return []
+    summary = json.loads((folder / "one" / "summary.json").read_text())
+    figures = dict(_figures(summary, command))
+    vary = ["--vary", "simulate.rtol=[1e-10, 1e-10]" if command == "simulate" else f"{command}.samples=[5, 5]"]
+    rows = call(["sweep", "scene.yaml", *vary, "-j", "1", "--no-plots", "--out", "many",
+                 *(word for key in figures for word in ("--of", key))], folder)  # fmt: skip
+    if rows.finding or rows.code not in (0, 1):
+        return [f"sweep: {rows.finding or rows.message}"]
+    mechanism = Mechanism(path)
+    runs = mechanism.simulate_many if command == "simulate" else mechanism.inverse_many
+    many = runs(of=list(figures))  # type: ignore[operator]
+    if many.code[0] != done.code and not done.code == 1:
+        return [f"of many the run ends with {many.code[0]} ({many.reason[0]}), alone with {done.code}"]
+    found = []
+    for key, value in figures.items():
+        other = float(many.outputs[key][0])
+        allowed = max(SAME * abs(value), 1e-12) if "error" not in key else max(abs(value), abs(other)) / 2 + 1e-15
+        if not abs(other - value) <= allowed:
+            found.append(f"{key}: {value} alone, {other} of many")
+    return found
+
+
+def _figures(summary: Mapping[str, Any], command: str) -> Iterator[tuple[str, float]]:
+    """Return keys of the summary, and their values, that one run and many have."""
+    if command == "simulate":
+        groups: list[tuple[str, Mapping[str, Any]]] = [
+            (f"final.{name}", summary["final"][name]) for name in ("q", "qd")
+        ]
+        estimate = summary.get("error_estimate") or {}
+        groups.append(("error_estimate", {k: estimate[k] for k in ("q_end", "qd_end") if k in estimate}))
+    else:
+        groups = [
+            (f"joints.{name}", {k: joint[k] for k in ("peak_torque", "rms_torque") if k in joint})
+            for name, joint in summary["joints"].items()
+        ]
+    for place, values in groups:
+        for name, value in values.items():
+            if isinstance(value, float):
+                yield f"{place}.{name}", value

@@ -330,6 +330,10 @@ ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
 }  # fmt: skip
 
 
+# features in a scene of a row
+MOST = {"simulate": 12, "inverse": 10, "still": 8}
+
+
 def families(row: str) -> dict[str, list[str]]:
     """Return the names of the features of a row by family; of the methods one of each family of methods."""
     return {f: list(REPRESENTATIVES if f == "method" else FAMILIES[f]) for f in ROWS[row][1]}

@@ -26,16 +26,15 @@ from tests.pairs import apart
 from tests.pairs.covering import Case, Part, covering, sets_of
 from tests.pairs.judge import judged
 from tests.pairs.known import KNOWN
-from tests.pairs.motions import FAMILIES, ROWS, families, scene
+from tests.pairs.motions import FAMILIES, MOST, ROWS, families, scene
 from tests.pairs.reasons import REASONS, reason_of
 
-MOST = 8  # features in a scene
 BLOCKS = 8
 
 
 @lru_cache(maxsize=None)
 def cases(row: str) -> list[Case]:
-    return covering(families(row), list(apart.read(row)), MOST)
+    return covering(families(row), list(apart.read(row)), MOST[row])
 
 
 @lru_cache(maxsize=None)
