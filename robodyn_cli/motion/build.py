@@ -164,7 +164,9 @@ def leaves_gains(scene: Scene) -> bool:
 def with_gains(scene: Ready, watch: Stopwatch) -> tuple[Ready, Gains | None]:
     """Return the scene with Baumgarte's gains chosen where it leaves that to us, and what was found on the way."""
     if not leaves_gains(scene):
-        return scene, None
+        # without constraints there is nothing to stabilise; nobody behind this meets the word that leaves the choice
+        none = scene.simulate.stabilisation == AUTOMATIC
+        return (with_stabilisation(scene, "projection") if none else scene), None
     from robodyn_cli.motion.baumgarte import GainStudy
 
     with watch.stage("gains"):

@@ -40,7 +40,11 @@ def write_all(row: str, apart: Mapping[frozenset[Part], str]) -> None:
 def refusal(case: Case, commands: Sequence[str], folder: Path) -> str | None:
     """Return why one of the commands refuses a scene before its first step, or None."""
     for command in commands:
-        errors = [f for f in findings(write(scene(case), folder, command)) if f.severity == "error"]
+        try:
+            errors = [f for f in findings(write(scene(case), folder, command)) if f.severity == "error"]
+        except Exception as error:
+            print("validate", command, case, repr(error), flush=True)
+            continue
         if errors:
             return errors[0].message
     return None
