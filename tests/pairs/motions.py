@@ -117,7 +117,7 @@ def _table(draft: Draft) -> dict[str, Any]:
             places = ["x", "y", "z"] if kind == "floating" else []
             columns += [f"{name}.{part}" for part in (*places, "qw", "qx", "qy", "qz")]
             start += [*([0.1, 0.05, -0.1] if places else []), 1.0, 0.0, 0.0, 0.0]
-            end += [*([0.11, 0.05, -0.1] if places else []), 0.99, 0.01, 0.02, 0.0]
+            end += [*([0.11, 0.05, -0.1] if places else []), 0.99999, 0.001, 0.002, 0.0]
         elif isinstance(values[0], dict):
             columns += [f"{name}.{part}" for part in values[0]]
             start += values[0].values()
@@ -186,18 +186,24 @@ def _control(kind: str, **keys: Any) -> Feature:
     def write(draft: Draft) -> None:
         control = draft.section("control")
         control |= {"type": kind, **keys}
-        if draft.tree.get("loops"):
-            control["joints"] = [name for name in ("a", "b") if name in draft.followed()]
+        _driven(draft)
+        if kind == "formulas":
+            control["joints"] = ["a"]
         if kind == "task_pd":
             control["reference"] = MADE["circle"](draft)
 
     return write
 
 
+def _driven(draft: Draft) -> None:
+    """Let the controller of a mechanism drive what motions lead, and nothing that has several coordinates."""
+    if draft.tree.get("loops") or draft.tree.get("couplers") or "couplers" in draft.robot:
+        draft.tree["control"]["joints"] = draft.single()
+
+
 def _lqr(draft: Draft) -> None:
     draft.section("control").update(type="lqr", gains={"q": 10, "qd": 1, "tau": 0.1})
-    if draft.tree.get("loops"):
-        draft.tree["control"]["joints"] = [name for name in ("a", "b") if name in draft.followed()]
+    _driven(draft)
 
 
 STATE = {"sum": {"start": 0.1, "rate": "0.3 - a"}}
