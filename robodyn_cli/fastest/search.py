@@ -238,7 +238,9 @@ def _under(s: Array, rows: Rows, x: Array) -> LeastTime:
     zero = np.zeros((len(s) - 1, rows.A.shape[2]))
     passes = Passes(s, rows, (zero, zero), x)
     profile = passes.run()
-    if not np.isfinite(durations(s, profile)).all():  # squares of the speed are too small for double precision
+    if not np.isfinite(
+        durations(s, profile)
+    ).all():  # squares of the speed are too small for double precision
         raise NoProfile(1 + int(np.argmin(profile.x[1:-1])))
     return LeastTime(s, rows, passes, profile)
 

@@ -2,6 +2,7 @@
 
     python -m tests.pairs --sets 3 --seconds 600 --seed 1            triples, in an order by the seed
     python -m tests.pairs --sets 2 --row inverse                     each pair alone
+    python -m tests.pairs --array                                    the covering arrays, of which CI runs a part
     python -m tests.pairs --apart                                    write apart.txt, after a change of what is refused
 
 Findings are printed by their class, with the first scene of each, and written to ``--out``.
@@ -49,7 +50,10 @@ def campaign(row: str, cases: list[Case], until: float, folder: Path, out: Path)
                 kind = re.sub(r"'[^']*'|-?\d+(\.\d+)?(e-?\d+)?", "*", text)[:120]
                 seen[kind] = seen.get(kind, 0) + 1
                 if seen[kind] == 1:
-                    print(f"{command} {' '.join('/'.join(x) for x in case.items())}\n    {text[:600]}", flush=True)
+                    print(
+                        f"{command} {' '.join('/'.join(x) for x in case.items())}\n    {text[:600]}",
+                        flush=True,
+                    )
                     write(tree, out / f"{command}-{len(seen)}", command)
     print(row, dict(sorted(codes.items())), {kind: n for kind, n in seen.items() if n > 1})
     return bool(seen)
@@ -79,6 +83,7 @@ def main() -> int:
                                      formatter_class=argparse.RawDescriptionHelpFormatter)  # fmt: skip
     parser.add_argument("--sets", type=int, default=3)
     parser.add_argument("--triples", dest="sets", action="store_const", const=3)
+    parser.add_argument("--array", action="store_true")
     parser.add_argument("--row", choices=list(ROWS), action="append")
     parser.add_argument("--apart", action="store_true")
     parser.add_argument("--seconds", type=float, default=float("inf"))
@@ -93,8 +98,11 @@ def main() -> int:
             if arguments.apart:
                 settle(row, folder)
                 continue
-            cases = [dict(parts) for parts in sets_of(families(row), arguments.sets)]
-            random.Random(arguments.seed).shuffle(cases)
+            if arguments.array:
+                cases = covering(families(row), list(read(row)), MOST[row])
+            else:
+                cases = [dict(parts) for parts in sets_of(families(row), arguments.sets)]
+                random.Random(arguments.seed).shuffle(cases)
             until = time.monotonic() + arguments.seconds / len(rows)
             found |= campaign(row, cases, until, folder, arguments.out)
     return 1 if found else 0

@@ -22,9 +22,9 @@ def read(row: str) -> dict[frozenset[Part], str]:
     for line in FILE.read_text(encoding="utf-8").splitlines():
         place, parts, reason = line.split("\t")
         if place == row:
-            found[frozenset((family, name) for family, _, name in (x.partition("/") for x in parts.split()))] = (
-                reason_of(reason) or reason
-            )
+            found[
+                frozenset((family, name) for family, _, name in (x.partition("/") for x in parts.split()))
+            ] = reason_of(reason) or reason
     return found
 
 

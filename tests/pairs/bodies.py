@@ -86,14 +86,21 @@ ROBOT: dict[str, Feature] = {
     "attach": _attach,
     "base": _placed,
     "parameters": _keys(parameters={"k": 2.0}),
-    "visual": lambda draft: draft.robot["links"][-1].update(visual=[{"box": [0.1, 0.1, 0.1]}, {"sphere": 0.1}]),
+    "visual": lambda draft: draft.robot["links"][-1].update(
+        visual=[{"box": [0.1, 0.1, 0.1]}, {"sphere": 0.1}]
+    ),
 }
 
 
 # -- kinds of joint: one more link, whose joint is the one that features of joints are put on ----------------
 def _joint(kind: str) -> Feature:
     def add(draft: Draft) -> None:
-        joint: dict[str, Any] = {"name": "f", "type": kind, "parent": "fore", "origin": {"xyz": [0.3, 0.1, 0]}}
+        joint: dict[str, Any] = {
+            "name": "f",
+            "type": kind,
+            "parent": "fore",
+            "origin": {"xyz": [0.3, 0.1, 0]},
+        }
         if kind not in ("spherical", "floating", "fixed"):
             joint["axis"] = [0, 0, 1]
         if kind == "helical":
@@ -106,7 +113,17 @@ def _joint(kind: str) -> Feature:
 
 JOINT = {
     kind: _joint(kind)
-    for kind in ("fixed", "revolute", "prismatic", "helical", "cylindrical", "universal", "planar", "spherical", "floating")
+    for kind in (
+        "fixed",
+        "revolute",
+        "prismatic",
+        "helical",
+        "cylindrical",
+        "universal",
+        "planar",
+        "spherical",
+        "floating",
+    )
 }
 
 
@@ -163,14 +180,20 @@ def _coupler(place: str, value: Any) -> Feature:
                             {"name": f"finger_{name}", "mass": 0.2, "com": [0, 0, 0], "inertia": INERTIA})  # fmt: skip
         draft.starts["n"] = 0.12
         where = draft.robot if place == "robot" else draft.tree
-        where.setdefault("couplers", []).append({"name": "mimic", "terms": {"m": 1, "n": -1}, **({"value": value} if value else {})})
+        where.setdefault("couplers", []).append(
+            {"name": "mimic", "terms": {"m": 1, "n": -1}, **({"value": value} if value else {})}
+        )
         draft.led = [*(name for name in draft.followed() if name not in ("m", "n")), "m"]
         draft.section("initial").setdefault("hold", []).append("m")
 
     return couple
 
 
-COUPLER = {"scene": _coupler("scene", 0), "in_time": _coupler("scene", "0.01*sin(t)"), "robot": _coupler("robot", 0)}
+COUPLER = {
+    "scene": _coupler("scene", 0),
+    "in_time": _coupler("scene", "0.01*sin(t)"),
+    "robot": _coupler("robot", 0),
+}
 
 
 # -- forces -------------------------------------------------------------------------------------------------
@@ -235,14 +258,31 @@ STOP = {
 
 
 # -- drives ---------------------------------------------------------------------------------------------------
-HEAT = {"winding_resistance": 1.1, "housing_resistance": 2.4, "winding_time": 30, "housing_time": 1100, "max_temperature": 125}
+HEAT = {
+    "winding_resistance": 1.1,
+    "housing_resistance": 2.4,
+    "winding_time": 30,
+    "housing_time": 1100,
+    "max_temperature": 125,
+}
 ELECTRIC = {"torque_constant": 0.9, "resistance": 0.6, "voltage": 300, "max_current": 90, "rated_current": 40,
             "rotor_inertia": 5e-5, "thermal": HEAT}  # fmt: skip
 MOTORS: dict[str, dict[str, Any]] = {
     "dc": {**ELECTRIC, "coulomb": 0.01, "viscous": 1e-5, "cost": 3},
     "brushless": {**ELECTRIC, "inductance": 1e-3, "pole_pairs": 4, "cost": 4},
-    "stepper": {"pull_out": [[0, 90], [400, 60]], "current": 4.2, "resistance": 0.5, "thermal": HEAT, "cost": 2},
-    "envelope": {"peak": [[0, 90], [900, 60]], "continuous": [[0, 60], [900, 40]], "rotor_inertia": 1e-5, "cost": 1},
+    "stepper": {
+        "pull_out": [[0, 90], [400, 60]],
+        "current": 4.2,
+        "resistance": 0.5,
+        "thermal": HEAT,
+        "cost": 2,
+    },
+    "envelope": {
+        "peak": [[0, 90], [900, 60]],
+        "continuous": [[0, 60], [900, 40]],
+        "rotor_inertia": 1e-5,
+        "cost": 1,
+    },
 }
 GEARS: dict[str, dict[str, Any]] = {
     "gear": {"ratio": 3, "efficiency": 0.9, "inertia": 1e-5, "cost": 1, "mass": 0.1},

@@ -33,7 +33,9 @@ def covering(families: Families, apart: Collection[frozenset[Part]], most: int) 
     for group in apart:
         for part in group:
             against.setdefault(part, []).append(group - {part})
-    left = {frozenset(pair): None for pair in sets_of(families) if not any(group <= set(pair) for group in apart)}
+    left = {
+        frozenset(pair): None for pair in sets_of(families) if not any(group <= set(pair) for group in apart)
+    }
     partners: dict[Part, set[Part]] = {part: set() for part in parts_of(families)}
     for one, two in left:
         partners[one].add(two)
@@ -47,7 +49,9 @@ def covering(families: Families, apart: Collection[frozenset[Part]], most: int) 
                 part for part in partners
                 if part[0] not in taken and not any(group <= here for group in against.get(part, ()))
             ]  # fmt: skip
-            gains = [(sum(x in partners[p] for x in chosen), len(partners[p]), -k) for k, p in enumerate(possible)]
+            gains = [
+                (sum(x in partners[p] for x in chosen), len(partners[p]), -k) for k, p in enumerate(possible)
+            ]
             if not gains or max(gains)[0] == 0:
                 break
             chosen.append(possible[-max(gains)[2]])

@@ -94,7 +94,9 @@ class Draft:
 
     def followed(self) -> list[str]:
         """Return the joints that a motion leads."""
-        return self.moving() if self.led is None else [name for name in self.led if self.kinds[name] != "fixed"]
+        return (
+            self.moving() if self.led is None else [name for name in self.led if self.kinds[name] != "fixed"]
+        )
 
     def single(self) -> list[str]:
         """Return the joints of one coordinate that motions lead."""
@@ -111,10 +113,12 @@ class Draft:
     def _written(self, name: str, write: Callable[[float, float], Any]) -> Any:
         start = self.starts.get(name)
         parts = {
-            part: [write(x, 0.0), write(x / 2, dx), write(-x, dx)] if part in ("rpy", "xyz") else write(start or x, dx)
+            part: [write(x, 0.0), write(x / 2, dx), write(-x, dx)]
+            if part in ("rpy", "xyz")
+            else write(start or x, dx)
             for part, (x, dx) in COORDINATES[self.kinds[name]].items()
         }
-        return parts[""] if "" in parts else parts
+        return parts.get("", parts)
 
     def q(self, names: Iterable[str], s: float = 0.0) -> dict[str, Any]:
         """Return positions of joints by name."""
@@ -136,7 +140,9 @@ class Draft:
         kind, focus = self.focus["type"], self.focus
         parts = [part for part in COORDINATES[kind] if part]
         if kind == "floating":
-            focus[key] = {part: {**focus.get(key, {}).get(part, {}), **value} for part in ("translation", "rotation")}
+            focus[key] = {
+                part: {**focus.get(key, {}).get(part, {}), **value} for part in ("translation", "rotation")
+            }
         elif kind == "spherical" or not parts:
             focus[key] = {**focus.get(key, {}), **value}
         else:

@@ -117,6 +117,15 @@ def judged(tree: Mapping[str, Any], command: str, folder: Path) -> tuple[Outcome
     return done, found
 
 
+def built(tree: Mapping[str, Any], command: str, folder: Path) -> list[str]:
+    """Do with a scene what a command does before its first step; return what must not be."""
+    try:
+        errors = [f for f in findings(write(tree, folder, command)) if f.severity == "error"]
+    except Exception as error:
+        return [f"validate: {type(error).__name__}: {error}"]
+    return [f"refused for no stated reason: {f.message}" for f in errors if reason_of(f.message) is None]
+
+
 def against_validate(path: Path, command: str, done: Outcome) -> list[str]:
     """Return where ``validate`` says something else than the command before its first step."""
     try:
@@ -190,7 +199,9 @@ def by_other_commands(tree: Mapping[str, Any], folder: Path, names: Sequence[str
     found = []
     if call(["simulate", "scene.yaml", "--no-plots", "--out", "out"], folder).code in (0, 1):
         found += [(name, ON_RESULTS[name]) for name in ON_RESULTS if names is None or name in names]
-    found += [(name, ("scene.yaml", *ON_SCENES[name])) for name in ON_SCENES if names is None or name in names]
+    found += [
+        (name, ("scene.yaml", *ON_SCENES[name])) for name in ON_SCENES if names is None or name in names
+    ]
     wrong = []
     for name, words in found:
         done = call([name, *words], folder)
@@ -199,7 +210,9 @@ def by_other_commands(tree: Mapping[str, Any], folder: Path, names: Sequence[str
     return wrong
 
 
-SAME = 1e-9  # of a figure; stated errors, which are differences of runs near rounding, agree to a factor of two
+SAME = (
+    1e-9  # of a figure; stated errors, which are differences of runs near rounding, agree to a factor of two
+)
 
 
 def disagreements(tree: Mapping[str, Any], command: str, folder: Path) -> list[str]:
@@ -212,7 +225,10 @@ def disagreements(tree: Mapping[str, Any], command: str, folder: Path) -> list[s
         return []
     summary = json.loads((folder / "one" / "summary.json").read_text())
     figures = dict(_figures(summary, command))
-    vary = ["--vary", "simulate.rtol=[1e-10, 1e-10]" if command == "simulate" else f"{command}.samples=[5, 5]"]
+    vary = [
+        "--vary",
+        "simulate.rtol=[1e-10, 1e-10]" if command == "simulate" else f"{command}.samples=[5, 5]",
+    ]
     rows = call(["sweep", "scene.yaml", *vary, "-j", "1", "--no-plots", "--out", "many",
                  *(word for key in figures for word in ("--of", key))], folder)  # fmt: skip
     if rows.finding or rows.code not in (0, 1):
@@ -220,12 +236,14 @@ def disagreements(tree: Mapping[str, Any], command: str, folder: Path) -> list[s
     mechanism = Mechanism(path)
     runs = mechanism.simulate_many if command == "simulate" else mechanism.inverse_many
     many = runs(of=list(figures))  # type: ignore[operator]
-    if many.code[0] != done.code and not done.code == 1:
+    if many.code[0] != done.code and done.code != 1:
         return [f"of many the run ends with {many.code[0]} ({many.reason[0]}), alone with {done.code}"]
     found = []
     for key, value in figures.items():
         other = float(many.outputs[key][0])
-        allowed = max(SAME * abs(value), 1e-12) if "error" not in key else max(abs(value), abs(other)) / 2 + 1e-15
+        allowed = (
+            max(SAME * abs(value), 1e-12) if "error" not in key else max(abs(value), abs(other)) / 2 + 1e-15
+        )
         if not abs(other - value) <= allowed:
             found.append(f"{key}: {value} alone, {other} of many")
     return found

@@ -75,7 +75,10 @@ def _in_formulas(draft: Draft) -> dict[str, Any]:
 def _through(kind: str) -> Any:
     def write(draft: Draft) -> dict[str, Any]:
         names = draft.followed()
-        return {"type": kind, "points": [{"t": s * DURATION, "q": draft.q(names, 0.2 * s)} for s in (0, 0.5, 1)]}
+        return {
+            "type": kind,
+            "points": [{"t": s * DURATION, "q": draft.q(names, 0.2 * s)} for s in (0, 0.5, 1)],
+        }
 
     return write
 
@@ -92,7 +95,7 @@ def _from_stop_to_stop(kind: str) -> Any:
 
 def _fourier(draft: Draft) -> dict[str, Any]:
     names = draft.followed()
-    sine = {n: 0.01 for n in draft.single()}
+    sine = dict.fromkeys(draft.single(), 0.01)
     return {"type": "fourier", "period": 1, "duration": DURATION, "offset": draft.q(names), "sine": [sine]}
 
 
@@ -106,7 +109,12 @@ def _fastest(draft: Draft) -> dict[str, Any]:
     names = draft.followed()
     bounds = {"speed": 2, "acceleration": 40}
     keys = {key: {n: draft.by_velocity(n, value) for n in names} for key, value in bounds.items()}
-    return {"type": "fastest", "intervals": 40, **keys, "points": [{"q": draft.q(names, s)} for s in (0.0, 0.1)]}
+    return {
+        "type": "fastest",
+        "intervals": 8,
+        **keys,
+        "points": [{"q": draft.q(names, s)} for s in (0.0, 0.1)],
+    }
 
 
 def _table(draft: Draft) -> dict[str, Any]:
@@ -138,7 +146,15 @@ def _circle(draft: Draft) -> dict[str, Any]:
     place = {"center": [x, y - 0.1, *z], "start": "90 deg"}
     if z:  # in the plane y-z of the world
         place = {"center": [x, y, z[0] + 0.1], "normal": [1, 0, 0], "start": "-90 deg"}
-    return {"type": "circle", "point": "tip", "radius": 0.1, "duration": DURATION, "turns": 0.02, **place, "ik": IK}
+    return {
+        "type": "circle",
+        "point": "tip",
+        "radius": 0.1,
+        "duration": DURATION,
+        "turns": 0.02,
+        **place,
+        "ik": IK,
+    }
 
 
 def _path(draft: Draft) -> dict[str, Any]:
@@ -311,7 +327,9 @@ ASKED = {
     "branch": lambda draft: draft.tree.update(
         reach={"frame": "tip", "position": [*draft.tip, 0.0][:3], "components": "xy", "branch": "elbow_down"}
     ),
-    "orientation": _keys(reach={"frame": "fore", "orientation": {"rpy": [0, 0, 0.9]}, "criterion": "away_from_limits"}),
+    "orientation": _keys(
+        reach={"frame": "fore", "orientation": {"rpy": [0, 0, 0.9]}, "criterion": "away_from_limits"}
+    ),
     "branches": _keys(assemble={"branches": True, "starts": 5}),
 }
 

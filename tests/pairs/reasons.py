@@ -25,7 +25,8 @@ REASONS: dict[str, str] = {
         "way points and starts are within limits and stops",
     r"no limits along a path": "`fastest` takes joints of one axis, or slides",
     r"forces that depend on time": "`fastest` and functions of a model take forces that do not depend on time",
-    r"of 'a' is prescribed, so|is prescribed, so its torque is a result": "a prescribed joint has no torque of its own",
+    r"of 'a' is prescribed, so|is prescribed, so its torque is a result|is prescribed; sweep another":
+        "a prescribed joint has no torque of its own, and is not swept",
     r"so 'prescribed' .* is not allowed there": "functions of torques take all motion from their input",
     r"is not in 'actuated'": "what is driven is in `actuated`",
     r"initial rates contradict the constraints|contradicts prescribed": "positions and rates of the start agree with loops and prescribed motions",

@@ -18,7 +18,11 @@ RIGID: dict[str, Any] = {
     "robot": {"joints": [{"name": "a", "type": "fixed"}],
               "links": [{"name": "block", "mass": 1, "com": [0, 0, 0.1], "inertia": INERTIA}]},
 }  # fmt: skip
-MOTION = {"trajectory": {"type": "joint", "duration": 1, "q": {}}, "inverse": {"samples": 2}, "kinematics": {"samples": 2}}
+MOTION = {
+    "trajectory": {"type": "joint", "duration": 1, "q": {}},
+    "inverse": {"samples": 2},
+    "kinematics": {"samples": 2},
+}
 MAPS = ("parameters", "torques", "drives", "prescribed", "outputs", "expect", "study", "initial", "simulate", "inverse",
         "deploy", "assemble", "kinematics", "statics", "catalogue", "control", "trajectory", "reach")  # fmt: skip
 LISTS = ("loops", "forces", "payloads", "couplers", "actuated")
@@ -33,13 +37,26 @@ EMPTY: dict[str, dict[str, Any]] = {
     "no joint moves, with a motion": {**RIGID, **MOTION},
     "no joint moves, prescribed": {**RIGID, "prescribed": {}, "initial": {"q": {}}, "actuated": []},
     "no joint moves, a reach": {**RIGID, "reach": {"frame": "block", "position": [0, 0, 0]}},
-    "no joint moves, all attached": {**RIGID, "robot": {**RIGID["robot"], "attach": [{"link": "x", "to": "a", "mass": 1}]}},
-    "one link": {**ARM, "robot": {k: v[:1] for k, v in ARM["robot"].items() if k != "points"}, "initial": {"q": {"a": 0}}},
+    "no joint moves, all attached": {
+        **RIGID,
+        "robot": {**RIGID["robot"], "attach": [{"link": "x", "to": "a", "mass": 1}]},
+    },
+    "one link": {
+        **ARM,
+        "robot": {k: v[:1] for k, v in ARM["robot"].items() if k != "points"},
+        "initial": {"q": {"a": 0}},
+    },
     "two samples": {**scene({}), **{name: {"samples": 2} for name in ("simulate", "inverse", "kinematics")}},
     "one sample": {**scene({}), **{name: {"samples": 1} for name in ("simulate", "inverse", "kinematics")}},
     "no duration": {**scene({}), "simulate": {"duration": 0}},
-    "a motion without a duration": {**scene({}), "trajectory": {"type": "joint", "duration": 0, "q": {"a": 0, "b": 0}}},
-    "a motion that stays": {**scene({}), "trajectory": {"type": "joint", "duration": 1, "q": {"a": 0, "b": 0}}},
+    "a motion without a duration": {
+        **scene({}),
+        "trajectory": {"type": "joint", "duration": 0, "q": {"a": 0, "b": 0}},
+    },
+    "a motion that stays": {
+        **scene({}),
+        "trajectory": {"type": "joint", "duration": 1, "q": {"a": 0, "b": 0}},
+    },
     "no links": {**scene({}), "robot": {"joints": [], "links": []}},
     "nothing": {},
     **{f"{key}: {{}}": emptied(key, value={}) for key in MAPS},
@@ -55,12 +72,17 @@ OFTEN = ("inverse", "reach", "deploy", "plan")
 
 
 @pytest.mark.parametrize("name", EMPTY)
-def test_empty_things_give_a_result_or_a_message(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_empty_things_give_a_result_or_a_message(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("ROBODYN_DEBUG", "1")
     for command in (*COMMANDS, *DEAR) if ":" not in name else OFTEN:
         path = write(EMPTY[name], tmp_path / "scene", command if command not in ("info", "plan") else None)
         options = ["--no-plots", "--out", "out"] if command != "plan" else ["--for", "inverse"]
-        done = call([command, "scene.yaml", *options, *(["--quick"] if command == "stability" else [])], tmp_path / "scene")
+        done = call(
+            [command, "scene.yaml", *options, *(["--quick"] if command == "stability" else [])],
+            tmp_path / "scene",
+        )
         assert not done.finding and done.code in (0, 1, 2, 3, 4, 5), f"{command}: {done.finding}\n{done.err}"
         if command not in ("info", "plan"):
             assert done.code in (0, 1) or done.message, f"{command} ends with {done.code} without a word"
