@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
@@ -25,7 +26,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 from tests.pairs import apart
 from tests.pairs.covering import Case, Part, covering, sets_of
 from tests.pairs.draft import Draft
-from tests.pairs.judge import built, by_other_commands, disagreements, judge, judged
+from tests.pairs.judge import built, by_other_commands, call, disagreements, judge, judged
 from tests.pairs.known import KNOWN
 from tests.pairs.motions import FAMILIES, MADE, MOST, ROWS, families, scene
 from tests.pairs.reasons import REASONS, reason_of
@@ -158,6 +159,15 @@ def test_what_went_wrong_runs(name: str, tmp_path: Path) -> None:
     command, case = FOUND[name]
     done, found = judged(scene(case), command, tmp_path / "scene")
     assert done.code == 0 and not found, f"{found} {done.err}"
+
+
+def test_energies_that_are_not_finite_are_no_drift_of_zero(tmp_path: Path) -> None:
+    four_bar = Path(__file__).parents[2] / "configs" / "four_bar_deploy.yaml"
+    heavy = ("--set", "robot.links.crank.mass=1.7e308", "--set", "simulate={duration: 0.1, samples: 11}")
+    done = call(["deploy", str(four_bar), *heavy, "--no-plots", "--out", "out"], tmp_path)
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert done.code == 3 and "not finite" in done.message
+    assert summary["energy_drift"] is None and summary["energy_drift_relative"] is None
 
 
 @pytest.mark.parametrize("speed", [1e-3, 1e-50])
