@@ -1,9 +1,11 @@
-"""Write the tables of summary keys in docs/cli.md from the records that declare them.
+"""Write the tables of summary keys in docs/cli.md, and of datasets and attributes in docs/hdf5.md, from what declares
+them.
 
     python docs/make_summary_reference.py            rewrite the tables
     python docs/make_summary_reference.py --check    exit 1 if a table is out of date
 
-A table stands between ``<!-- summary: MODULE:RECORD -->`` and ``<!-- end -->``; the text around it is written by hand.
+A table stands between ``<!-- summary: MODULE:RECORD -->``, ``<!-- datasets: GROUP -->`` or ``<!-- format: attributes
+-->`` and ``<!-- end -->``; the text around it is written by hand.
 """
 
 from __future__ import annotations
@@ -15,17 +17,39 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
+from robodyn_cli.results.catalogue import ATTRIBUTES, GROUPS
+from robodyn_cli.results.stated_errors import error_places
 from robodyn_cli.summaries.facts import Fact
 from robodyn_cli.summaries.keys import fields_at
 
-PAGE = Path(__file__).parent / "cli.md"
+PAGE, FILES = (Path(__file__).parent / name for name in ("cli.md", "hdf5.md"))
 TABLE = re.compile(r"(<!-- summary: (\w+:\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+ATTRIBUTE_TABLE = re.compile(r"(<!-- format: attributes -->\n).*?(<!-- end -->)", re.DOTALL)
+DATASETS = re.compile(r"(<!-- datasets: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 
 def table(place: str) -> str:
     """Return the table of the keys of a record, those of the records in it behind each."""
     rows = ["| key | unit | meaning | error |", "|---|---|---|---|"]
     rows += ["| " + " | ".join(cell.replace("|", "\\|") for cell in row) + " |" for row in _rows(place, "")]
+    return "\n".join(rows) + "\n"
+
+
+def dataset_table(group: str) -> str:
+    """Return the table of a group of datasets."""
+    rows = ["| path | dimensions | units | meaning | error |", "|---|---|---|---|---|"]
+    for entry in GROUPS[group]:
+        errors = ", ".join(f"`{place}`" for place in error_places(entry.path))
+        rows.append(
+            f"| `/{entry.path}` | {', '.join(entry.dims)} | {entry.units} | {entry.long_name} | {errors} |"
+        )
+    return "\n".join(rows) + "\n"
+
+
+def attribute_table() -> str:
+    """Return the table of the attributes of a file's root."""
+    rows = ["| attribute | kind | meaning |", "|---|---|---|"]
+    rows += [f"| `{entry.name}` | {entry.kind} | {entry.meaning} |" for entry in ATTRIBUTES]
     return "\n".join(rows) + "\n"
 
 
@@ -69,17 +93,19 @@ def _records(key: str, kind: Any, fact: Fact) -> Iterator[tuple[str, type]]:
 
 
 def rewritten(text: str) -> str:
-    """Return the page with its tables made anew."""
-    return TABLE.sub(lambda m: m.group(1) + table(m.group(2)) + m.group(3), text)
+    """Return a page with its tables made anew."""
+    text = TABLE.sub(lambda m: m.group(1) + table(m.group(2)) + m.group(3), text)
+    text = ATTRIBUTE_TABLE.sub(lambda m: m.group(1) + attribute_table() + m.group(2), text)
+    return DATASETS.sub(lambda m: m.group(1) + dataset_table(m.group(2)) + m.group(3), text)
 
 
 def main(arguments: list[str]) -> int:
-    """Rewrite the page, or check it."""
-    old = PAGE.read_text(encoding="utf-8")
-    new = rewritten(old)
+    """Rewrite the pages, or check them."""
+    pages = {page: page.read_text(encoding="utf-8") for page in (PAGE, FILES)}
     if arguments == ["--check"]:
-        return int(old != new)
-    PAGE.write_text(new, encoding="utf-8")
+        return int(any(rewritten(text) != text for text in pages.values()))
+    for page, text in pages.items():
+        page.write_text(rewritten(text), encoding="utf-8")
     return 0
 
 

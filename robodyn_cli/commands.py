@@ -169,8 +169,8 @@ COMMANDS: dict[str, Command] = {
         blames="trajectory",
     ),
     "plan": Command("What a scene needs, what is left out, and operations.", summary=("checks:PlanReport",)),
-    "animate": Command("Make a movie of a result, or a strip of stills."),
-    "cache": Command("Show how much compiled code is kept, or clear it."),
+    "animate": Command("Make a movie of a result, or a strip of stills.", summary=("checks:MovieReport",)),
+    "cache": Command("Show how much compiled code is kept, or clear it.", summary=("checks:CacheReport",)),
     "check": Command("Check a result against what its scene expects.", summary=("checks:CheckReport",)),
     "compare": Command(
         "Compare two results, or two directories of results.",
@@ -179,10 +179,16 @@ COMMANDS: dict[str, Command] = {
     "crosscheck": Command("Compare a scene with Pinocchio or MuJoCo.", summary=("checks:CrosscheckReport",)),
     "import": Command("Write the robot of a URDF file as YAML."),
     "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
-    "info": Command("Tree, frames, M, C, G and Jacobians at a state.", plots=("mechanism:state",)),
+    "info": Command(
+        "Tree, frames, M, C, G and Jacobians at a state.",
+        summary=("mechanism:InfoReport",),
+        plots=("mechanism:state",),
+    ),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
-    "report": Command("Write results as one page for a browser, moving drawings included."),
+    "report": Command(
+        "Write results as one page for a browser, moving drawings included.", summary=("checks:PageReport",)
+    ),
     "run": Command("Run many scenes, each by its own command; check them.", summary=("checks:BatchReport",)),
     "schema": Command("Print the JSON Schema of scenes, for editors."),
     "sensitivity": Command(

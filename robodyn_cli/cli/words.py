@@ -35,6 +35,23 @@ def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
     return "\n".join(line for line in written if line.strip())
 
 
+# of a table: heading, key of the figure, quantity among the units of its row, digits
+Figures = Sequence[tuple[str, str, str, int]]
+
+
+def figure_columns(rows: Sequence[Mapping[str, Any]], figures: Figures) -> list[list[str]]:
+    """Return the columns of figures; units that differ between rows are printed beside each figure."""
+    columns = []
+    for heading, key, quantity, digits in figures:
+        units = [{**row.get("units", {}), "time": "s"}.get(quantity, quantity) for row in rows]
+        found = [number(row.get(key), digits) for row in rows]
+        if len(set(units)) > 1:
+            columns.append([heading, *(f"{x} {unit}" for x, unit in zip(found, units))])
+        else:
+            columns.append([f"{heading} [{units[0]}]", *found])
+    return columns
+
+
 def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
     return [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
 
@@ -131,7 +148,7 @@ def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
 
 def closure_text(closure: Mapping[str, float]) -> str:
     """Return residuals of the loops in words."""
-    units = {"position": "m", "velocity": "m/s", "acceleration": "m/s^2"}
+    units = {"position": "m or rad", "velocity": "m/s or rad/s", "acceleration": "m/s^2 or rad/s^2"}
     return ", ".join(f"{key} {closure[key]:.1e} {unit}" for key, unit in units.items() if key in closure)
 
 

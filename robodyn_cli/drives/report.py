@@ -16,6 +16,7 @@ from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
 from robodyn_cli.model.parts import trains
 from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -135,7 +136,10 @@ class Drives:
         """Add the datasets of the drives; what a motor does not have is left out."""
         names = tuple(self.evaluated)
         every = list(self.evaluated.values())
-        result.add("drives/load", np.column_stack([x.duty.load for x in every]), names=names)
+        tau = joint_columns(self.problem.model)["tau"]
+        units = tuple(dict(zip(tau.names, tau.column_units))[name] for name in names)
+        loads = JointColumns(names, units, ("time", "drive"))
+        result.add("drives/load", np.column_stack([x.duty.load for x in every]), **loads.described())
         result.add("drives/speed", np.column_stack([x.cycle.speed for x in every]), names=names)
         result.add("drives/torque", np.column_stack([x.cycle.torque for x in every]), names=names)
         use = [peak_use(x.curves, x.cycle) for x in every]

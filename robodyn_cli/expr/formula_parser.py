@@ -34,14 +34,22 @@ _TOKEN = re.compile(
 
 
 @record
-class _Token:
+class Token:
+    """A word of a formula, and its column from 1."""
+
     kind: str  # number, name, sign or end
     text: str
     column: int
 
 
-def _tokens(text: str, where: str) -> list[_Token]:
-    tokens = []
+def tokens(text: str, where: str = "") -> list[Token]:
+    """Return the words of a formula, the end last.
+
+    Raises
+    ------
+    SceneError : at a character that no formula has.
+    """
+    found = []
     position = 0
     while position < len(text):
         if text[position] in " \t\r\n":
@@ -50,9 +58,9 @@ def _tokens(text: str, where: str) -> list[_Token]:
         match = _TOKEN.match(text, position)
         if match is None:
             tree.fail(text, position + 1, f"unexpected {text[position]!r}", where)
-        tokens.append(_Token(str(match.lastgroup), match.group(), position + 1))
+        found.append(Token(str(match.lastgroup), match.group(), position + 1))
         position = match.end()
-    return [*tokens, _Token("end", "end of the formula", len(text) + 1)]
+    return [*found, Token("end", "end of the formula", len(text) + 1)]
 
 
 class Parser:
@@ -61,7 +69,7 @@ class Parser:
     def __init__(self, text: str, where: str) -> None:
         self.text = text
         self.where = where
-        self.tokens = _tokens(text, where)
+        self.tokens = tokens(text, where)
         self.position = 0
         self.names: dict[str, int] = {}
         self.degrees = False
@@ -75,10 +83,10 @@ class Parser:
         return root
 
     @property
-    def token(self) -> _Token:
+    def token(self) -> Token:
         return self.tokens[self.position]
 
-    def next(self) -> _Token:
+    def next(self) -> Token:
         token = self.token
         self.position += 1
         return token
@@ -88,10 +96,10 @@ class Parser:
             self.unexpected(self.token, f"{sign!r} is needed here")
         self.next()
 
-    def fail(self, token: _Token, message: str) -> NoReturn:
+    def fail(self, token: Token, message: str) -> NoReturn:
         tree.fail(self.text, token.column, message, self.where)
 
-    def unexpected(self, token: _Token, wanted: str = "") -> NoReturn:
+    def unexpected(self, token: Token, wanted: str = "") -> NoReturn:
         shown = token.text if token.kind == "end" else repr(token.text)
         if not wanted and token.text in _COMPARISONS:
             wanted = "a comparison is allowed only as the first argument of if(a < b, x, y)"
@@ -99,7 +107,7 @@ class Parser:
             wanted = "an operator such as '*' is missing before it"
         self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
 
-    def fold(self, node: tree.FormulaNode, token: _Token, *arguments: tree.FormulaNode) -> tree.FormulaNode:
+    def fold(self, node: tree.FormulaNode, token: Token, *arguments: tree.FormulaNode) -> tree.FormulaNode:
         """Return the node's number if its arguments are numbers, else the node."""
         if not all(isinstance(x, tree.Num) for x in arguments):
             return node
@@ -119,7 +127,7 @@ class Parser:
             left = self.operation(left, self.next(), depth)
         return left
 
-    def operation(self, left: tree.FormulaNode, token: _Token, depth: int) -> tree.FormulaNode:
+    def operation(self, left: tree.FormulaNode, token: Token, depth: int) -> tree.FormulaNode:
         level = _BINDING[token.text]
         if level == _BINDING["^"]:
             right = self.expression(level, depth + 1)  # the same level again: a^b^c is a^(b^c)
@@ -149,7 +157,7 @@ class Parser:
             return operand if token.text == "+" else self.fold(tree.Negative(operand), token, operand)
         return self.postfix(self.primary(token, depth), token)
 
-    def postfix(self, node: tree.FormulaNode, token: _Token) -> tree.FormulaNode:
+    def postfix(self, node: tree.FormulaNode, token: Token) -> tree.FormulaNode:
         if self.token.text != "deg":
             return node
         self.next()
@@ -159,7 +167,7 @@ class Parser:
         degree = tree.Num(_DEGREE)
         return self.fold(self.chain(node, "*", degree), token, node, degree)
 
-    def primary(self, token: _Token, depth: int) -> tree.FormulaNode:
+    def primary(self, token: Token, depth: int) -> tree.FormulaNode:
         if token.kind == "number":
             number = float(token.text)
             if not math.isfinite(number):
@@ -187,7 +195,7 @@ class Parser:
             return tree.Identifier(token.text)
         self.unexpected(token, "a number, a name or '(' is needed here")
 
-    def call(self, name: _Token, depth: int) -> tree.FormulaNode:
+    def call(self, name: Token, depth: int) -> tree.FormulaNode:
         if name.text in tree.SPANS:
             return self.span(name)
         if name.text != "if" and name.text not in tree.FUNCTIONS:
@@ -200,7 +208,7 @@ class Parser:
         self.expect(")")
         return node
 
-    def span(self, function: _Token) -> tree.FormulaNode:
+    def span(self, function: Token) -> tree.FormulaNode:
         """Return the name of a distance; its arguments are points."""
         points = []
         for sign in ("(", ","):
@@ -215,7 +223,7 @@ class Parser:
         self.names.setdefault(name, function.column)
         return tree.Identifier(name)
 
-    def function(self, name: _Token, depth: int) -> tree.FormulaNode:
+    def function(self, name: Token, depth: int) -> tree.FormulaNode:
         _, least, most = tree.FUNCTIONS[name.text]
         arguments = []
         if self.token.text != ")":
@@ -232,7 +240,7 @@ class Parser:
             self.count_switches(name, max(1, len(arguments) - 1), arguments)
         return self.fold(tree.Call(name.text, tuple(arguments)), name, *arguments)
 
-    def count_switches(self, token: _Token, count: int, arguments: Sequence[tree.FormulaNode]) -> None:
+    def count_switches(self, token: Token, count: int, arguments: Sequence[tree.FormulaNode]) -> None:
         """Count the places where the formula jumps or bends; numbers alone have none."""
         if all(isinstance(x, tree.Num) for x in arguments):
             return
@@ -243,7 +251,7 @@ class Parser:
             )
             self.fail(token, f"{what}; give a course of many pieces as a table")
 
-    def conditional(self, name: _Token, depth: int) -> tree.FormulaNode:
+    def conditional(self, name: Token, depth: int) -> tree.FormulaNode:
         left = self.expression(0, depth)
         comparison = self.token
         if comparison.text not in _COMPARISONS:

@@ -311,7 +311,11 @@ class Passes:
         (a0, b0), (a1, b1) = self.first.range(x[:-1]), self.last.range(x[1:])
         wish = self._smooth(mean)
         u0 = np.maximum(np.minimum(wish, np.minimum(b0, mean - a1)), np.maximum(a0, mean - b1))
-        u0 = np.where(self.even, 0.5 * mean, u0)
+        with np.errstate(
+            all="ignore"
+        ):  # where u0 < 0 < u1, the least x in between, which must not be below 0
+            stops = (u0 < 0.0) & (mean > u0) & (x[:-1] * (mean - 2.0 * u0) <= self.D * u0 * u0)
+        u0 = np.where(self.even | stops, 0.5 * mean, u0)
         return Profile(x, u0, mean - u0)
 
     def _smooth(self, mean: Array) -> Array:

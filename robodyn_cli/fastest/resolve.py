@@ -259,6 +259,6 @@ def _refusal(path: LimitedPath, where: float, model: Model) -> GeometryError:
             time=where, joint=joint,
         )  # fmt: skip
     return GeometryError(
-        f"trajectory: no speed keeps to the limits of acceleration and effort {at}; use a smoother path, or raise them",
+        f"trajectory: no speed keeps to the limits {at}; use a smoother path, or raise them",
         time=where,
     )

@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from robodyn_cli.fastest.limits import FINE, PLACES, Passed, Rows
-from robodyn_cli.fastest.profile import Passes, Profile, durations, time_law
+from robodyn_cli.fastest.profile import NoProfile, Passes, Profile, durations, time_law
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course, divided
@@ -236,7 +236,12 @@ def _under(s: Array, rows: Rows, x: Array) -> LeastTime:
     """Return the profile under rows; ``x`` (K, 3) : about what it will be."""
     zero = np.zeros((len(s) - 1, rows.A.shape[2]))
     passes = Passes(s, rows, (zero, zero), x)
-    return LeastTime(s, rows, passes, passes.run())
+    profile = passes.run()
+    if not np.isfinite(
+        durations(s, profile)
+    ).all():  # squares of the speed are too small for double precision
+        raise NoProfile(1 + int(np.argmin(profile.x[1:-1])))
+    return LeastTime(s, rows, passes, profile)
 
 
 def switches(found: LeastTime) -> Array:

@@ -75,6 +75,11 @@ class Row:
         """The closure or coupler that the row belongs to."""
         return closure_of(self.name)
 
+    @property
+    def unit(self) -> str:
+        """The unit of its residual, ``m`` or ``rad``: its multiplier is a force or a moment."""
+        return "m" if self.kind in ("force", "m") else "rad"
+
 
 def closure_of(row: str) -> str:
     """Return the closure or coupler of a row by its name: ``pin`` of ``pin.x``."""

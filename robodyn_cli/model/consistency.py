@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
+from robodyn_cli.errors import SceneError
+from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.types import Inertia, Link, Scene
 
 Path = tuple[str | int, ...]  # of keys, as in ``scene.text.nodes``
+
+
+def refuse_immovable(scene: Scene) -> None:
+    """Refuse a robot without a joint that moves.
+
+    Raises
+    ------
+    SceneError
+    """
+    if not any(joint_types[joint.type].nv for joint in scene.robot.joints):
+        raise SceneError(
+            f"{scene.path}: robot.joints: all joints are fixed, so there are neither motions nor torques of joints",
+            file=scene.path, key="robot.joints",
+        )  # fmt: skip
 
 
 def physical_warnings(scene: Scene) -> list[str]:

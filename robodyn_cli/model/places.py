@@ -6,7 +6,7 @@ import dataclasses
 from collections.abc import Callable, Collection, Sequence
 from typing import Any
 
-from robodyn_cli.expr.fixed import Fixed, free, literal
+from robodyn_cli.expr.fixed import Fixed, free, is_free, literal
 from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.scene.types import Orientation, Scene
@@ -47,13 +47,21 @@ def with_free(scene: Scene, places: Collection[str]) -> Scene:
     return dataclasses.replace(scene, **found)
 
 
+def free_places(scene: Scene) -> frozenset[str]:
+    """Return the places of the numbers of a scene that ``with_free`` made so."""
+    return frozenset(place for place, x in _literals(scene).items() if is_free(x))
+
+
 def _freed(value: Any, place: str, places: frozenset[str]) -> Any:
     """Return a value of the scene with the numbers at some places inside it free."""
     if isinstance(value, float):
         return free(value, place) if place in places else value
+    if isinstance(value, FormulaTree):
+        inside = any(wanted.startswith(f"{place}#") for wanted in places)
+        return _formula(value, place, lambda x, at: free(x, at) if at in places else x) if inside else value
     if isinstance(value, tuple) and len(value) == 2 and isinstance(value[0], str):  # an element by its kind
         return value[0], _freed(value[1], f"{place.rpartition('.')[0]}.{value[0]}", places)
-    if not any(wanted.startswith(f"{place}.") for wanted in places):
+    if not any(wanted.startswith((f"{place}.", f"{place}#")) for wanted in places):
         return value
     if isinstance(value, dict):
         return {name: _freed(x, f"{place}.{name}", places) for name, x in value.items()}
@@ -70,6 +78,11 @@ def _freed(value: Any, place: str, places: frozenset[str]) -> Any:
     return dataclasses.replace(value, **changed) if changed else value
 
 
+def place_is_in(place: str, key: str) -> bool:
+    """Tell whether a place is that of a key, or below it."""
+    return place == key or place.startswith((f"{key}.", f"{key}#"))
+
+
 def with_own_places(scene: Scene, keys: Sequence[str], prefix: str) -> Scene:
     """Return the scene with numbers at some keys as ``Fixed`` at places behind a prefix.
 
@@ -77,7 +90,7 @@ def with_own_places(scene: Scene, keys: Sequence[str], prefix: str) -> Scene:
     """
 
     def own(value: float, place: str) -> float:
-        inside = any(place == name or place.startswith((f"{name}.", f"{name}#")) for name in keys)
+        inside = any(place_is_in(place, name) for name in keys)
         return literal(value, f"{prefix}.{place}") if inside else value
 
     return dataclasses.replace(scene, **{name: _placed(getattr(scene, name), name, own) for name in SECTIONS})
@@ -85,11 +98,16 @@ def with_own_places(scene: Scene, keys: Sequence[str], prefix: str) -> Scene:
 
 def numbers_at_places(scene: Scene) -> dict[str, float]:
     """Return the numbers of a scene that enter the equations, by their places."""
-    found: dict[str, float] = {}
+    return {place: float(x) for place, x in _literals(with_places(scene)).items()}
+
+
+def _literals(placed: Scene) -> dict[str, Fixed]:
+    """Return the numbers of a scene that have places."""
+    found: dict[str, Fixed] = {}
 
     def visit(value: Any) -> None:
         if isinstance(value, Fixed):
-            found[value.args[0]] = float(value)
+            found[value.args[0]] = value
         elif isinstance(value, FormulaTree):
             value.root.rebuilt(leaf)
         elif isinstance(value, dict):
@@ -107,7 +125,6 @@ def numbers_at_places(scene: Scene) -> dict[str, float]:
             visit(node.number)
         return node
 
-    placed = with_places(scene)
     for name in SECTIONS:
         visit(getattr(placed, name))
     for name in placed.control.numbers if placed.control is not None else ():
@@ -161,9 +178,11 @@ def _formula(formula: FormulaTree, place: str, number: Callable[[float, str], fl
 
     def leaf(node: FormulaNode) -> FormulaNode:
         nonlocal count
-        if not isinstance(node, Num) or isinstance(node.number, Fixed):
+        if not isinstance(node, Num):
             return node
         count += 1
+        if isinstance(node.number, Fixed):
+            return node
         return Num(number(node.number, f"{place}#{count}"))
 
     return dataclasses.replace(formula, root=formula.root.rebuilt(leaf))

@@ -155,10 +155,18 @@ def _choice(scene: Scene, setup: Setup, system: System, plan: bool) -> MethodCho
 
 
 # -- Baumgarte's gains that the scene leaves to us ---------------------------------------------------------
+def leaves_gains(scene: Scene) -> bool:
+    """Tell whether a scene with constraints leaves Baumgarte's gains to the run."""
+    constrained = scene.loops or scene.couplers or scene.prescribed
+    return bool(constrained) and scene.simulate.stabilisation == AUTOMATIC
+
+
 def with_gains(scene: Ready, watch: Stopwatch) -> tuple[Ready, Gains | None]:
     """Return the scene with Baumgarte's gains chosen where it leaves that to us, and what was found on the way."""
-    if scene.simulate.stabilisation != AUTOMATIC or not (scene.loops or scene.couplers):
-        return scene, None
+    if not leaves_gains(scene):
+        # without constraints there is nothing to stabilise; nobody behind this meets the word that leaves the choice
+        none = scene.simulate.stabilisation == AUTOMATIC
+        return (with_stabilisation(scene, "projection") if none else scene), None
     from robodyn_cli.motion.baumgarte import GainStudy
 
     with watch.stage("gains"):

@@ -82,8 +82,8 @@ class LimitWatcher(Watcher):
     def begin(self, t: float, x: Array, options: Options) -> Array:
         """Note the limits that the start is beyond."""
         self.first = {}
-        q, v, _ = self.system.split(x)
-        given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
+        system = self.system
+        given = system.groups([t], x, system.parameters_at(t, system.split(x)[0]))
         values = evaluate([f.value for f in self.limits], given)
         for function, value in zip(self.limits, values):
             if value < -ROUNDING:

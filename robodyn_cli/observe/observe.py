@@ -13,9 +13,9 @@ from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
-from robodyn_cli.model.model import BASE, STATE_GROUPS, unknown_among
+from robodyn_cli.model.model import BASE, STATE_GROUPS, TORQUE, unknown_among
 from robodyn_cli.observe.places import FORCES, add_places, place_dataset, place_outputs, point_motion
-from robodyn_cli.observe.units import add_motion, joint_columns
+from robodyn_cli.observe.units import add_motion, joint_columns, unit_text
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -101,14 +101,18 @@ def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Colu
     """Return units and names of the datasets of constraint rows, by path; ``dependent`` : whether rows depend on each
     other."""
     dims, names = ("time", "constraint"), tuple(row.name for row in rows)
-    units = ["N" if row.kind in ("force", "m") else "N m" for row in rows]
-    mixed = tuple(units) if len(set(units)) > 1 else ()
-    force = "N or N m" if mixed else "".join(units[:1]) or "N"
+    units = [row.unit for row in rows]
+
+    def column(meaning: str, own: Sequence[str]) -> Column:
+        return Column(unit_text(own), meaning, dims, names, tuple(own) if len(set(own)) > 1 else ())
+
     least = " (rows depend on each other: those of least norm)" if dependent else ""
     return {
-        "constraints/multipliers": Column(force, f"Lagrange multipliers{least}", dims, names, mixed),
-        "constraints/position_residual": Column("m", "residual of position constraints", dims, names),
-        "constraints/velocity_residual": Column("m/s", "residual of velocity constraints", dims, names),
+        "constraints/multipliers": column(f"Lagrange multipliers{least}", [TORQUE[unit] for unit in units]),
+        "constraints/position_residual": column("residual of position constraints", units),
+        "constraints/velocity_residual": column(
+            "residual of velocity constraints", [f"{unit}/s" for unit in units]
+        ),
     }
 
 

@@ -70,10 +70,10 @@ class Recorder:
         balance = data["energy/total"] - data.get("energy/work", 0.0)
         if self._start is None:
             self._start = float(balance[0])
-        self.drift = max(self.drift, float(np.abs(balance - self._start).max()))
-        self.energy_scale = max(
-            self.energy_scale, float(np.ptp(data["energy/potential"])), float(data["energy/kinetic"].max())
-        )
+        # a number that is not finite stays one: ``max`` of Python would drop it
+        self.drift = float(np.maximum(self.drift, np.abs(balance - self._start).max()))
+        exchanged = (self.energy_scale, np.ptp(data["energy/potential"]), data["energy/kinetic"].max())
+        self.energy_scale = float(np.max(exchanged))
         if "constraints/position_residual" in data:
             self.position_residual = max(
                 self.position_residual, float(np.abs(data["constraints/position_residual"]).max(initial=0.0))

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 def unit_text(units: Sequence[str]) -> str:
     """Return one text for the units of all columns: ``rad/s``, ``m/s`` or ``rad/s or m/s``."""
-    return " or ".join(dict.fromkeys(units)) or "rad"
+    return " or ".join(dict.fromkeys(units)) or "1"
 
 
 @record

@@ -14,7 +14,7 @@ from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.model.model import unknown_among
-from robodyn_cli.motion.build import AUTOMATIC, projected_motion, with_stabilisation
+from robodyn_cli.motion.build import leaves_gains, projected_motion, with_stabilisation
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.types import Baumgarte, Scene
@@ -127,7 +127,7 @@ def linearise(scene: Scene) -> Missing:
 # -- what is integrated ------------------------------------------------------------------------------------
 def _without_study(scene: Scene) -> Scene:
     """Return the scene with some gains where the command would choose Baumgarte's by trial runs."""
-    if scene.simulate.stabilisation != AUTOMATIC or not (scene.loops or scene.couplers):
+    if not leaves_gains(scene):
         return scene
     from robodyn_cli.motion.baumgarte import refuse_study
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from robodyn_cli.model.consistency import refuse_immovable
 from robodyn_cli.scene.types import Ready, Scene
 from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.trajectories.led import Follows
@@ -15,8 +16,9 @@ def integrable(scene: Scene, watch: Stopwatch | None = None) -> Ready:
 
     Raises
     ------
-    RobodynError : see ``with_motion_found`` and ``with_controller_ready``.
+    SceneError : no joint of the robot moves. RobodynError : see ``with_motion_found`` and ``with_controller_ready``.
     """
+    refuse_immovable(scene)
     watch = watch or Stopwatch()
     if any(isinstance(x, Follows) and x.followed is None for x in scene.prescribed.values()):
         from robodyn_cli.ready.in_time import with_motion_found

@@ -11,7 +11,7 @@ from robodyn_cli.commands import COMMANDS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import stated
-from robodyn_cli.summaries.keys import Leaf, leaves_of
+from robodyn_cli.summaries.keys import Leaf, leaf_of, leaves_of
 
 MOST_ROWS = 12  # that a small table shows
 Summary = Mapping[str, Any]
@@ -121,6 +121,24 @@ def _coordinates(result: Result) -> dict[str, str]:
     return {**rates, **_units(result, "q")}
 
 
+def shown_units(result: Result) -> Callable[[str], str]:
+    """Return what gives the unit of a key of the summary; empty where it is none, or stands in words beside it."""
+    coordinates = _coordinates(result)
+
+    def unit_of(key: str) -> str:
+        leaf = leaf_of(result.command, key) if result.command in COMMANDS else None
+        unit = leaf.unit(coordinates) if leaf is not None and leaf.is_number else ""
+        return "" if unit == "1" or "unit" in unit else unit
+
+    return unit_of
+
+
+def _error_of(result: Result, *steps: str) -> float | None:
+    """Return the error of a figure, where its declaration says."""
+    leaf = leaf_of(result.command, ".".join(steps))
+    return _larger(*(_at(result.summary, *key.split(".")) for key in leaf.errors)) if leaf else None
+
+
 def _larger(*errors: Any) -> float | None:
     """Return the largest error of those that are known."""
     return max((x for x in errors if _is_number(x)), default=None)
@@ -160,7 +178,7 @@ def _motion(result: Result, summary: Summary) -> list[Table]:
     when = f"at {figure(final.get('time'))} s"
     cells = {
         key: {
-            name: figure(value, _at(summary, "error_estimate", f"{key}_end"), units[key].get(name, ""))
+            name: figure(value, _error_of(result, "final", key, name), units[key].get(name, ""))
             for name, value in final[key].items()
         }
         for key in ("q", "qd")

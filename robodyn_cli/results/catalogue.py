@@ -1,26 +1,49 @@
 """Every path that a result file may hold, with its dimensions, units and meaning.
 
-The writer takes defaults from here, and ``docs/hdf5.md`` is tested against it. A word in
-capitals is a placeholder for a name from the scene.
+The writer takes them from here, and the tables of ``docs/hdf5.md`` are made of it. A word in capitals is a placeholder
+for a name from the scene. Where the error of a dataset stands is told by ``stated_errors``.
 """
 
 from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
 
 from robodyn_cli.record import record
 
 
 @record
 class Entry:
-    """One path of the format; ``names`` label the last dimension where they are always the same."""
+    """One path of the format; ``names`` label the last dimension where they are always the same.
+
+    by_column : units of columns by their names, where they differ in every file.
+    """
 
     path: str
     dims: tuple[str, ...]
     units: str
     long_name: str
     names: tuple[str, ...] = ()
+    by_column: Mapping[str, str] = dataclasses.field(default_factory=dict)
+
+    def column_units(self, names: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the units of columns of these names; nothing where all have that of the dataset."""
+        return tuple(self.by_column[name] for name in names) if self.by_column and names else ()
 
 
 XYZ = ("x", "y", "z")
+WRENCH = {f"{letter}{axis}": unit for letter, unit in (("f", "N"), ("m", "N m")) for axis in XYZ}
+TWIST = {f"{letter}{axis}": unit for letter, unit in (("w", "rad/s"), ("v", "m/s")) for axis in XYZ}
+CANDIDATE = {"motor": "1", "gear": "1", "cost": "1", "mass": "kg", "margin": "1"}
+CORNER = {"speed": "rad/s", "torque": "N m"}
+TRIAL = {
+    "error": "rad or m", "relative": "1", "estimate": "rad or m", "steps": "1", "evaluations": "1", "seconds": "s",
+    "until": "s",
+}  # fmt: skip
+TIMED = {
+    "tolerance": "1", "step": "s", "error": "rad or m", "run_time_s": "s", "compile_time_s": "s", "evaluations": "1",
+    "steps": "1", "lock_time": "s",
+}  # fmt: skip
 
 # limits of joints under ``joint_limits/`` by the dataset that they bound, with the signs of the sides on which they do
 JOINT_LIMITS: dict[str, dict[str, tuple[float, ...]]] = {
@@ -30,7 +53,7 @@ JOINT_LIMITS: dict[str, dict[str, tuple[float, ...]]] = {
     "tau": {"effort": (1.0, -1.0)},
 }
 
-ENTRIES: tuple[Entry, ...] = (
+RUN: tuple[Entry, ...] = (
     Entry("time", ("time",), "s", "time"),
     Entry("q", ("time", "joint"), "rad or m", "joint position"),
     Entry("qd", ("time", "joint"), "rad/s or m/s", "joint velocity"),
@@ -66,11 +89,22 @@ ENTRIES: tuple[Entry, ...] = (
         ("time", "wrench"),
         "N, N m",
         "force and moment of the parent on the link in a joint",
+        by_column=WRENCH,
     ),
     Entry(
-        "loop_reactions/LOOP", ("time", "wrench"), "N, N m", "force and moment of a closure on its first link"
+        "loop_reactions/LOOP",
+        ("time", "wrench"),
+        "N, N m",
+        "force and moment of a closure on its first link",
+        by_column=WRENCH,
     ),
-    Entry("base_wrench", ("time", "wrench"), "N, N m", "force and moment of the ground on the mechanism"),
+    Entry(
+        "base_wrench",
+        ("time", "wrench"),
+        "N, N m",
+        "force and moment of the ground on the mechanism",
+        by_column=WRENCH,
+    ),
     Entry("energy/kinetic", ("time",), "J", "kinetic energy"),
     Entry("energy/potential", ("time",), "J", "potential energy"),
     Entry("energy/total", ("time",), "J", "kinetic and potential energy"),
@@ -107,7 +141,8 @@ ENTRIES: tuple[Entry, ...] = (
         ("combination", "quantity"),
         "1 or kg",
         "combinations of motors and gears: their numbers, cost, mass, margin of the limit that decides",
-        ("motor", "gear", "cost", "mass", "margin"),
+        tuple(CANDIDATE),
+        CANDIDATE,
     ),
     *(
         Entry(
@@ -115,7 +150,8 @@ ENTRIES: tuple[Entry, ...] = (
             ("vertex", "quantity"),
             "rad/s, N m",
             f"corners of the motor's envelope: {meaning}",
-            ("speed", "torque"),
+            tuple(CORNER),
+            CORNER,
         )
         for kind, meaning in (
             ("driving", "while it drives"),
@@ -152,7 +188,8 @@ ENTRIES: tuple[Entry, ...] = (
         ("time", "twist"),
         "rad/s, m/s",
         "angular velocity, then velocity of the origin, in the world frame",
-        ("wx", "wy", "wz", "vx", "vy", "vz"),
+        tuple(TWIST),
+        TWIST,
     ),
     Entry(
         "singularity/psi", ("time", "singular_value"), "1", "singular values of the constraint Jacobian Psi"
@@ -233,12 +270,111 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     ),
 )
 
+ROWS_OVER_COLUMNS = "that of the row over that of the column"
+# what commands write beside the datasets of motions, by command
+NUMERICS = (
+    Entry(
+        "work_precision/runs", ("run", "quantity"), "1, s, rad or m", "runs in the order of `summary.runs`",
+        by_column=TIMED,
+    ),
+    Entry("stability/time", ("instant",), "s", "instants of the spectrum"),
+    *(
+        Entry(
+            f"stability/eigenvalues_{part}", ("instant", "eigenvalue"), "1/s",
+            f"{part} parts of the eigenvalues of the linearised equations of motion",
+        )
+        for part in ("real", "imaginary")
+    ),
+    Entry("stability/stiffness_ratio", ("instant",), "1", "fastest decay over the slowest rate of the run"),
+    Entry("stability/step_limit", ("instant", "method"), "s", "largest stable step"),
+    Entry(
+        "stability/methods", ("trial", "quantity"), "1, s, rad or m",
+        "what each method did, in the order of `summary.methods`", tuple(TRIAL), TRIAL,
+    ),
+    Entry("energy_growth/METHOD/periods", ("METHOD_sample",), "1", "time in periods"),
+    Entry(
+        "energy_growth/METHOD/error", ("METHOD_sample",), "1",
+        "error of the energy balance over the energy exchanged",
+    ),
+    Entry("baumgarte/RUN/gain", ("alpha",), "1/s", "values of alpha and of beta; `RUN` is `own` or `fixed`"),
+    Entry(
+        "baumgarte/RUN/drift", ("alpha", "beta"), "rad or m",
+        "largest distance of the positions from the constraints",
+    ),
+    Entry("baumgarte/RUN/error", ("alpha", "beta"), "rad or m", "largest error of any q"),
+    Entry("baumgarte/RUN/steps", ("alpha", "beta"), "1", "steps taken"),
+    Entry(
+        "suite/relative_error", ("case", "method"), "1",
+        "largest error over the range of its quantity; cases in the order of `summary.cases`",
+    ),
+)  # fmt: skip
+LINEAR = (
+    *(
+        Entry(f"linear/{name}", dims, ROWS_OVER_COLUMNS, f"{name} of the linear system")
+        for name, dims in (
+            ("A", ("state", "state_column")), ("B", ("state", "input")), ("C", ("output", "state")),
+            ("D", ("output", "input")),
+        )
+    ),
+    Entry("linear/poles_real", ("pole",), "1/s", "real parts of the poles; 0 where no larger than the error"),
+    Entry(
+        "linear/poles_imaginary", ("pole",), "1/s", "imaginary parts of the poles; 0 where no larger than the error"
+    ),
+    Entry("linear/poles_error", ("pole",), "1/s", "how far rounding may move the poles"),
+    Entry("linear/frequency", ("frequency",), "rad/s", "angular frequency of the responses"),
+    Entry("linear/instant", ("instant",), "s", "times of the samples that `--instants` chose"),
+    *(
+        Entry(
+            f"linear/response_{part}", ("frequency", "output", "input"), ROWS_OVER_COLUMNS,
+            f"{part} part of outputs over inputs, C (i w E - A)^-1 B + D",
+        )
+        for part in ("real", "imaginary")
+    ),
+    Entry(
+        "modes/q", ("mode", "side", "position"), "rad or m",
+        "poses on both sides of each mode, drawn large, loops closed, in the order of `summary.modes`",
+    ),
+)  # fmt: skip
+STUDY = (
+    Entry("inputs/KEY", ("run",), "that of the key", "value of a key that varies"),
+    Entry("outputs/KEY", ("run",), "that of the output", "output; nan where a run has none"),
+    Entry(
+        "errors/KEY",
+        ("run",),
+        "that of the output",
+        "estimated error of an output; nan where the run tells none",
+    ),
+    Entry("runs/exit_code", ("run",), "1", "exit code of each run"),
+    Entry("runs/holds", ("run",), "1", "1 where all that the scene expects holds"),
+)
+SLOPES = (
+    Entry("keys/value", ("key",), "that of each key", "value of each key in the scene as it stands"),
+    Entry(
+        "derivatives/OUTPUT", ("key",), "that of the output over that of each key",
+        "derivative of an output by each key; nan where there is none",
+    ),
+    Entry(
+        "derivative_errors/OUTPUT", ("key",), "that of the output over that of each key",
+        "estimated error of the derivative of an output by each key",
+    ),
+    Entry(
+        "normalised/OUTPUT", ("key",), "1",
+        "derivative of an output by each key times the key over the output; nan where either is zero",
+    ),
+    Entry("exact/OUTPUT", ("key",), "1", "1 where the derivative is exact, 0 where it is by differences"),
+)  # fmt: skip
+# the tables of docs/hdf5.md
+GROUPS = {
+    "run": (*RUN, *EVENT_ENTRIES), "numerics": NUMERICS, "linear": LINEAR, "study": STUDY, "slopes": SLOPES
+}  # fmt: skip
+ENTRIES = (*RUN, *NUMERICS, *LINEAR, *STUDY, *SLOPES)
+
 
 def _fits(path: str, pattern: str) -> bool:
     """Tell whether a path is a pattern's, whose parts in capitals are placeholders."""
     parts, wanted = path.split("/"), pattern.split("/")
     return len(parts) == len(wanted) and all(
-        b == a or (b.isupper() and bool(a)) for a, b in zip(parts, wanted)
+        b == a or (len(b) > 1 and b.isupper() and bool(a)) for a, b in zip(parts, wanted)
     )
 
 

@@ -122,8 +122,13 @@ STATEMENTS = (
 )
 # a run that goes on after the lock states its errors phase by phase
 PHASES = {"": (), "after the lock": ("after_lock",)}
-# groups whose datasets have their errors in another group
-BESIDE = {"outputs": "errors", "derivatives": "derivative_errors"}
+# datasets, and groups of them, that have their errors in another one
+BESIDE = {
+    "outputs": "errors",
+    "derivatives": "derivative_errors",
+    "linear/poles_real": "linear/poles_error",
+    "linear/poles_imaginary": "linear/poles_error",
+}
 # the energy balance, as the summary names it, in which the energy is a constant: its drift is its error
 CONSERVED = "kinetic + potential"
 
@@ -144,6 +149,18 @@ def concerning(summary: Mapping[str, Any], path: str) -> Iterator[Stated]:
             yield found
 
 
+def error_places(path: str) -> list[str]:
+    """Return where the error of a dataset stands: keys of the summary, or the dataset beside it; none where nowhere."""
+    if path in ("time", "events/time"):
+        return ["lock.time_error"]
+    if path in BESIDE:
+        return [f"/{BESIDE[path]}"]
+    group, _, name = path.partition("/")
+    if group in BESIDE:
+        return [f"/{BESIDE[group]}/{name}"]
+    return [".".join(one.key) for one in STATEMENTS if any(_is_inside(path, about) for about in one.about)]
+
+
 def _is_inside(path: str, group: str) -> bool:
     return path == group or path.startswith(f"{group}/")
 
@@ -159,8 +176,9 @@ def stated_error(result: Result, path: str) -> Array:
         times = result.time if path == "time" else np.array([event.get("time") for event in result.events])
         at_lock = times == _number(summary, "lock", "time")
         return np.where(at_lock, _number(summary, "lock", "time_error"), np.nan)
-    if group in BESIDE and f"{BESIDE[group]}/{key}" in result:
-        return result[f"{BESIDE[group]}/{key}"]
+    beside = BESIDE.get(path) or f"{BESIDE.get(group)}/{key}"
+    if beside in result:
+        return result[beside]
     if path == "energy/total" and summary.get("energy_balance") != CONSERVED:
         return np.array(np.nan)
     # one phase without an error leaves the dataset without one

@@ -1,4 +1,4 @@
-"""What a key of a scene is: its unit, and the place that it names."""
+"""What a key of a scene is: its node, its unit, its place, and the number that ``KEY#n`` is."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ from collections.abc import Mapping as TypingMapping
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.text.includes import child_kind, concrete
-from robodyn_cli.scene.text.nodes import Mapping, Node, Sequence, index_of
+from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Sequence, dotted, index_of, name_of
+from robodyn_cli.scene.text.numbers import WrittenNumber, at_key, counted, number_at
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.fields import Inline, Kind, Section, key_name
 
@@ -16,8 +17,14 @@ from robodyn_cli.schema.fields import Inline, Kind, Section, key_name
 def unit_of(root: Node, key: str) -> str:
     """Return the unit that the description of a scene's keys gives to ``robot.links.link1.mass``; "" if none.
 
-    root : tree of the scene, with the files that it includes.
+    root : tree of the scene, with the files that it includes. Of ``KEY#n`` it is that of the number as it is written;
+    numbers of a formula have none that is known.
     """
+    written = written_number(root, key)
+    if written is not None:
+        if written.inside:
+            return "deg" if written.is_degrees else ""
+        key = ".".join((counted(key)[0], *map(str, written.path)))
     kind: Kind | None = Section(Scene)
     node: Node | None = root
     unit = ""
@@ -50,39 +57,64 @@ def in_joint(unit: str, key: str, joint_units: TypingMapping[str, str], driven: 
     return (turning if of == {"rad"} else sliding or forms)[0]
 
 
-def place_of(root: Node, key: str) -> tuple[str, ...]:
-    """Return the steps of a key, items of lists by their number: one place has one, however the key is written."""
+def place_of(root: Node, key: str) -> Path:
+    """Return the steps of a key, items of lists by their number, and where in a formula a number stands: one place has
+    one, however the key is written."""
+    base, _ = counted(key)
+    path = at_key(root, Section(Scene), base)[2]
+    written = written_number(root, key)
+    if written is None:
+        return path
+    return (*path, *written.path, *((f"#{written.start}",) if written.inside else ()))
+
+
+def named_place(root: Node, key: str) -> str:
+    """Return a key with the items of lists by their names where they have some, as numbers of a scene are placed."""
     node: Node | None = root
     steps = []
-    for step in key.split("."):
-        index = index_of(node, step) if isinstance(node, Sequence) else None
-        steps.append(step if index is None else str(index))
-        node = _child(node, step)
-    return tuple(steps)
+    for step in place_of(root, key):
+        below = _child(node, str(step))
+        name = name_of(below) if isinstance(node, Sequence) and below is not None else ""
+        steps.append(name or step)
+        node = below
+    return dotted(tuple(steps))
+
+
+def written_number(root: Node, key: str) -> WrittenNumber | None:
+    """Return the number that ``KEY#n`` is; None of other keys, and where there is none."""
+    base, n = counted(key)
+    if not n:
+        return None
+    node, kind, _ = at_key(root, Section(Scene), base)
+    return number_at(node, kind, n)
 
 
 def node_at(root: Node, key: str) -> Node | None:
     """Return the node of the scene's tree that a key names, None where the scene has none there."""
-    node: Node | None = root
-    for step in key.split("."):
-        node = _child(node, step)
-    return node
+    return at_key(root, Section(Scene), counted(key)[0])[0]
 
 
 def refuse_doubles(root: Node, keys: Iterable[str], option: str) -> None:
-    """Refuse keys that name one place of a scene twice, perhaps by the number and by the name of a list's item.
+    """Refuse keys that name one place of a scene twice, perhaps by the number and by the name of a list's item, and a
+    number beside the formula or constant in which it stands.
 
     Raises
     ------
     SceneError : with both keys. option : what gave them, named first.
     """
-    seen: dict[tuple[str, ...], str] = {}
+    seen: dict[Path, str] = {}
     for key in keys:
         place = place_of(root, key)
-        if place in seen:
-            other = "" if seen[place] == key else f", also as {seen[place]}"
-            raise SceneError(f"{option} {key}: is given twice{other}", key=key)
+        for known, other in seen.items():
+            if known in (place, _whole(place)) or place == _whole(known):
+                also = "" if other == key else f", also as {other}"
+                raise SceneError(f"{option} {key}: is given twice{also}", key=key)
         seen[place] = key
+
+
+def _whole(place: Path) -> Path:
+    """Return the place of the text in which a number stands, of other places themselves."""
+    return place[:-1] if str(place[-1]).startswith("#") else place
 
 
 def _unit(cls: type, step: str) -> str:

@@ -1,4 +1,5 @@
-"""What ``plan``, ``crosscheck``, ``compare``, ``run``, ``check`` and ``validate`` print for programs (``--json``)."""
+"""What ``plan``, ``crosscheck``, ``compare``, ``run``, ``check``, ``validate``, ``cache``, ``animate`` and ``report``
+print for programs (``--json``)."""
 
 from __future__ import annotations
 
@@ -194,6 +195,13 @@ class BaselineReport:
 
 
 @record
+class Judged:
+    """What ``run --baseline`` adds to the summary of each scene."""
+
+    baseline: BaselineReport = fact("with `run --baseline`: how the result compares with the stored one")
+
+
+@record
 class JudgedCriterion:
     """One criterion of a scene and what the run gave."""
 
@@ -279,3 +287,40 @@ class ValidationReport:
     status: str = fact("`ok` or `failed`")
     exit_code: int = fact("the worst of all scenes")
     scenes: list[SceneFindings] = fact("what is wrong with each")
+
+
+@record
+class CacheReport:
+    """What ``cache`` says of the compiled code that is kept."""
+
+    status: str = fact("`ok`")
+    directory: str | None = fact("where it is kept; `null` where it is not")
+    entries: int = fact("number of objects")
+    bytes: int = fact("their size", "B")
+    most_bytes: int = fact("size beyond which the oldest go first", "B")
+    removed: int = fact("objects that were removed, with `--clear`")
+
+
+@record
+class MovieReport:
+    """What ``animate`` has written."""
+
+    status: str = fact("`ok`")
+    file: str = fact("the picture")
+    size: int = fact("of the file", "B")
+    stills: int | Absent = fact("of a strip: number of pictures", default=ABSENT)
+    frames: int | Absent = fact("of a movie: number of frames", default=ABSENT)
+    held: int | Absent = fact("of a movie: times that the last frame is shown", default=ABSENT)
+    fps: float | Absent = fact("of a movie: frames in a second", "1/s", default=ABSENT)
+    speed: float | Absent = fact("of a movie: seconds of the run in a second", default=ABSENT)
+    duration: float | Absent = fact("of a movie", "s", default=ABSENT)
+
+
+@record
+class PageReport:
+    """What ``report`` has written."""
+
+    status: str = fact("`ok`")
+    file: str = fact("the page")
+    results: int = fact("on the page")
+    size: int = fact("of the file", "B")

@@ -20,7 +20,7 @@ from robodyn_cli.summaries.facts import ANY, Fact, UnitOf, key_of
 NUMBERS = (float, int, bool)
 VALUES = (*NUMBERS, str, types.NoneType)
 SHORT = "joints"  # keys below ``joints.NAME`` may be written ``KEY.NAME``
-EVERY_RUN = "facts:EveryRun"
+EVERY_RUN = "facts:EveryRun", "checks:Judged"  # records of what is written beside the summary of a command
 Names = Mapping[
     str, Collection[str]
 ]  # of a scene by kind (``JOINT``); of a kind that is not given there may be any
@@ -88,7 +88,7 @@ def leaf_of(command: str, key: str) -> Leaf | None:
     steps = key.split(".")
     for head, *rest in (steps, [SHORT, *steps[1:], steps[0]]):
         # lazily, so that records of what few runs have are loaded where they are asked for
-        fields = (fields_at(place) for place in (*COMMANDS[command].summary, EVERY_RUN))
+        fields = (fields_at(place) for place in (*COMMANDS[command].summary, *EVERY_RUN))
         leaf = _number_first(_leaf(*some[head], rest) for some in fields if head in some)
         if leaf is not None:
             return dataclasses.replace(leaf, key=".".join((head, *rest)))
@@ -136,7 +136,7 @@ def leaves_of(command: str) -> Iterator[tuple[tuple[str, ...], Leaf]]:
 
     A kind of names (``JOINT``) stands for each of these, 0 for each place in a list.
     """
-    for place in (*COMMANDS[command].summary, EVERY_RUN):
+    for place in (*COMMANDS[command].summary, *EVERY_RUN):
         for name, (kind, fact) in fields_at(place).items():
             for steps, leaf in _below(kind, fact):
                 yield (name, *steps), leaf

@@ -78,7 +78,7 @@ class LinearSummary:
     )
     states: list[LinearSignal] = fact("of the columns and rows of A, in their order")
     inputs: list[LinearSignal] = fact("of the columns of B and D, in their order")
-    outputs: list[LinearSignal] = fact("of the rows of C and D, in their order")
+    measured: list[LinearSignal] = fact("the outputs: of the rows of C and D, in their order")
     stability: str | Absent = fact("`stable`, `unstable`, or `marginal`: a mode neither decays nor grows")
     modes: list[Mode] | Absent = fact("of the system, slowest first; not along a motion")
     growth: LargestGrowth | Absent = fact("along a motion: the pole farthest to the right")

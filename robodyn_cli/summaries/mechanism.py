@@ -1,4 +1,4 @@
-"""The summaries of ``assemble``, ``kinematics``, ``reach`` and ``statics``."""
+"""The summaries of ``assemble``, ``kinematics``, ``reach`` and ``statics``, and of a scene at one state (``info``)."""
 
 from __future__ import annotations
 
@@ -8,18 +8,22 @@ from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import (
     ACCELERATION,
     ANY,
+    LINK,
     LOAD,
     LOOP,
     OWN,
     POINT,
     RATE,
     ROW,
+    TURNS,
     Absent,
     LoopResidual,
     PeakLoads,
     Termination,
     fact,
 )
+
+Matrix = list[list[float]]  # by rows
 
 
 @record
@@ -104,6 +108,7 @@ class JointRange:
         "largest magnitude of the rate", RATE, errors=(".errors.peak_speed",), column="peak speed"
     )
     peak_acceleration: float = fact(
+<<<<<<< HEAD
         "largest magnitude of the acceleration",
         ACCELERATION, errors=(".errors.peak_acceleration",), column="peak acceleration",
     )  # fmt: skip
@@ -117,6 +122,11 @@ class PathErrors:
     path_length: float = fact("of the length", "m")
     peak_speed: float = fact("of the largest speed", "m/s")
     peak_acceleration: float = fact("of the largest acceleration", "m/s^2")
+=======
+        "largest magnitude of the acceleration", ACCELERATION, column="peak acceleration"
+    )
+    units: dict[str, str] = fact("units of this joint", names=("position", "speed", "acceleration"))
+>>>>>>> main
 
 
 @record
@@ -276,3 +286,79 @@ class StaticsSummary:
     equilibrium: Balanced | Held = fact("of a balance, or of a configuration that is held")
     error_estimate: ForceResidual = fact("what is out of balance")
     reactions: PeakLoads | Absent = fact("loads of joints and closures, where asked for")
+
+
+@record
+class InfoJoint:
+    """A joint of the tree."""
+
+    name: str = fact("name of the joint")
+    type: str = fact("its kind")
+    parent: str | None = fact("link that carries it")
+    link: str | None = fact("link that it moves")
+    gear_ratio: float | dict[str, float] = fact("motor turns per turn of the joint", TURNS, names=ANY)
+
+
+@record
+class InfoLink:
+    """The inertia of a link; `null` where the scene does not give it."""
+
+    mass: float | None = fact("its mass", "kg")
+    com: list[float] | None = fact("centre of mass", "m")
+    com_frame: str | None = fact("frame in which it is given")
+    inertia: dict[str, float | None] = fact(
+        "about the centre of mass", "kg m^2", names=("xx", "yy", "zz", "xy", "xz", "yz")
+    )
+
+
+@record
+class InfoState:
+    """Positions by coordinate, and rates by velocity coordinate."""
+
+    q: dict[str, float] = fact("positions", OWN)
+    qd: dict[str, float] = fact("rates", RATE)
+
+
+@record
+class FrameAt:
+    """A frame in world coordinates."""
+
+    position: list[float] = fact("its origin", "m")
+    rotation: Matrix = fact("its axes, as columns")
+    quaternion: list[float] = fact("its attitude, a unit quaternion, scalar first")
+
+
+@record
+class PointAt:
+    """A named point in world coordinates."""
+
+    position: list[float] = fact("where it is", "m")
+    velocity: list[float] = fact("its velocity", "m/s")
+    jacobian: Matrix = fact("of its velocity by the rates (3, nv)", "m or 1")
+    angular_jacobian: Matrix = fact("of the angular velocity of its link by the rates (3, nv)", "1 or rad/m")
+    singular_values: list[float] | None = fact("of `jacobian`; `null` where data are missing", "m or 1")
+
+
+@record
+class ConstraintsAt:
+    """Psi (m, nv) of all rows."""
+
+    rows: list[str] = fact("the rows")
+    psi: Matrix = fact("their Jacobian", "m, rad or 1")
+    singular_values: list[float] | None = fact("of Psi; `null` where data are missing", "m, rad or 1")
+
+
+@record
+class InfoReport:
+    """The report of ``info``; numbers that depend on data which the scene does not give are `null`."""
+
+    joints: list[InfoJoint] = fact("of the tree")
+    links: dict[str, InfoLink] = fact("with what the scene says of them", names=LINK)
+    state: InfoState = fact("at which all else is")
+    mass_matrix: Matrix = fact("M (nv, nv) of the tree", "kg m^2, kg m or kg")
+    mass_matrix_singular_values: list[float] | None = fact("of M", "kg m^2, kg m or kg")
+    coriolis_matrix: Matrix = fact("C (nv, nv) of the tree: C qd are torques", "N m s, N s or kg m/s")
+    gravity_torques: dict[str, float] = fact("G: what holds the weight", LOAD)
+    frames: dict[str, FrameAt] = fact("of links, and named ones", names=(LINK, "FRAME"))
+    points: dict[str, PointAt] = fact("named points", names=POINT)
+    constraints: ConstraintsAt | Absent = fact("with loops, couplers or prescribed joints")

@@ -141,7 +141,7 @@ class SensitivitySummary:
     """The summary of ``sensitivity``."""
 
     of: str = fact("the command whose summary the outputs are keys of")
-    outputs: dict[str, NominalNumber] = fact("of the scene as it stands; from Python alone", names=OUTPUT)
+    nominal: dict[str, NominalNumber] = fact("the outputs of the scene as it stands", names=OUTPUT)
     keys: dict[str, NominalNumber] = fact("of the scene as it stands", names=ANY)
     sensitivities: dict[str, dict[str, SlopeKeys]] = fact(
         "by output and key, those that move it most first", names=(OUTPUT, ANY)

@@ -10,6 +10,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.motion import Planned, motion_duration, plan_motion
+from robodyn_cli.model.consistency import refuse_immovable
 from robodyn_cli.model.model import Model
 from robodyn_cli.observe.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.record import record
@@ -27,6 +28,7 @@ def build_inverse(scene: sc.Ready) -> InverseProgram:
     SceneError, CapabilityError : motion or actuators do not suffice, or inverse dynamics does not support a part of
     the scene.
     """
+    refuse_immovable(scene)
     problem = _problem_along(scene)
     if scene.loops or scene.couplers:
         from robodyn_cli.torques.closed import build_closed

@@ -12,8 +12,8 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.trajectories.base import Trajectory
 from robodyn_cli.trajectories.course import Course
-from robodyn_cli.trajectories.formulas import evaluated, joint_expressions, sampled, time_symbol
-from robodyn_cli.trajectories.led import QUATERNION, with_attitudes
+from robodyn_cli.trajectories.formulas import evaluated, joint_expressions, sampled, texts, time_symbol
+from robodyn_cli.trajectories.led import QUATERNION, position_columns, with_attitudes
 from robodyn_cli.trajectories.motion import JointMotion
 
 
@@ -91,7 +91,9 @@ class JointsTogether(JointSpaceTrajectory):
         return {**found, **evaluated(self.prescribed, env)}
 
     def described(self, column: str) -> str:
-        return column if self.trajectory is None else str(self.trajectory.described(column))
+        if self.trajectory is None or column not in position_columns(self.trajectory.joints):
+            return texts(self.prescribed, column)
+        return str(self.trajectory.described(column))
 
 
 def attitude_places(columns: Sequence[str]) -> dict[str, list[int]]:

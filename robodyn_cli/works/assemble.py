@@ -16,7 +16,7 @@ from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.observe import add_sample
-from robodyn_cli.observe.units import joint_columns
+from robodyn_cli.observe.units import JointColumns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.ready.singularity import mobility
@@ -46,8 +46,8 @@ class Branches:
     def add_to(self, result: Result) -> None:
         """Add configurations, determinants and outlines to a result."""
         model = self.problem.model
-        units = joint_columns(model)["q"].units
-        result.add("branches/q", np.array(self.configurations), units=units, names=model.q_names)
+        columns = JointColumns(model.q_names, model.q_units, ("branch", "joint"))
+        result.add("branches/q", np.array(self.configurations), **columns.described())
         determinants = [branch.determinant for branch in self.described]
         if None not in determinants:
             result.add("branches/determinant", np.array(determinants, dtype=float))

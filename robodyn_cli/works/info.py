@@ -21,67 +21,22 @@ from robodyn_cli.model.parts import carried_at_start
 from robodyn_cli.observe.places import quaternions
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.prepare import Setup, prepare
-from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, Transform
 from robodyn_cli.spatial.inertia import RigidInertia
-from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.mechanism import (
+    ConstraintsAt,
+    FrameAt,
+    InfoJoint,
+    InfoLink,
+    InfoReport,
+    InfoState,
+    PointAt,
+)
 from robodyn_cli.works.state_text import state_overrides
-
-
-@record
-class InfoState:
-    """Positions by coordinate, and rates by velocity coordinate."""
-
-    q: dict[str, float]
-    qd: dict[str, float]
-
-
-@record
-class FrameAt:
-    """A frame in world coordinates: origin (3,) [m], rotation (3, 3), unit quaternion (4,), scalar first."""
-
-    position: Array
-    rotation: Array
-    quaternion: Array
-
-
-@record
-class PointAt:
-    """A named point in world coordinates: p (3,) [m], its velocity [m/s], Jacobians (3, nv) of both."""
-
-    position: Array
-    velocity: Array
-    jacobian: Array
-    angular_jacobian: Array
-    singular_values: list[float] | None
-
-
-@record
-class ConstraintsAt:
-    """Psi (m, nv) of all rows; singular values None where data are missing."""
-
-    rows: list[str]
-    psi: Array
-    singular_values: list[float] | None
-
-
-@record
-class Info:
-    """The report of ``info``; numbers that depend on data which the scene does not give are NaN."""
-
-    joints: list[dict[str, Any]]
-    links: dict[str, Any]
-    state: InfoState
-    mass_matrix: Array
-    mass_matrix_singular_values: list[float] | None
-    coriolis_matrix: Array
-    gravity_torques: dict[str, float]
-    frames: dict[str, FrameAt]
-    points: dict[str, PointAt]
-    constraints: ConstraintsAt | Absent
 
 
 @np.errstate(all="ignore")  # the report shows numbers without a value as NaN
@@ -167,7 +122,7 @@ class InfoNumbers:
         bodies = [dataclasses.replace(b, inertia=I) for b, I in zip(rigid.bodies, inertias)]
         return dataclasses.replace(rigid, bodies=tuple(bodies))
 
-    def report(self) -> Info:
+    def report(self) -> InfoReport:
         """Return the report of the state."""
         problem = self.problem
         scene, model = problem.scene, problem.model
@@ -176,13 +131,13 @@ class InfoNumbers:
         M = self.array(crba(bodies, self.q, X))
         terms = problem.rigid_terms()
         gravity = self.array(terms["gravity"]) if "gravity" in terms else np.zeros(model.nv)
-        return Info(
+        return InfoReport(
             joints=_joints(scene),
             links=_links(scene),
             state=InfoState(_named(model.q_names, self.q), _named(model.v_names, self.v)),
-            mass_matrix=M,
+            mass_matrix=M.tolist(),
             mass_matrix_singular_values=singular_values(M),
-            coriolis_matrix=self.array(coriolis(bodies, self.q, self.v, X)),
+            coriolis_matrix=self.array(coriolis(bodies, self.q, self.v, X)).tolist(),
             gravity_torques=_named(model.v_names, gravity),
             frames=self.frames(),
             points=self.points(),
@@ -196,7 +151,7 @@ class InfoNumbers:
         for name, frame in {**problem.model.links, **problem.model.frames}.items():
             pose = world_pose(problem.model, problem.pose, frame)
             R = self.array(pose.R)
-            found[name] = FrameAt(self.array(pose.p), R, quaternions(R[None])[0])
+            found[name] = FrameAt(self.array(pose.p).tolist(), R.tolist(), quaternions(R[None])[0].tolist())
         return found
 
     def points(self) -> dict[str, PointAt]:
@@ -207,13 +162,14 @@ class InfoNumbers:
         for name, frame in model.points.items():
             J, W = (self.array(x) for x in world_jacobian(model, problem.q, problem.pose, frame))
             position = self.array(problem.world_point(frame))
-            found[name] = PointAt(position, J @ self.v, J, W, singular_values(J))
+            at, velocity = position.tolist(), (J @ self.v).tolist()
+            found[name] = PointAt(at, velocity, J.tolist(), W.tolist(), singular_values(J))
         return found
 
     def constraints(self) -> ConstraintsAt:
         """Return Psi of all rows."""
         psi = self.array(self.problem.psi)
-        return ConstraintsAt(list(self.problem.constraints.names), psi, singular_values(psi))
+        return ConstraintsAt(list(self.problem.constraints.names), psi.tolist(), singular_values(psi))
 
     def drawing(self) -> Result:
         """Return the state as a result of one sample, to draw."""
@@ -235,19 +191,17 @@ def plain(entries: Any) -> Any:
     return found.reshape(array.shape) if array.shape else found[0]
 
 
-def _joints(scene: Scene) -> list[dict[str, Any]]:
-    return [
-        {"name": j.name, "type": j.type, "parent": j.parent, "link": j.link, "gear_ratio": j.gear_ratio}
-        for j in scene.robot.joints
-    ]
+def _joints(scene: Scene) -> list[InfoJoint]:
+    return [InfoJoint(j.name, j.type, j.parent, j.link, j.gear_ratio) for j in scene.robot.joints]
 
 
-def _links(scene: Scene) -> dict[str, Any]:
-    return {
-        link.name: {"mass": link.mass, "com": link.com, "com_frame": link.com_frame,
-                    "inertia": {k: getattr(link.inertia, k) for k in ("xx", "yy", "zz", "xy", "xz", "yz")}}
-        for link in scene.robot.links
-    }  # fmt: skip
+def _links(scene: Scene) -> dict[str, InfoLink]:
+    found = {}
+    for link in scene.robot.links:
+        com = None if link.com is None else list(link.com)
+        inertia = {k: getattr(link.inertia, k) for k in ("xx", "yy", "zz", "xy", "xz", "yz")}
+        found[link.name] = InfoLink(link.mass, com, link.com_frame, inertia)
+    return found
 
 
 def _named(names: Sequence[str], values: Array) -> dict[str, float]:

@@ -11,7 +11,7 @@ from robodyn_cli.given.poses.targets import Poses, Way
 from robodyn_cli.model.joints import orientation
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.observe import add_sample
-from robodyn_cli.observe.units import joint_columns
+from robodyn_cli.observe.units import JointColumns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.nested_options import ReachOptions
@@ -128,7 +128,7 @@ def _add_branches(result: Result, problem: Problem, configurations: list[Array])
         return
     model = problem.model
     q = np.array(configurations)
-    result.add("branches/q", q, units=joint_columns(model)["q"].units, names=model.q_names)
+    result.add("branches/q", q, **JointColumns(model.q_names, model.q_units, ("branch", "joint")).described())
     for name, outline in model.outlines.items():
         corners = [problem.world_point(corner) for corner in outline]
         result.add(f"branch_skeleton/{name}", np.array([problem.numbers(corners, x) for x in q]))

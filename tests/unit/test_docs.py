@@ -24,6 +24,7 @@ from robodyn_cli.errors import ALL
 from robodyn_cli.expr.formula_tree import CONSTANTS, FUNCTIONS
 from robodyn_cli.over.work_precision.work_precision import work_precision
 from robodyn_cli.report.registry import PLOTS
+from robodyn_cli.results.catalogue import GROUPS
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.starters import STARTERS
 from robodyn_cli.summaries.keys import EVERY_RUN
@@ -246,7 +247,7 @@ BY_NAME |= {"wall_time_s", "q", "qd"}
 def test_every_record_of_summaries_has_its_table() -> None:
     module, page = reference("make_summary_reference"), text("docs/cli.md")
     tables = [match.group(2) for match in module.TABLE.finditer(page)]
-    places = [EVERY_RUN, *(place for row in ROWS.values() for place in row.summary)]
+    places = [*EVERY_RUN, *(place for row in ROWS.values() for place in row.summary)]
     assert sorted(tables) == sorted(set(places))
     assert module.rewritten(page) == page, "run: python docs/make_summary_reference.py"
 
@@ -277,9 +278,10 @@ def test_every_key_of_a_summary_is_documented(command: str) -> None:
 
 
 def test_the_format_is_that_of_the_catalogue() -> None:
-    module, page = reference("make_hdf5_reference"), text("docs/hdf5.md")
-    assert [match.group(2) for match in module.TABLE.finditer(page)] == ["datasets", "attributes"]
-    assert module.rewritten(page) == page, "run: python docs/make_hdf5_reference.py"
+    module, page = reference("make_summary_reference"), text("docs/hdf5.md")
+    assert [match.group(2) for match in module.DATASETS.finditer(page)] == list(GROUPS)
+    assert len(module.ATTRIBUTE_TABLE.findall(page)) == 1
+    assert module.rewritten(page) == page, "run: python docs/make_summary_reference.py"
 
 
 # -- figures -------------------------------------------------------------------------------------------

@@ -165,7 +165,7 @@ def test_python_control_has_the_same_poles_and_response() -> None:
     scene = load_scene(PENDULUM, ["robot.joints.0.damper={damping: 3}", "robot.joints.1.damper={damping: 2}"])
     result = linearise(scene, about="balance", inputs=["theta1"], outputs=["theta2", "qd.theta1", "tip"])
     system = control.ss(*(result[f"linear/{name}"] for name in "ABCD"))
-    assert [s["name"] for s in result.summary["outputs"]] == [
+    assert [s["name"] for s in result.summary["measured"]] == [
         "theta2",
         "qd.theta1",
         "tip.x",
@@ -237,12 +237,12 @@ def test_outputs_by_formulas(about: str) -> None:
             assert_close(C[:, column], by_q, 1e-8, 1.0)
             assert_close(C[:, 4 + column], by_v, 1e-8, 1.0)
             assert_close(D[:, column], by_u, 1e-8, 1.0)
-    assert [s["unit"] for s in found.summary["outputs"]] == ["W", "rad", "1", "1"]
+    assert [s["unit"] for s in found.summary["measured"]] == ["W", "rad", "1", "1"]
 
 
 def test_signals_of_the_controller_are_no_outputs() -> None:
     scene = load_scene(CONFIGS / "controlled_arm.yaml", ["outputs.signals.wanted=ref.theta1"])
-    assert [s["name"] for s in linearise(scene, outputs=["power"]).summary["outputs"]] == ["power"]
+    assert [s["name"] for s in linearise(scene, outputs=["power"]).summary["measured"]] == ["power"]
     with pytest.raises(SceneError, match="--output wanted: its formula needs ref.theta1 of the controller"):
         linearise(scene, outputs=["wanted"])
 

@@ -83,7 +83,7 @@ def test_a_gif_holds_the_frames_it_says_and_white_stays_white(result: Result, tm
         for k in range(movie.n_frames):
             movie.seek(k)
             lasts.append(movie.info["duration"])
-        assert sum(lasts) == pytest.approx(1000.0 * report["duration"], abs=20.0)
+        assert sum(lasts) == pytest.approx(1000.0 * report.duration, abs=20.0)
         assert movie.info["loop"] == 0
         last = np.asarray(movie.convert("RGB"))
         movie.seek(0)
@@ -111,11 +111,11 @@ def test_pictures_of_a_gif_are_those_that_were_drawn(result: Result, tmp_path: P
 def test_webp_and_the_strip(result: Result, tmp_path: Path) -> None:
     report = animate(result, tmp_path / "a.webp", speed=8.0, fps=5.0)
     with Image.open(tmp_path / "a.webp") as movie:
-        assert 1 < movie.n_frames <= report["frames"]
+        assert 1 < movie.n_frames <= report.frames
     strip = animate(result, tmp_path / "a.png")
     with Image.open(tmp_path / "a.png") as image:
         assert image.width == 840 and (np.asarray(image.convert("L")) < 200).any()
-    assert strip["stills"] == 6
+    assert strip.stills == 6
 
 
 def test_mp4_has_all_frames_at_their_rate(result: Result, tmp_path: Path) -> None:
@@ -125,7 +125,7 @@ def test_mp4_has_all_frames_at_their_rate(result: Result, tmp_path: Path) -> Non
         stream = container.streams.video[0]
         assert float(stream.average_rate) == pytest.approx(12.5)
         pictures = [frame.to_ndarray(format="rgb24") for frame in container.decode(stream)]
-    assert len(pictures) == report["frames"]
+    assert len(pictures) == report.frames
     with styled():
         drawn = Frames(result, plan_movie(result, 4.0, 12.5, False)).picture(0)[..., :3]
     assert np.abs(pictures[0].astype(int) - drawn).mean() < 3.0

@@ -18,10 +18,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from robodyn_cli.cli.app import run
 from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.report.canvas import below_heading
+from robodyn_cli.report.figures import shown_units
 from robodyn_cli.report.page.charts import Arrays, Store, captions, chart_data
 from robodyn_cli.report.page.motion import MOST_POSES, chosen_samples, motion_data
 from robodyn_cli.report.page.page import Shown, make_page
-from robodyn_cli.report.page.tables import Html, element, errors_of, json_block, summary_tables
+from robodyn_cli.report.page.tables import (
+    Html,
+    Quantity,
+    element,
+    errors_of,
+    json_block,
+    summary_tables,
+    written,
+)
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.results.moments import Moment
@@ -37,6 +46,20 @@ from tests.unit.synthetic_results import (
 )
 
 CONFIGS = Path(__file__).parents[2] / "configs"
+TURNING_AND_SLIDING = """
+schema: 1
+command: inverse
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {name: theta, type: revolute, axis: [0, 1, 0]}
+    - {name: slide, type: prismatic, axis: [1, 0, 0]}
+  links:
+    - {name: arm, mass: 2, com: [0.2, 0, 0], inertia: {xx: 0.01, yy: 0.02, zz: 0.02}}
+    - {name: carriage, mass: 1, com: [0, 0, 0], inertia: {xx: 0.01, yy: 0.01, zz: 0.01}}
+trajectory: {type: joint, duration: 1, q: {theta: 0.3*sin(3*t), slide: 0.5 + 0.1*t^2}}
+inverse: {samples: 11}
+"""
 
 
 def unpacked(arrays: Arrays, number: int) -> np.ndarray:
@@ -191,11 +214,25 @@ def test_summaries_become_tables_whatever_is_in_them() -> None:
     text = "".join(summary_tables({
         "status": "ok", "samples": 3, "none": None, "flag": True, "empty": {}, "words": ["a", "b"],
         "runs": rows, "joints": {"q1": {"peak": 1.5}, "q2": {"rms": 2.0}}, "deep": {"a": {"b": {"c": 1}}, "d": -2},
-    }))  # fmt: skip
+    }, lambda key: ""))  # fmt: skip
     for part in ("<th scope=\"row\">samples</th><td>3</td>", "<td>–</td>", "<td>yes</td>", "<td>a, b</td>", "<td>none</td>",
                  "The first 200 of 300 rows", "<th scope=\"row\">q2</th>", "<td>−2</td>"):  # fmt: skip
         assert part in text, part
     assert text.count("<tr>") < 260 and "m299" not in text
+
+
+def test_figures_of_a_page_have_their_units() -> None:
+    """Numbers of each command's summary that are declared with a unit stand with it, those of joints with their own."""
+    result = inverse(load_scene_text(TURNING_AND_SLIDING))
+    text = "".join(summary_tables(result.summary, shown_units(result)))
+    for key, unit in (("theta", "N·m"), ("slide", "N")):
+        peak = written(Quantity(result.summary["joints"][key]["peak_torque"], unit))
+        assert peak.endswith(f" {unit}") and f">{peak}</td>" in text, peak
+    low, high = result.summary["joints"]["slide"]["torque_range"]
+    assert f"{written([low, high])} N</td>" in text
+    assert f"{written(result.summary['wall_time_s']['total'])} s</td>" in text
+    study = Result("sweep", "", "ok", "", summary={"results": {"lock.time": {"minimum": 1.5, "unit": "s"}}})
+    assert ">1.5</td>" in "".join(summary_tables(study.summary, shown_units(study)))
 
 
 def test_the_plan_is_on_the_page(tmp_path: Path) -> None:

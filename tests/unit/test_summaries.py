@@ -3,19 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import math
+import re
 import typing
 from collections.abc import Iterator
+from pathlib import Path
 from typing import Any, get_args
 
 import pytest
 
-from robodyn_cli.commands import COMMANDS
+from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
+from robodyn_cli.errors import SceneError
+from robodyn_cli.over.many.command import error_of
 from robodyn_cli.results.stated_errors import STATEMENTS
+from robodyn_cli.scene.load import load_scene
 from robodyn_cli.summaries.facts import Fact, UnitOf
 from robodyn_cli.summaries.keys import EVERY_RUN, _written, fields_at, leaf_of, leaves_of, refusal
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
-NAMES = {"JOINT": ("theta1", "slide", "ball.wx"), "POINT": ("tip",), "LOOP": ("pin",)}
+NAMES = {
+    "JOINT": ("theta1", "slide", "ball.wx"),
+    "POINT": ("tip",),
+    "LOOP": ("pin",),
+    "ROW": ("pin.x", "latch.x"),
+}
 COORDINATES = {"theta1": "rad", "slide": "m", "ball.wx": "rad"}
 
 
@@ -31,7 +42,7 @@ def records(kind: Any) -> Iterator[type]:
 
 def of_command(command: str) -> dict[type, None]:
     """Return all records of the summary of a command."""
-    fields = [fields_at(place).values() for place in (EVERY_RUN, *COMMANDS[command].summary)]
+    fields = [fields_at(place).values() for place in (*EVERY_RUN, *COMMANDS[command].summary)]
     return dict.fromkeys(r for some in fields for kind, _ in some for r in records(kind))
 
 
@@ -133,6 +144,8 @@ def test_a_key_is_found_with_its_unit(command: str, key: str, unit: str) -> None
         ("simulate", "final.q.slid", "final.q.slide"),
         ("deploy", "lock.tiem", "lock.time"),
         ("assemble", "branches.0.residul", "branches.0.residual"),
+        ("kinematics", "points.tp.peak_speed", "points.tip.peak_speed"),
+        ("deploy", "lock.latch.impulse.latch.xx", "lock.latch.impulse.latch.x"),
     ],
 )
 def test_a_slip_of_the_pen_is_refused_with_the_nearest_key(command: str, key: str, near: str) -> None:
@@ -190,6 +203,41 @@ def test_every_key_that_is_listed_is_found(command: str) -> None:
 def test_units_follow_coordinates() -> None:
     unit = UnitOf("N m", "N")
     assert (unit("rad"), unit("m"), unit(), str(unit)) == ("N m", "N", "N m or N", "N m or N")
+
+
+def test_what_is_added_to_a_summary_hides_none_of_its_keys() -> None:
+    """Names of files, of the run and of its times are written over a command's own keys."""
+    added = {key for place in EVERY_RUN for key in fields_at(place)} - {"status", "command", "title", "error"}
+    written = [name for name in SCENE_COMMANDS if name in DESCRIBED] + ["sensitivity", "sweep"]
+    for name in (*written, "stability", "work-precision"):
+        own = {key for place in COMMANDS[name].summary for key in fields_at(place)}
+        assert not own & added, name
+    leaf = leaf_of("inverse", "baseline.datasets.0.stated")
+    assert leaf is not None and leaf.unit({}) == "unit of the dataset"
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "near"),
+    [
+        ("four_bar_deploy", "lock.latch.impulse.latch.mw", "lock.latch.impulse.latch."),
+        ("four_bar_deploy", "lock.latch.impulse.pni.x", "lock.latch.impulse.pin.x"),
+        ("four_bar_kinematics", "points.tpi.path_length", "points."),
+    ],
+)
+def test_names_of_points_and_rows_are_those_of_the_scene(name: str, key: str, near: str) -> None:
+    """Misspelt ones are refused when the scene is read, with the nearest; those that runs have are not."""
+    path = next((Path(__file__).parents[2] / "configs").rglob(f"{name}.yaml"))
+    with pytest.raises(SceneError, match=re.escape(f"did you mean '{near}")):
+        load_scene(str(path), [f"expect={{{key}: 1}}"])
+
+
+def test_errors_are_read_from_declarations() -> None:
+    summary = {"command": "inverse", "error_estimate": {"torque_rounding": 1e-14, "rms_quadrature": 3e-9}}
+    summary["joints"] = {"a": {"rms_torque": 1.0, "peak_torque": 2.0, "peak_speed": 3.0}}
+    assert error_of(summary, "rms_torque.a") == error_of(summary, "joints.a.rms_torque") == 3e-9
+    assert error_of(summary, "peak_torque.a") == 1e-14 and math.isnan(error_of(summary, "peak_speed.a"))
+    lock = {"command": "deploy", "lock": {"time": 1.0, "time_error": 1e-9}}
+    assert error_of(lock, "lock.time") == 1e-9 and math.isnan(error_of({}, "lock.time"))
 
 
 def test_errors_that_results_state_are_keys_of_summaries() -> None:

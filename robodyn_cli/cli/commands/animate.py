@@ -56,12 +56,13 @@ def command(
     """Make a movie of a stored result; return the exit code."""
     from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.movie.animate import animate
+    from robodyn_cli.results.summary import as_keys
 
     console = Console(as_json, quiet)
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
-        report = animate(read_stored(result, needed), file, speed, fps, follow)
-    console.data({"status": "ok", **report})
+        report = as_keys(animate(read_stored(result, needed), file, speed, fps, follow))
+    console.data(report)
     console.say(describe(report))
     return 0
 

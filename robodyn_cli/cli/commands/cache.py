@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Quiet, ReportAsJson
+
+if TYPE_CHECKING:
+    from robodyn_cli.summaries.checks import CacheReport
 
 
 def command(
@@ -17,34 +20,30 @@ def command(
 ) -> int:
     """Show where compiled code is kept and how much there is, or remove it; return the exit code."""
     from robodyn_cli.kernels.cache import MOST_BYTES, cache_directory, contents, remove_all
+    from robodyn_cli.results.summary import as_keys
+    from robodyn_cli.summaries.checks import CacheReport
 
     console = Console(as_json, quiet)
     folder = cache_directory()
     removed = remove_all(folder) if clear and folder is not None else 0
     kept = contents(folder) if folder is not None else []
     size = sum(found.st_size for _, found in kept)
-    report: dict[str, Any] = {
-        "status": "ok",
-        "directory": None if folder is None else str(folder),
-        "entries": len(kept),
-        "bytes": size,
-        "most_bytes": MOST_BYTES,
-        "removed": removed,
-    }
-    console.data(report)
+    directory = None if folder is None else str(folder)
+    report = CacheReport("ok", directory, len(kept), size, MOST_BYTES, removed)
+    console.data(as_keys(report))
     console.say(describe(report, clear))
     return 0
 
 
-def describe(report: dict[str, Any], cleared: bool) -> str:
+def describe(report: CacheReport, cleared: bool) -> str:
     """Return the report for the terminal."""
-    if report["directory"] is None:
+    if report.directory is None:
         return "compiled code is not kept"
-    lines = [f"{report['directory']}"]
+    lines = [f"{report.directory}"]
     if cleared:
-        lines.append(f"  removed  {_objects(report['removed'])}")
-    lines.append(f"  kept     {_objects(report['entries'])}, {megabytes(report['bytes'])} MB")
-    lines.append(f"  at most  {megabytes(report['most_bytes'])} MB; beyond that the oldest go first")
+        lines.append(f"  removed  {_objects(report.removed)}")
+    lines.append(f"  kept     {_objects(report.entries)}, {megabytes(report.bytes)} MB")
+    lines.append(f"  at most  {megabytes(report.most_bytes)} MB; beyond that the oldest go first")
     return "\n".join(lines)
 
 

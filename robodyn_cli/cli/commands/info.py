@@ -69,7 +69,7 @@ def describe(found: Mapping[str, Any]) -> str:
     lines.append(f"  rates              {state(found['state']['qd'], units(found['joints'], 'v'))}")
     lines += ["  frames in the world (origin [m]; x, y and z axes)"]
     for name, frame in found["frames"].items():
-        axes = "  ".join(vector(frame["rotation"][:, k]) for k in range(3))
+        axes = "  ".join(vector(axis) for axis in zip(*frame["rotation"]))
         lines.append(f"    {name:<12} {vector(frame['position'])}; {axes}")
     lines += matrix("mass matrix M", found["mass_matrix"])
     lines.append(f"    singular values  {values(found['mass_matrix_singular_values'])}")
@@ -122,9 +122,9 @@ def values(x: list[float] | None) -> str:
     return "not known: data are missing" if x is None else ", ".join(cell(v) for v in x)
 
 
-def matrix(name: str, m: Any) -> list[str]:
+def matrix(name: str, m: Sequence[Sequence[float]]) -> list[str]:
     """Return a matrix as aligned lines below its name."""
-    rows, columns = m.shape
+    rows, columns = len(m), len(m[0]) if m else 0
     if columns > WIDEST:
         return [f"  {name}  ({rows} x {columns}; in the report of --json and in summary.json)"]
     cells = [[cell(float(x)) for x in row] for row in m]

@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, drive_lines, multiplier_lines, number, table
+from robodyn_cli.cli.words import cost_line, drive_lines, figure_columns, multiplier_lines, table
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -21,25 +21,12 @@ FIGURES = (
 )
 
 
-def _columns(joints: list[Mapping[str, Any]]) -> list[list[str]]:
-    """Return the columns of figures; units that differ between joints are printed beside each figure."""
-    columns = []
-    for heading, key, quantity, digits in FIGURES:
-        units = [{**joint.get("units", {}), "time": "s"}.get(quantity, "") for joint in joints]
-        figures = [number(joint.get(key), digits) for joint in joints]
-        if len(set(units)) > 1:
-            columns.append([heading, *(f"{x} {unit}" for x, unit in zip(figures, units))])
-        else:
-            columns.append([f"{heading} [{units[0]}]", *figures])
-    return columns
-
-
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of an inverse run."""
     lines = [f"{summary['title']}"]
     joints: Mapping[str, Mapping[str, Any]] = summary.get("joints", {})
     if joints:
-        lines.append(table(list(zip(["joint", *joints], *_columns(list(joints.values()))))))
+        lines.append(table(list(zip(["joint", *joints], *figure_columns(list(joints.values()), FIGURES)))))
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
         ("attitude error", "attitude_residual", "rad"),

@@ -7,7 +7,19 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import closure_text, mobility_lines, number, table
+from robodyn_cli.cli.words import closure_text, figure_columns, mobility_lines, number, table
+
+JOINT_FIGURES = (
+    ("smallest", "smallest", "position", 6),
+    ("largest", "largest", "position", 6),
+    ("peak speed", "peak_speed", "speed", 6),
+    ("peak acceleration", "peak_acceleration", "acceleration", 6),
+)
+POINT_FIGURES = (
+    ("path length", "path_length", "m", 6),
+    ("peak speed", "peak_speed", "m/s", 6),
+    ("peak acceleration", "peak_acceleration", "m/s^2", 6),
+)
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -16,18 +28,9 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"{summary['title']}",
         f"  moved              {number(summary['termination'].get('time'))} s, {summary['samples']} samples",
     ]
-    rows = [["joint", "smallest", "largest", "peak speed", "peak acceleration"]]
-    for name, row in summary.get("joints", {}).items():
-        keys = ("smallest", "largest", "peak_speed", "peak_acceleration")
-        rows.append([name, *(number(row[key]) for key in keys)])
-    lines.append(table(rows))
-    points = [["point", "path length", "peak speed", "peak acceleration"]]
-    for name, row in summary.get("points", {}).items():
-        points.append(
-            [name, *(number(row[key]) for key in ("path_length", "peak_speed", "peak_acceleration"))]
-        )
-    if len(points) > 1:
-        lines.append(table(points))
+    for word, key, figures in (("joint", "joints", JOINT_FIGURES), ("point", "points", POINT_FIGURES)):
+        if found := summary.get(key):
+            lines.append(table(list(zip([word, *found], *figure_columns(list(found.values()), figures)))))
     lines += mobility_lines(summary)
     ratio = summary.get("singular_ratio")
     if ratio:

@@ -131,7 +131,7 @@ def _changes(path: Path, overrides: Sequence[str], state: Sequence[str]) -> list
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary for the terminal."""
     freedoms = summary["freedoms"]
-    inputs, outputs = (", ".join(x["name"] for x in summary[key]) or "none" for key in ("inputs", "outputs"))
+    inputs, outputs = (", ".join(x["name"] for x in summary[key]) or "none" for key in ("inputs", "measured"))
     lines = [
         f"{summary['title']}",
         f"  linear model       {ABOUT[summary['about']]}; {freedoms} degree{'s' if freedoms != 1 else ''} of freedom",

@@ -46,12 +46,14 @@ def command(
 ) -> int:
     """Write one page for a browser with stored results; return the exit code."""
     from robodyn_cli.report.page.page import write_page
+    from robodyn_cli.results.summary import as_keys
+    from robodyn_cli.summaries.checks import PageReport
 
     console = Console(as_json, quiet)
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
         size = write_page(shown(results, not no_plan), file)
-    console.data({"status": "ok", "file": str(file), "results": len(results), "size": size})
+    console.data(as_keys(PageReport("ok", str(file), len(results), size)))
     console.say(f"{file}  ({size / 1024:.0f} KiB; it needs no network)")
     return 0
 

@@ -55,7 +55,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines = [summary["title"], f"  sensitivities      of {summary['of']}, {summary['seconds']:.3g} s"]
     reasons: dict[str, list[str]] = {}
     for name, found in summary["sensitivities"].items():
-        lines += ["", _head(name, summary["outputs"][name])]
+        lines += ["", _head(name, summary["nominal"][name])]
         rows = [["key", "value", "derivative", "+-", "unit", "normalised", "method"]]
         for key, slope in found.items():
             value = shown(summary["keys"][key]["value"])

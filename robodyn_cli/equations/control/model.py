@@ -25,7 +25,7 @@ from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.model import BASE, Model
-from robodyn_cli.model.places import with_own_places
+from robodyn_cli.model.places import free_places, place_is_in, with_free, with_own_places
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, vector, zeros
@@ -90,11 +90,13 @@ def model_scene(scene: Scene) -> Scene:
             "outputs.signals=null",
             *(f"{name}={value}" for name, value in given.items()),
         ]
+        # numbers that are asked to be no structure stay so, but for those that the model has of its own
+        own = {place for place in free_places(scene) if not any(place_is_in(place, name) for name in given)}
         try:
             scene = load_scene_text(scene.text, scene.path, settings)
         except SceneError as error:
             raise SceneError(f"{scene.path}: {SET}: {error.message}", file=scene.path, key=SET) from error
-        scene = with_own_places(scene, tuple(given), SET)
+        scene = with_own_places(with_free(scene, own), tuple(given), SET)
     return dataclasses.replace(scene, control=None, torques={}, prescribed=prescribed, trajectory=None)
 
 

@@ -114,7 +114,7 @@ def _motion(asked: Translation, other: PeerEngine) -> list[ComparedQuantity]:
     found = simulate(scene)
     ours, t = np.column_stack([found["q"], found["qd"]]), found["time"].ravel()
     fine, coarse = (_integrated(asked, other, t, ours[0], rtol) for rtol in RTOL)
-    nq, estimate = asked.model.nq, found.summary["error_estimate"]
+    nq, estimate = asked.model.nq, found.summary["error_estimate"] or {}
     compared = []
     for quantity, columns, names in (
         ("q", slice(0, nq), asked.model.q_names),

@@ -20,6 +20,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.keys import leaf_of
 
 Rows = NDArray[np.int64]
 Own = TypeVar("Own", bound=Built)
@@ -184,11 +185,11 @@ def number_of(summary: Mapping[str, Any], key: str) -> float:
 
 
 def error_of(summary: Mapping[str, Any], key: str) -> float:
-    """Return the estimated error of a number of a summary, where the summary tells one."""
-    beside = lookup_number(summary, f"{key}_error")
-    if beside is None and key.startswith(("final.q.", "final.qd.")):
-        beside = lookup_number(summary, f"error_estimate.{key.split('.')[1]}_end")
-    return math.nan if beside is None else beside
+    """Return the estimated error of a number of a summary, the largest of those that its declaration names; nan where
+    the summary tells none."""
+    leaf = leaf_of(summary["command"], key) if summary else None
+    errors = (number_of(summary, error) for error in leaf.errors) if leaf is not None else ()
+    return max((x for x in errors if not math.isnan(x)), default=math.nan)
 
 
 class Making:

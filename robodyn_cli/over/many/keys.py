@@ -17,6 +17,7 @@ from robodyn_cli.model.places import with_places
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.units import named_place, written_number
 from robodyn_cli.spatial.algebra import Array
 
 NUMBER, START, OPTION, STRUCTURE = "number", "start", "option", "structure"
@@ -32,7 +33,8 @@ CORNERS = 6  # keys of one element whose extremes are checked together; more: ru
 class Key:
     """A key that varies, and what it is.
 
-    place : of its number in the scene, the column of a start, or the name of an option. special : values that are
+    place : of its number in the scene, the column of a start, the name of an option, or of structure the key with
+    names of items. special : values that are
     structure, because a key that is zero, or what it is by default, leaves terms out. element : checked together.
     """
 
@@ -43,7 +45,8 @@ class Key:
 
     @property
     def element(self) -> str:
-        return self.name.rpartition(".")[0]
+        named = self.place if self.sort in (NUMBER, STRUCTURE) else self.name
+        return named.rpartition(".")[0]
 
 
 def setting(key: str, value: float) -> str:
@@ -77,17 +80,25 @@ def understand(family: Family, name: str) -> Key:
         assert refused is not None
         raise refused
     if len(found) == 1:  # whole numbers, or a narrow range
-        return Key(name, STRUCTURE)
-    return _sort(name, found)
+        return _structure(family, name)
+    return _sort(name, found) or _structure(family, name)
+
+
+def _structure(family: Family, name: str) -> Key:
+    return Key(name, STRUCTURE, named_place(family.root, name))
 
 
 def value_of(family: Family, name: str) -> float | None:
     """Return the number that a key has in the scene as it stands, in SI units; None where it has none.
 
+    Of ``KEY#n`` it is the number as it is written.
+
     Raises
     ------
     SceneError : the scene has no such key, or it takes no numbers.
     """
+    if (written := written_number(family.root, name)) is not None:
+        return written.value
     refused: SceneError | None = None
     for value in TRIED:
         try:
@@ -104,11 +115,12 @@ def value_of(family: Family, name: str) -> float | None:
     raise refused
 
 
-def _sort(name: str, found: Sequence[tuple[float, Scene]]) -> Key:
+def _sort(name: str, found: Sequence[tuple[float, Scene]]) -> Key | None:
+    """Return what a key is, from two values of it; None of structure."""
     (x, one), (y, two) = found
     changes = list(_differences(with_places(one), with_places(two), (), None))
     if len(changes) != 1 or (changes[0].one, changes[0].two) != (x, y):
-        return Key(name, STRUCTURE)
+        return None
     change = changes[0]
     if isinstance(change.one, Fixed) and change.one.op == "literal":
         special = (0.0,) if change.default is None else (0.0, change.default)
@@ -117,7 +129,7 @@ def _sort(name: str, found: Sequence[tuple[float, Scene]]) -> Key:
         return Key(name, START, ".".join(change.path[1:]))
     if change.path[0] == "simulate" and change.path[-1] in OPTIONS:
         return Key(name, OPTION, change.path[-1])
-    return Key(name, STRUCTURE)
+    return None
 
 
 @record
@@ -152,6 +164,8 @@ def _parts(x: Any) -> list[tuple[str, Any, Any]] | None:
     """Return the parts of a value, (name, part, default); None where it has none."""
     if isinstance(x, FormulaTree) and isinstance(x.root, Num):
         return [("", x.root.number, None)]
+    if isinstance(x, FormulaTree):
+        return [("", x.root, None)]
     if dataclasses.is_dataclass(x):
         return [
             (f.name, getattr(x, f.name), f.default) for f in dataclasses.fields(x) if f.name not in UNREAD

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 from robodyn_cli.commands import STUDIED
-from robodyn_cli.errors import SceneError, did_you_mean
+from robodyn_cli.errors import SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places, with_free
@@ -16,8 +16,9 @@ from robodyn_cli.over.study.study import run_nominal, units_of_keys
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.nodes import Scalar, located
+from robodyn_cli.scene.text.numbers import counted
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.units import in_joint, node_at, refuse_doubles, unit_of
+from robodyn_cli.scene.units import in_joint, named_place, node_at, refuse_doubles, unit_of
 
 NEARBY = 1e-3  # part of a key's value by which it is changed to see whether the scene takes other numbers
 
@@ -48,7 +49,7 @@ class AskedSlopes:
     @property
     def freed(self) -> frozenset[str]:
         """Places of the keys that may be numbers of the equations."""
-        return frozenset(key.place or key.name for key in self.keys if key.sort in (NUMBER, STRUCTURE))
+        return frozenset(key.place for key in self.keys if key.sort in (NUMBER, STRUCTURE))
 
     @property
     def outputs(self) -> list[float]:
@@ -63,15 +64,13 @@ class AskedSlopes:
         return found
 
     def changed(self, numbers: Iterable[int], part: float) -> Scene:
-        """Return the scene with some keys, by number, changed by a part of their values; numbers of formulas stay."""
+        """Return the scene with some keys, by number, changed by a part of their values."""
         values = {self.task.keys[k]: self.values[k] + part * (abs(self.values[k]) or 1.0) for k in numbers}
-        settable = {name: value for name, value in values.items() if "#" not in name}
-        return self._free(self.task.family.scene(settings(list(settable), settable.values())))
+        return self._free(self.task.family.scene(settings(list(values), values.values())))
 
     def places(self, numbers: Iterable[int]) -> list[str]:
         """Return the places of some keys, empty of keys that are no numbers of the equations."""
-        found = [self.keys[k].place or self.keys[k].name for k in numbers]
-        return [place if place in self.placed else "" for place in found]
+        return [place if (place := self.keys[k].place) in self.placed else "" for k in numbers]
 
     @cached_property
     def placed(self) -> dict[str, float]:
@@ -98,9 +97,8 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
         raise SceneError(
             f"{family.path}: no key is named that varies; give --to KEY, e.g. robot.links.NAME.mass"
         )
-    refuse_doubles(family.root, [key for key in to if "#" not in key], "--to")
-    placed = numbers_at_places(scene)
-    found = [_of_formula(name, placed) if "#" in name else _of_key(family, name) for name in to]
+    refuse_doubles(family.root, to, "--to")
+    found = [_of_key(family, name) for name in to]
     task = Task(family, scene.command, tuple(to), tuple(dict.fromkeys(of)))
     nominal = run_nominal(task, "--of")
     for reason in nominal.reasons.values():
@@ -123,20 +121,9 @@ def _unit(family: Family, key: Key, model: Model) -> str:
             (model.q_names, model.q_units, "") if group == "q" else (model.v_names, model.v_units, "/s")
         )
         return units[names.index(column)] + rate
-    if "#" in key.name:
-        return ""
-    scene = family.own
-    named = ".".join(_joint_names(scene, key.name.split(".")))
+    scene, named = family.own, named_place(family.root, key.name)
     driven = scene.control.joints if scene.control is not None and named.startswith("control.") else ()
     return in_joint(unit_of(family.root, key.name), named, dict(zip(model.v_names, model.v_units)), driven)
-
-
-def _joint_names(scene: Scene, steps: Sequence[str]) -> list[str]:
-    """Return the steps of a key with joints by name."""
-    found = list(steps)
-    if found[:2] == ["robot", "joints"] and len(found) > 2 and found[2].isdecimal():
-        found[2] = scene.robot.joints[int(found[2])].name
-    return found
 
 
 def _of_key(family: Family, name: str) -> tuple[Key, float]:
@@ -154,33 +141,13 @@ def _of_key(family: Family, name: str) -> tuple[Key, float]:
             return key, value
     except SceneError as error:
         refused = error
-    if refused is not None and (
-        node is None or (isinstance(node, Scalar) and isinstance(node.value, (int, float)))
-    ):
+    is_number = counted(name)[1] or (isinstance(node, Scalar) and isinstance(node.value, (int, float)))
+    if refused is not None and (node is None or is_number):
         # the key does not exist, or takes whole numbers alone; told without the value that it was tried with
         head, _, rest = refused.message.partition(": ")
         text = rest if head.startswith("--set ") else refused.message
         raise SceneError(f"--to {name}: {text}", **refused.details) from refused
-    text = (
-        "the scene has no number there; allowed: a key with a number, or KEY#n, the n-th number of a formula"
-    )
+    text = "the scene has no number there; allowed: a key with a number, or KEY#n, its n-th number"
     if node is None:
         raise SceneError(f"{family.path}: --to {name}: {text}", file=family.path, key=name)
     raise located(node, name, text)
-
-
-def _of_formula(name: str, placed: dict[str, float]) -> tuple[Key, float]:
-    """Return a number of a formula: KEY#n, counted from 1.
-
-    Raises
-    ------
-    SceneError
-    """
-    if name not in placed:
-        known = [place for place in placed if "#" in place]
-        raise SceneError(
-            f"--to {name}: no formula has such a number{did_you_mean(name, known)}; allowed: "
-            + (", ".join(known) if known else "none, since the scene has no formulas with numbers"),
-            key=name,
-        )
-    return Key(name, NUMBER, name), placed[name]

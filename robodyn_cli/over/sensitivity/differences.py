@@ -67,19 +67,14 @@ NARROWER = 4.0  # from one change to the next
 LEVELS = 5
 ROUNDING = 2e-16  # of an output, which no run tells
 SIDES = (1.0, -1.0)
-IN_FORMULA = "a number of a formula varies in exact derivatives only; make it one of `parameters`"
 
 
 def differences(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
     """Return the derivatives of all outputs by some keys, which are named by their numbers."""
-    in_formulas = [k for k in keys if "#" in asked.task.keys[k]]  # no option sets them
-    found = {
-        k: [Slope(math.nan, math.nan, DIFFERENCES, IN_FORMULA)] * len(asked.outputs) for k in in_formulas
-    }
-    others = [k for k in keys if k not in in_formulas]
+    found: dict[int, list[Slope]] = {}
     # keys that may move times keep runs out of compiled code
     for moves in (False, True):
-        if some := [k for k in others if times_vary([asked.keys[k]]) == moves]:
+        if some := [k for k in keys if times_vary([asked.keys[k]]) == moves]:
             found.update(_together(asked, some, jobs))
     return found
 

@@ -44,6 +44,7 @@ from robodyn_cli.tools.progress import Stopwatch
 Programs = Sequence[Program]
 Found = dict[str, list[Slope]]  # by output, a derivative for each key
 FOLLOWS = 1e-2  # part of a small change of a number by which its derivatives may miss it
+CANCELLED = 1e-14  # of the largest change of any number
 ROUNDING = 1e-11  # of numbers that are computed, far below NEARBY
 NEARBY = 1e-6  # part of a key's value, by which another scene differs whose equations are compared
 
@@ -78,7 +79,7 @@ def _obstacle(asked: AskedSlopes, key: Key) -> str:
     """Return why a key has no exact derivatives; nothing where it may have them."""
     if key.name.partition(".")[0] in COMMANDS[asked.task.command].given:
         return ""
-    if key.sort in (NUMBER, STRUCTURE) and (key.place or key.name) not in asked.placed:
+    if key.sort in (NUMBER, STRUCTURE) and key.place not in asked.placed:
         return "the key is part of the code (structure), not a number that it reads"
     return ""
 
@@ -99,16 +100,15 @@ def refuse_structure(asked: AskedSlopes, numbers: Sequence[int], own: Programs, 
             "the key is structure: an axis, an attitude, or what decides which terms there are"
         )
     by_keys = ByKeys({place: k for k, place in enumerate(asked.places(numbers)) if place})
-    names = asked.task.keys  # of which no option sets a number of a formula, which stays
-    steps = [0.0 if "#" in names[k] else NEARBY * (abs(asked.values[k]) or 1.0) for k in numbers]
-    pairs = zip(
-        (x for program in own for x in program.numbers), (y for program in other for y in program.numbers)
-    )
+    steps = [NEARBY * (abs(asked.values[k]) or 1.0) for k in numbers]
+    pairs = [(x, y) for one, two in zip(own, other) for x, y in zip(one.numbers, two.numbers)]
+    # what sums that cancel leave, where all that they are of is proportional to a key that is zero
+    nothing = CANCELLED * max((abs(float(y) - float(x)) for x, y in pairs), default=0.0)
     for x, y in pairs:
         slopes: Mapping[int, Any] = by_keys(x)
         expected = math.fsum(float(slope) * steps[k] for k, slope in slopes.items())
         found, size = float(y) - float(x), abs(float(x)) + abs(float(y))
-        if abs(found - expected) > FOLLOWS * max(abs(found), abs(expected)) + ROUNDING * size:
+        if abs(found - expected) > FOLLOWS * max(abs(found), abs(expected)) + ROUNDING * size + nothing:
             raise CapabilityError(
                 "numbers of the equations follow from the key in a way that has no derivative"
             )
@@ -145,6 +145,8 @@ def simulate(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     if scene.initial.source is not None:
         raise CapabilityError("the run goes on from a stored one")
     motion = build_motion(integrable(scene))
+    if motion.problem.model.switched:
+        raise CapabilityError("payloads are gripped or released on the way")
     other = build_motion(integrable(asked.changed(numbers, NEARBY)))
     refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
     slopes = MotionSlopes(
@@ -253,11 +255,9 @@ def report(found: Sensitivities, seconds: float) -> Result:
     task = asked.task
     result = Result("sensitivity", asked.scene.title or task.command, "ok", asked.scene.text)
     key_units = tuple(unit or "1" for unit in asked.units)
-    labelled = {"dims": ("key",), "names": task.keys}
     result.add(
-        "keys/value", asked.values, units=unit_text(key_units), long_name="value of each key",
-        column_units=key_units, **labelled,
-    )  # fmt: skip
+        "keys/value", asked.values, units=unit_text(key_units), column_units=key_units, names=task.keys
+    )
     for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes)):
         units = tuple(quotient(asked.output_units[k], unit) for unit in asked.units)
         value = asked.outputs[k]
@@ -270,12 +270,12 @@ def report(found: Sensitivities, seconds: float) -> Result:
         for group, (meaning, own) in MEANINGS.items():
             result.add(
                 f"{group}/{name}", columns[group], long_name=meaning.format(name),
-                units="1" if own else unit_text(units), column_units=() if own else units, **labelled,
+                units="1" if own else unit_text(units), column_units=() if own else units, names=task.keys,
             )  # fmt: skip
     result.summarise(
         SensitivitySummary(
             of=task.command,
-            outputs={
+            nominal={
                 name: NominalNumber(y, unit, None if math.isnan(error) else error)
                 for name, y, unit, error in zip(task.outputs, asked.outputs, asked.output_units, asked.errors)
             },

@@ -110,14 +110,7 @@ def add_errors(result: Result, verdicts: Sequence[Verdict], methods: Sequence[st
         for t in v.trials:
             if t.relative is not None:
                 row[methods.index(t.method)] = t.relative
-    result.add(
-        "suite/relative_error",
-        table,
-        units="1",
-        dims=("case", "method"),
-        names=tuple(methods),
-        long_name="largest error over the range of its quantity; cases in the order of summary.cases",
-    )
+    result.add("suite/relative_error", table, names=tuple(methods))
 
 
 def run_case(case: Case, quick: bool) -> Verdict:

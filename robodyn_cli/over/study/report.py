@@ -264,16 +264,17 @@ def _store(study: Study, first: int, rows: NDArray[Any], writer: ResultWriter) -
     """Add a block of rows to the result file."""
     values = study.design.rows(first, first + len(rows))
     for k, key in enumerate(study.design.keys):
-        writer.append(f"inputs/{key}", values[:, k], units=study.units[key] or "1", dims=("run",),
-                      long_name=f"value of {key}")  # fmt: skip
+        writer.append(
+            f"inputs/{key}", values[:, k], units=study.units[key] or "1", long_name=f"value of {key}"
+        )
     for k, key in enumerate(study.task.outputs):
         unit = study.output_units[key]
-        writer.append(f"outputs/{key}", rows["outputs"][:, k], units=unit, dims=("run",), long_name=key)
-        writer.append(f"errors/{key}", rows["errors"][:, k], units=unit, dims=("run",),
-                      long_name=f"estimated error of {key}")  # fmt: skip
-    writer.append("runs/exit_code", rows["code"], units="1", dims=("run",), long_name="exit code of each run")
-    writer.append("runs/holds", rows["holds"], units="1", dims=("run",),
-                  long_name="1 where all that the scene expects holds")  # fmt: skip
+        writer.append(f"outputs/{key}", rows["outputs"][:, k], units=unit, long_name=key)
+        writer.append(
+            f"errors/{key}", rows["errors"][:, k], units=unit, long_name=f"estimated error of {key}"
+        )
+    writer.append("runs/exit_code", rows["code"])
+    writer.append("runs/holds", rows["holds"])
 
 
 class StudyFindings:

@@ -30,6 +30,7 @@ from robodyn_cli.over.work_precision.error_growth import Sensitivity, motion_at,
 from robodyn_cli.over.work_precision.lock_precision import judge_lock, lock_reference, locks
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.record import record
+from robodyn_cli.results.catalogue import TIMED
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Baumgarte, Ready, Scene
 from robodyn_cli.spatial.algebra import Array
@@ -319,7 +320,6 @@ def add_runs(result: Result, entries: Sequence[TimedRun], measure: Measure) -> N
     names += ["lock_time"] if lock else []
     table = np.array([values_of(entry, names) for entry in entries])
     result.add(
-        "work_precision/runs", table.reshape(len(entries), len(names)),
-        units="1, s, s, s, s, 1, 1, s" if lock else "1, s, rad or m, s, s, 1, 1",
-        long_name="runs in the order of summary.runs", dims=("run", "quantity"), names=tuple(names),
+        "work_precision/runs", table.reshape(len(entries), len(names)), names=tuple(names),
+        column_units=tuple("s" if lock and name == "error" else TIMED[name] for name in names),
     )  # fmt: skip

@@ -144,9 +144,9 @@ def flat_axis(points: Array) -> int | None:
     A mechanism that turns about other axes only by chance (a pendulum of a ball joint swinging in a plane) counts as
     planar: that is how it is seen best. z comes first, then y.
     """
-    if not np.isfinite(points).all(axis=(1, 2)).any():
-        return None
     points = points[np.isfinite(points).all(axis=(1, 2))]
+    if not points.size:
+        return None
     for axis in (2, 1, 0):
         others = [k for k in range(3) if k != axis]
         size = float(np.ptp(points[:, :, others].reshape(-1, 2), axis=0).max(initial=0.0))

@@ -22,6 +22,7 @@ from robodyn_cli.report.style import number, styled
 from robodyn_cli.results.atomic import written
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.checks import MovieReport
 
 COLOURS = 127  # what is left of 256 lets Pillow mark what has not changed
 STEP = 16  # levels by which colours of the palette differ
@@ -138,7 +139,6 @@ def _mp4(frames: Frames, path: Path) -> None:
 
 WRITERS: dict[str, Callable[[Frames, Path], None]] = {".gif": _gif, ".webp": _webp, ".mp4": _mp4}
 
-
 STILLS = 6
 ACROSS, ACROSS_WIDE = 3, 2  # stills side by side, and of drawings that are wide
 WIDE = 1.6  # width over height from which on a drawing is wide
@@ -181,7 +181,7 @@ KINDS = (".gif", ".mp4", ".webp", ".png")
 
 def animate(
     result: Result, target: Path, speed: float | None = None, fps: float = FPS, follow: str | None = None
-) -> dict[str, Any]:
+) -> MovieReport:
     """Write a movie of a result, or a strip of stills as PNG; return what it shows.
 
     Parameters
@@ -211,12 +211,14 @@ def animate(
     plan = plan_movie(result, speed, fps, suffix == ".gif")
     with styled():
         write_movie(Frames(result, plan, follow), target)
-    return {"file": str(target), "frames": plan.frames, "held": plan.held, "fps": plan.fps, "speed": plan.speed,
-            "duration": plan.frames / plan.fps, "size": target.stat().st_size}  # fmt: skip
+    return MovieReport(
+        "ok", str(target), target.stat().st_size, frames=plan.frames, held=plan.held, fps=plan.fps,
+        speed=plan.speed, duration=plan.frames / plan.fps,
+    )  # fmt: skip
 
 
-def _strip(result: Result, target: Path, follow: str | None) -> dict[str, Any]:
+def _strip(result: Result, target: Path, follow: str | None) -> MovieReport:
     with styled():
         figure = draw_strip(result, follow)
         save(figure, target)
-    return {"file": str(target), "stills": len(figure.axes), "size": target.stat().st_size}
+    return MovieReport("ok", str(target), target.stat().st_size, stills=len(figure.axes))

@@ -17,7 +17,7 @@ from matplotlib.transforms import Bbox
 from robodyn_cli.record import record
 from robodyn_cli.report.canvas import below_heading, decisive_text, print_figure
 from robodyn_cli.report.drawing.build import has_poses
-from robodyn_cli.report.figures import notes
+from robodyn_cli.report.figures import notes, shown_units
 from robodyn_cli.report.page import tables
 from robodyn_cli.report.page.charts import Store, captions, chart_data, is_thinned
 from robodyn_cli.report.page.motion import motion_data
@@ -63,7 +63,7 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
         tables.main_figures(result),
         _plots(result, store, moving),
         element("h3", "Summary"),
-        element("div", tables.summary_tables(result.summary), class_="tables"),
+        element("div", tables.summary_tables(result.summary, shown_units(result)), class_="tables"),
     ]
     if shown.plan is not None:
         parts += [element("h3", "Plan"), tables.plan_tables(shown.plan)]

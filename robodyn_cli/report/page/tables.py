@@ -8,14 +8,16 @@ from __future__ import annotations
 import html
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+from robodyn_cli.record import record
 from robodyn_cli.report import figures
 from robodyn_cli.report.style import number, unit
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
 
+UnitOfKey = Callable[[str], str]
 VOID = ("input", "meta", "img", "br")
 
 
@@ -85,8 +87,33 @@ SHOWN = {
 APART = ("status", "command", "title", "definitions", "outputs", "scene_file", "run_id")
 
 
+@record
+class Quantity:
+    """A number of a summary, or a list of them, with its unit."""
+
+    value: Any
+    unit: str
+
+
+def with_units(value: Any, unit_of: UnitOfKey, key: str = "") -> Any:
+    """Return a value of a summary with its numbers as quantities; those that have no unit stay as they are."""
+    if isinstance(value, Mapping):
+        return {
+            name: with_units(item, unit_of, f"{key}.{name}" if key else name) for name, item in value.items()
+        }
+    if isinstance(value, list | tuple) and any(isinstance(item, Mapping | list | tuple) for item in value):
+        return [with_units(item, unit_of, f"{key}.{k}") for k, item in enumerate(value)]
+    first = value[0] if isinstance(value, list | tuple) and value else value
+    if isinstance(first, bool) or not isinstance(first, int | float):
+        return value
+    symbol = unit_of(f"{key}.0" if first is not value else key)
+    return Quantity(value, symbol) if symbol else value
+
+
 def written(value: Any) -> str:
     """Return a value as it stands in a cell: numbers with six digits, lists with commas."""
+    if isinstance(value, Quantity):
+        return f"{written(value.value)} {unit(value.unit)}"
     if isinstance(value, bool):
         return "yes" if value else "no"
     if value is None:
@@ -104,9 +131,8 @@ def written(value: Any) -> str:
 
 
 def named(key: str) -> str:
-    """Return a key in words, with the seconds that some end with as a unit."""
-    words = key.replace("_", " ")
-    return f"{words[:-2]} [s]" if words.endswith(" s") else words
+    """Return a key in words, without the unit that some end with."""
+    return key.removesuffix("_s").replace("_", " ")
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | None = None) -> Html:
@@ -121,7 +147,8 @@ def table(head: Sequence[str], rows: Sequence[Sequence[Any]], caption: str | Non
 
 def _cell(value: Any, aligned: bool) -> Html:
     """Return a cell; numbers of columns that are to be compared are ``aligned`` to the right."""
-    plain = isinstance(value, int | float) and not isinstance(value, bool)
+    inner = value.value if isinstance(value, Quantity) else value
+    plain = isinstance(inner, int | float) and not isinstance(inner, bool)
     return element("td", written(value), class_="number" if plain and aligned else None)
 
 
@@ -131,11 +158,14 @@ def main_figures(result: Result) -> Html | None:
     return element("div", element("h3", "Main figures"), found) if found else None
 
 
-def summary_tables(summary: Mapping[str, Any]) -> list[Html]:
-    """Return the tables of a summary: its plain entries first, then one for each entry that holds several."""
+def summary_tables(summary: Mapping[str, Any], unit_of: UnitOfKey) -> list[Html]:
+    """Return the tables of a summary: its plain entries first, then one for each entry that holds several.
+
+    unit_of : the unit of a key, empty where there is none to show.
+    """
     definitions = summary.get("definitions")
     meaning = definitions if isinstance(definitions, Mapping) else {}
-    facts = {key: value for key, value in summary.items() if key not in APART}
+    facts = with_units({key: value for key, value in summary.items() if key not in APART}, unit_of)
     found = _entry_tables(facts, is_open=True)
     if meaning:
         rows = [(named(key), text) for key, text in meaning.items()]

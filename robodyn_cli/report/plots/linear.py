@@ -141,7 +141,7 @@ def frequency_response(result: Result) -> Any:
 
 def _label(result: Result, curve: ResponseCurve) -> str:
     """Return the name of a response with its unit, and its instant along a motion."""
-    y, u = result.summary["outputs"][curve.output], result.summary["inputs"][curve.input]
+    y, u = result.summary["measured"][curve.output], result.summary["inputs"][curve.input]
     below = f"({u['unit']})" if " " in u["unit"] else u["unit"]
     when = f" at {number(result['linear/instant'][curve.instant])} s" if "linear/instant" in result else ""
     return f"{y['name']} over {u['name']} [{y['unit']}/{below}]{when}"

@@ -260,7 +260,7 @@ def _axes(result: Result, view: View) -> list[Stroke]:
     """Return the axes of the links' frames."""
     strokes = []
     for frame in result.summary["frames"].values():
-        p, R = frame["position"], frame["rotation"]
+        p, R = (np.array(frame[key]) for key in ("position", "rotation"))
         ends = np.stack([p, *(p + LENGTH * view.pt * R[:, k] for k in range(3))])
         places = view.project(ends, 0)[:, :2]
         strokes += [Stroke(places[[0, k + 1]], AXIS_COLOURS[k], 1.6) for k in range(3)]

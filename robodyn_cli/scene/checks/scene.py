@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
@@ -28,6 +28,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
+    from robodyn_cli.loops.base import LoopClosure
     from robodyn_cli.summaries.keys import Names
 
 
@@ -299,16 +300,17 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
+    names = key_names(scene) if scene.expect or scene.study.of else {}
     asked = [(key, expected.numeric, "expect") for key, expected in scene.expect.items()]
     for key, number, section in [*asked, *((key, True, "study") for key in scene.study.of)]:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
-        if not leaves or (leaves[0].names and not any(leaf.fits(key_names(scene)) for leaf in leaves)):
+        if not leaves or (leaves[0].names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
 
             with check:
-                message = refusal(commands[0], key, key_names(scene), number)
+                message = refusal(commands[0], key, names, number)
                 check.fail(key_place(check.root, section, key), message, at_key=section == "expect")
 
 
@@ -316,9 +318,40 @@ def key_names(scene: Scene) -> Names:
     """Return the names that keys of summaries of a scene may have in them, by kind."""
     rates = columns(scene.robot, velocities=True)
     joints = (joint.name for joint in scene.robot.joints)
+    led = () if scene.trajectory is None else scene.trajectory.places
     return {
         "JOINT": tuple(dict.fromkeys((*columns(scene.robot), *rates, *joints))),
         "LOOP": (*(x.name for x in (*scene.loops, *scene.couplers)), "latch"),
         "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
         "PAYLOAD": tuple(payload.name for payload in scene.payloads),
+        "POINT": (*scene.robot.points, *led, *(scene.kinematics.transmission or ())),
+        "ROW": _row_names(scene),
     }
+
+
+def _row_names(scene: Scene) -> tuple[str, ...]:
+    """Return the names that rows of closures, couplers and prescribed joints may have; in the plane some vanish."""
+    closures = list(scene.loops)
+    if scene.deploy.latch is not None:
+        from robodyn_cli.loops.pairs import FixedLoop
+
+        closures.append(FixedLoop(name="latch", type="fixed", between=("", "")))
+    rows = _rows_of(closures) if closures else ()
+    moved = {name.partition(".")[0] for name in scene.prescribed}
+    prescribed = (
+        f"prescribed.{name}{axis}" for name in moved for axis in ("", ".x", ".y", ".z", ".wx", ".wy", ".wz")
+    )
+    return (*rows, *(f"{coupler.name}.coupling" for coupler in scene.couplers), *prescribed)
+
+
+def _rows_of(closures: Sequence[LoopClosure]) -> tuple[str, ...]:
+    """Return the names of the rows of closures, as they are between any two frames."""
+    from robodyn_cli.loops.base import LoopFrame
+    from robodyn_cli.spatial.algebra import identity, zeros
+
+    none = zeros(3)
+    ends = [
+        LoopFrame(p, identity(), zeros(3, 1), zeros(3, 1), none, none, none, [0.0])
+        for p in (none, none + 1.0)
+    ]
+    return tuple(row.name for loop in closures for row in loop.rows(*ends))

@@ -1,15 +1,20 @@
-"""``--set key.path=value``: replace or remove values in the tree before it is read; ``+=`` appends to a list."""
+"""``--set key.path=value``: replace or remove values in the tree before it is read; ``+=`` appends to a list.
+
+``KEY#n=value`` replaces the n-th number that is written at or below a key (see ``numbers``).
+"""
 
 from __future__ import annotations
 
 from robodyn_cli.errors import SceneError, did_you_mean, shown
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import Includer, child_kind, concrete
+from robodyn_cli.scene.text.numbers import below, counted, number_at, why_none, with_leaf
 from robodyn_cli.scene.text.yaml_text import compose
 from robodyn_cli.schema.fields import Kind, ListOf, Section
 
 HELP = (
-    "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, or list+=item"
+    "allowed: key.path=value, list items by index or by name, as in robot.joints.theta1.a=0.5, key.path#n=value for "
+    "the n-th number that is written there, or list+=item"
 )
 
 
@@ -19,7 +24,7 @@ def apply(root: nodes.Node, kind: Kind, override: str, directory: str, includer:
     Parameters
     ----------
     root, kind : the tree and what it is.
-    override : ``key.path=value``, or ``key.path+=value`` for lists; the value is YAML 1.2.
+    override : ``key.path=value``, ``key.path#n=value``, or ``key.path+=value`` for lists; the value is YAML 1.2.
     directory : where relative paths in the value start.
     includer : loads the files that the path leads through.
     """
@@ -29,22 +34,37 @@ def apply(root: nodes.Node, kind: Kind, override: str, directory: str, includer:
     place = nodes.Scalar(source, 1, 1, "", None)
     key, sign, text = override.partition("=")
     appends, key = key.endswith("+"), key.removesuffix("+")
-    steps = key.strip().split(".")
+    key, n = counted(key.strip())
+    steps = key.split(".")
     if not sign:
         raise nodes.located(place, "", f"has no '='; {HELP}")
     if not all(step.strip() == step and step for step in steps):
         raise nodes.located(place, "", f"{shown(key)} is not a path of keys; {HELP}")
     if not text.strip():
-        raise nodes.located(
-            place, key.strip(), "has no value; write null to remove a key, '\"\"' for an empty text"
-        )
+        raise nodes.located(place, key, "has no value; write null to remove a key, '\"\"' for an empty text")
     value = compose(text.strip(), source, includer.faults, tuple(steps), empty=True)
-    return _Setter(place, value, includer, appends).set(root, kind, steps, ())
+    if n and (appends or not _is_number(value)):
+        raise nodes.located(
+            place,
+            f"{key}#{n}",
+            f"is a number of the scene (value {nodes.describe_node(value)}); allowed: a number",
+        )
+    return _Setter(place, value, includer, appends, n).set(root, kind, steps, ())
+
+
+def _is_number(value: nodes.Node) -> bool:
+    """Tell whether a value may stand in the place of a number: it is one, or a text such as ``pi/2``."""
+    return isinstance(value, nodes.Scalar) and not isinstance(value.value, (bool, type(None)))
 
 
 class _Setter:
-    def __init__(self, place: nodes.Scalar, value: nodes.Node, includer: Includer, appends: bool) -> None:
+    """Puts a value into a tree; ``n`` : it replaces the n-th number there, 0: all that is there."""
+
+    def __init__(
+        self, place: nodes.Scalar, value: nodes.Node, includer: Includer, appends: bool, n: int
+    ) -> None:
         self.place = place
+        self.n = n
         self.value = value
         self.includer = includer
         self.appends = appends
@@ -53,6 +73,8 @@ class _Setter:
     def set(self, node: nodes.Node, kind: Kind | None, steps: list[str], done: nodes.Path) -> nodes.Node:
         """Return ``node`` with the value at ``steps`` below it replaced."""
         if not steps:
+            if self.n:
+                return self.counted(node, kind, done)
             return self.appended(node, kind, done) if self.appends else self.value
         if kind is not None:
             node = self.includer.here(kind, node, done)
@@ -63,26 +85,50 @@ class _Setter:
             items = list(node.items)
             if self.removes and not rest:
                 return nodes.sequence(node, items[:index] + items[index + 1 :])
-            items[index] = self.set(items[index], child_kind(kind, step), rest, (*done, index))
+            items[index] = self.set(items[index], below(kind, step), rest, (*done, index))
             return nodes.sequence(node, items)
         if isinstance(node, nodes.Mapping):
             key = node.key(step) or nodes.Scalar(self.place.source, 1, 1, step, step)
-            below = child_kind(kind, step)
+            inner = child_kind(kind, step)
             old = node.get(step)
+            if old is None and self.n:
+                raise self.missing(node, kind, step, done)
             # the reader refuses a key that the schema does not know
-            known = old is not None or below is not None or not isinstance(kind, Section)
+            known = old is not None or inner is not None or not isinstance(kind, Section)
             if self.removes and not rest and known:
                 return self.without(node, kind, step, done)
             if old is None or (isinstance(old, nodes.Scalar) and old.value is None and rest):
-                if rest and isinstance(below, ListOf):
+                if rest and isinstance(inner, ListOf):
                     raise self.error((*done, step), "is empty, so it has no items; set the whole list")
                 # the reader refuses unknown keys and names this option
                 old = nodes.mapping(self.place, [])
-            new = self.set(old, below, rest, (*done, step))
+            new = self.set(old, inner, rest, (*done, step))
             # an absent key needs no removal
             return node if new is old else node.replaced(key, new)
         what = f"is {nodes.describe_node(node)}" if done else f"the scene is {nodes.describe_node(node)}"
         raise self.error(done, f"{what}, so it has no key {shown(step)}")
+
+    def missing(self, node: nodes.Mapping, kind: Kind | None, step: str, done: nodes.Path) -> SceneError:
+        """Return the error of a key whose numbers are counted, and which the scene does not write."""
+        if isinstance(kind, Section) and child_kind(kind, step) is not None:
+            return self.error((*done, step), f"is not written in the scene, so there is no #{self.n}")
+        names = [key.text for key, _ in node.entries]
+        return self.error(
+            done, f"has no key {shown(step)}{did_you_mean(step, names)}; allowed: {', '.join(names)}"
+        )
+
+    def counted(self, node: nodes.Node, kind: Kind | None, done: nodes.Path) -> nodes.Node:
+        """Return a value with its n-th number replaced."""
+        if kind is not None:
+            node = self.includer.whole(kind, node, done)
+        written = number_at(node, kind, self.n)
+        if written is None:
+            raise self.error(done, why_none(node, kind, self.n))
+        assert isinstance(self.value, nodes.Scalar)
+        if not written.inside:
+            return with_leaf(node, written.path, self.value)
+        text = written.replaced(self.value.text)
+        return with_leaf(node, written.path, nodes.Scalar(self.place.source, 1, 1, text, text))
 
     def appended(self, node: nodes.Node, kind: Kind | None, done: nodes.Path) -> nodes.Node:
         """Return a list with the value behind its items; a list that is not there has none."""

@@ -153,7 +153,8 @@ def failure_of_motion(done: Deployment) -> RobodynError | None:
     """Return why there is no lock to speak of: the loops lose rank first, or the integration could not go on."""
     if done.end.bifurcated:
         return bifurcation_error(done.motion, done.found)
-    return done.found.stopped if done.end.time is None else None
+    stopped = done.found.stopped if done.end.time is None else None
+    return stopped or done.recorder.not_finite
 
 
 def _estimate(done: Deployment, watch: Stopwatch) -> Deployment:

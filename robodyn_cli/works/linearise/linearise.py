@@ -14,7 +14,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.evaluation import refuse_result
-from robodyn_cli.observe.units import add_motion
+from robodyn_cli.observe.units import JointColumns, add_motion
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -175,17 +175,12 @@ def add_matrices(result: Result, systems: Systems) -> None:
         result.add(
             f"linear/{name}", matrix if along else matrix[0], names=tuple(s.name for s in signals),
             units=f"{row}, over that of the column", column_units=tuple(f"{row}, per {s.unit}" for s in signals),
-            dims=(*(("time",) if along else ()), rows, across), long_name=f"{name} of the linear system",
+            dims=(*(("time",) if along else ()), rows, across),
         )  # fmt: skip
     poles, errors = poles_along(linear)
-    for name, part, what in (
-        ("real", poles.real, "real parts of the poles"), ("imaginary", poles.imag, "imaginary parts of the poles"),
-        ("error", errors, "how far rounding may move the poles"),
-    ):  # fmt: skip
-        result.add(
-            f"linear/poles_{name}", part if along else part[0], units="1/s",
-            dims=(*(("time",) if along else ()), "pole"), long_name=what,
-        )  # fmt: skip
+    for name, part in (("real", poles.real), ("imaginary", poles.imag), ("error", errors)):
+        dims = ("time", "pole") if along else ("pole",)
+        result.add(f"linear/poles_{name}", part if along else part[0], dims=dims)
 
 
 def add_responses(result: Result, systems: Systems, samples: Sequence[int], modes: Sequence[Mode]) -> None:
@@ -195,30 +190,24 @@ def add_responses(result: Result, systems: Systems, samples: Sequence[int], mode
         return
     w = frequencies_for(modes)
     found = np.array([response(linear.A[k], linear.B[k], systems.C[k], systems.D[k], w) for k in samples])
-    result.add("linear/frequency", w, units="rad/s", dims=("frequency",), long_name="angular frequency")
+    result.add("linear/frequency", w)
     if along:
-        result.add(
-            "linear/instant", given.states.times[list(samples)], units="s", dims=("instant",),
-            long_name="instants of the frequency responses",
-        )  # fmt: skip
+        result.add("linear/instant", given.states.times[list(samples)])
     inputs = input_signals(given.problem.model, given.inputs)
     for name, part in (("real", found.real), ("imaginary", found.imag)):
         result.add(
             f"linear/response_{name}", part if along else part[0], names=tuple(s.name for s in inputs),
             units=f"{OF_ROW}, over that of the column", column_units=tuple(f"{OF_ROW}, per {s.unit}" for s in inputs),
             dims=(*(("instant",) if along else ()), "frequency", "output", "input"),
-            long_name=f"{name} part of outputs over inputs",
         )  # fmt: skip
 
 
 def add_poses(result: Result, given: Nominal, modes: Sequence[Mode]) -> None:
     """Store the poses on both sides of each mode."""
     if modes:
-        result.add(
-            "modes/q", np.array([_swung(given, mode) for mode in modes]), units="rad or m",
-            dims=("mode", "side", "position"), names=given.problem.model.q_names,
-            long_name="poses in which a mode is drawn, loops closed",
-        )  # fmt: skip
+        model = given.problem.model
+        columns = JointColumns(model.q_names, model.q_units, ("mode", "side", "position"))
+        result.add("modes/q", np.array([_swung(given, mode) for mode in modes]), **columns.described())
 
 
 def _swung(given: Nominal, mode: Mode) -> list[Array]:
@@ -355,7 +344,7 @@ def _summary(
         largest_acceleration=acceleration if one else ABSENT,
         states=state_signals(model, given.places),
         inputs=input_signals(model, given.inputs),
-        outputs=outputs,
+        measured=outputs,
         stability=stability_of(modes[0]) if one else ABSENT,
         modes=modes[0] if one else ABSENT,
         growth=ABSENT if one else LargestGrowth(float(growth[k]), float(states.times[k])),

@@ -214,5 +214,4 @@ def _add_tables(result: Result, search: DriveSearch) -> None:
         motor, gear = np.indices(one.costs.shape)
         margins = search.margins(name)
         columns = (motor, gear, one.costs, one.masses, np.where(one.usable, margins, np.nan))
-        units = ("1", "1", "1", "kg", "1")
-        result.add(f"candidates/{name}", np.column_stack([x.ravel() for x in columns]), column_units=units)
+        result.add(f"candidates/{name}", np.column_stack([x.ravel() for x in columns]))

@@ -1,0 +1,75 @@
+"""Why a scene of features that are right each for themselves may be refused: the whole list, as the docs print it."""
+
+from __future__ import annotations
+
+import re
+
+# words of the message -> the reason
+REASONS: dict[str, str] = {
+    # what a joint, a gear and a drive fit
+    r"is fixed: it takes no|joint '\w+' is fixed; allowed": "a fixed joint has no forces, limits or drives",
+    r"acts on one coordinate, and this joint turns or moves|holds single coordinates at rest|has no forwards|is floating: it takes no|is spherical: it takes no":
+        "limits, stops, gears, motors and sticking act on a coordinate, which balls and free bodies have none of",
+    r"allowed: joints with one coordinate": "motors drive joints with one coordinate",
+    r"this gear moves a slide|this gear turns|needs a gear that moves a slide": "a gear fits its joint: a screw moves a slide",
+    r"say what its drive says too|says what its drive says too": "a drive stands for the gear and the rotor of its joint",
+    r"gear losses together with|losses of gears depend on|takes gears without":
+        "losses of gears: with rotors, prescribed motions and `fastest` paths in `inverse` alone, never in `linearise`",
+    # motions
+    r"'trajectory' is missing": "`inverse` needs a motion",
+    r"nothing moves: kinematics needs|nothing moves, and no time passes": "`kinematics` needs a motion, and a path a way",
+    r"only `simulate` leaves others to the forces": "`inverse` and `kinematics` need the motion of all joints",
+    r"and the trajectory leads \d+; lead \d+": "in a mechanism a motion leads as many joints as there are degrees of freedom",
+    r"the motion asked for cannot be met|cannot reach its target|cannot reach the pose": "paths and poses are in reach",
+    r"beyond the joint's (upper|lower) limit|beyond its stop|beyond its rigid stop|starts at .* beyond":
+        "way points and starts are within limits and stops",
+    r"no limits along a path": "`fastest` takes joints of one axis, or slides",
+    r"forces that depend on time": "`fastest` and functions of a model take forces that do not depend on time",
+    r"of 'a' is prescribed, so|is prescribed, so its torque is a result|is prescribed; sweep another":
+        "a prescribed joint has no torque of its own, and is not swept",
+    r"so 'prescribed' .* is not allowed there": "functions of torques take all motion from their input",
+    r"is not in 'actuated'": "what is driven is in `actuated`",
+    r"initial rates contradict the constraints|contradicts prescribed": "positions and rates of the start agree with loops and prescribed motions",
+    r"singular configuration|singular pose": "a singular pose is no start, and no way",
+    # loops and couplers
+    r"the loops? .*cannot close|gap of .* remains": "loops close",
+    r"closes loops; this scene has none|deploy needs a mechanism with closed loops": "what closes or locks needs loops or a latch",
+    r"its actuated joints \(.*\) command|the driven joints \(.*\) command|needs as many driven joints as degrees":
+        "in a mechanism as many independent joints are driven as there are degrees of freedom",
+    r"degrees of freedom left by loops": "no more joints stick than there are freedoms",
+    # payloads
+    r"which is gripped or released, does not go with": "payloads do not come and go beside rigid stops, sticking and `singular: pass`",
+    r"does not follow masses that are gripped or released|'fastest' chooses the times|payload.*'singular: pass'|payloads that come":
+        "payloads come and go in `inverse` and `simulate` alone, not in `fastest` or beside `singular: pass`",
+    r"the motion is given in 'inverse'": "`inverse` grips and releases payloads at times, not where something happens",
+    # controllers
+    r"'deploy' follows a mechanism until it locks, without a controller|statics knows no controller|without a controller":
+        "`deploy`, `statics` and `singular: pass` have no controller",
+    r"needs a function: simulate": "`control: python` is for Python",
+    r"drives every joint; |allowed: a list of names, at least|drives no joint|has an attitude, which|and 'law' differ|"
+    r"which the controller drives|unknown joint 'f":
+        "a law drives the joints that it needs: all of them, one at least, joints of axes",
+    r"control.reference: unknown key|leads joints; allowed: a path of a point":
+        "`lqr` has no reference, and `task_pd` the path of a point",
+    r"cannot be stabilised|the pose is no equilibrium|so the pose does not stay": "`lqr` needs a pose that it can hold",
+    # methods
+    r"a symplectic partitioned method needs": "`verlet` and `symplectic*`: accelerations of positions and time alone",
+    r"it keeps a history of steps|a joint has friction with 'law: set_valued' or a rigid stop|velocities that are not rates":
+        "`bdf` and `generalized_alpha` keep what sampled controllers, impacts and attitudes break",
+    r"whose steps are all as long as": "a fixed step has no `max_step`",
+    r"rows of the loops depend on each other": "`generalized_alpha` needs independent rows of loops",
+    r"do not follow joints that stick|independent coordinates do not go with joints that stick":
+        "chosen gains, and independent coordinates, do not go with joints that stick or meet rigid stops",
+    # poses and what else is asked
+    r"'reach' is missing": "`reach` needs a pose",
+    r"no balance found in": "`statics` finds no balance where nothing can balance",
+    r"has friction that sticks, and is at rest": "`linearise` takes no joint at rest that sticks",
+    r"nothing can move: the loops and prescribed joints": "`linearise` needs something that can move",
+    r"criterion away_from_limits needs joints with": "criteria about limits need joints with limits",
+    r"has no branch|branch '\w+'": "branches have names where the arm has a closed form",
+}  # fmt: skip
+
+
+def reason_of(message: str) -> str | None:
+    """Return the stated reason of a message that refuses a scene."""
+    return next((reason for words, reason in REASONS.items() if re.search(words, message)), None)
