@@ -108,11 +108,11 @@ class JointRange:
         "largest magnitude of the rate", RATE, errors=(".errors.peak_speed",), column="peak speed"
     )
     peak_acceleration: float = fact(
-<<<<<<< HEAD
         "largest magnitude of the acceleration",
         ACCELERATION, errors=(".errors.peak_acceleration",), column="peak acceleration",
     )  # fmt: skip
     errors: RangeErrors = fact("errors of these figures")
+    units: dict[str, str] = fact("units of this joint", names=("position", "speed", "acceleration"))
 
 
 @record
@@ -122,11 +122,6 @@ class PathErrors:
     path_length: float = fact("of the length", "m")
     peak_speed: float = fact("of the largest speed", "m/s")
     peak_acceleration: float = fact("of the largest acceleration", "m/s^2")
-=======
-        "largest magnitude of the acceleration", ACCELERATION, column="peak acceleration"
-    )
-    units: dict[str, str] = fact("units of this joint", names=("position", "speed", "acceleration"))
->>>>>>> main
 
 
 @record

@@ -213,13 +213,10 @@ def summarise(
 
 def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRange]:
     found, positions = {}, result.variables["q"].names
-<<<<<<< HEAD
     q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
     low, high = (extreme(result.time, q, breaks) for extreme in (smallest, largest))
     speed, acceleration = (largest_magnitude(result.time, x, breaks) for x in (qd, qdd))
-=======
     rates = units_of(result.variables["qd"])
->>>>>>> main
     for k, name in enumerate(result.variables["qd"].names):
         unit = rates[k].removesuffix("/s")
         # quasi-velocities are the rates of no position
@@ -231,19 +228,12 @@ def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRan
             peak_acceleration=float(acceleration.error[k]),
         )
         found[name] = JointRange(
-<<<<<<< HEAD
             smallest=None if at is None else float(low.value[at]),
             largest=None if at is None else float(high.value[at]),
             peak_speed=float(speed.value[k]),
             peak_acceleration=float(acceleration.value[k]),
             errors=errors,
-=======
-            smallest=None if q is None else float(q.min()),
-            largest=None if q is None else float(q.max()),
-            peak_speed=float(np.abs(result["qd"][:, k]).max()),
-            peak_acceleration=float(np.abs(result["qdd"][:, k]).max()),
             units={"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"},
->>>>>>> main
         )
     return found
 
