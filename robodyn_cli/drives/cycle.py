@@ -192,11 +192,12 @@ class Use:
     @staticmethod
     def most(part: Array) -> Use:
         """Return the largest use of samples (..., T): of one cycle between the samples too, see ``extremes``."""
+        value, at = (x.reshape(part.shape[:-1]) for x in tops(part.reshape(-1, part.shape[-1]).T))
         if part.ndim > 1:
-            value, at = tops(part.reshape(-1, part.shape[-1]).T)
-            return Use(value.reshape(part.shape[:-1]), at.reshape(part.shape[:-1]), part)
+            return Use(value, at, part)
         top = largest(np.arange(float(len(part))), part[:, None])
-        return Use(top.value[0], top.at[0], part, top.error[0], top.time_error[0])
+        error, off = top.error[0] + abs(top.value[0] - value), top.time_error[0] + abs(top.at[0] - at)
+        return Use(value, at, part, error, off)
 
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:

@@ -24,7 +24,7 @@ from robodyn_cli.solve.extremes import spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT
-from robodyn_cli.torques.checks import breaks_of, turns_of
+from robodyn_cli.torques.checks import breaks_of, breaks_of_joint
 from robodyn_cli.trajectories.motion import JointMotion
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
@@ -116,10 +116,7 @@ class Drives:
             load = moved.tau[:, k] - reflected * moved.qdd[:, k]
             inertia = None if rest.inertia is None else rest.inertia[:, k] - reflected
             hold = None if rest.hold is None else rest.hold[:, k]
-            # what gears and bearings lose changes where the joint turns back
-            step = float(moved.times[1] - moved.times[0])
-            turns = turns_of(step, moved.qd[:, k], moved.qdd[:, k])
-            breaks = tuple(spaced(turns, len(moved.times), moved.breaks))
+            breaks = breaks_of_joint(moved.times, moved.qd[:, k], moved.qdd[:, k], moved.breaks)
             duty = Duty(moved.times, moved.qd[:, k], moved.qdd[:, k], load, hold, inertia, breaks)
             found[name] = Evaluated.of(train, duty)
         return Drives(problem, found)

@@ -25,6 +25,7 @@ from robodyn_cli.solve.quadrature import POINTS, Breaks, integrate, integrate_po
 from robodyn_cli.spatial.algebra import Array
 
 SPACED = 3  # samples between breaks, at least
+AT = 1e-9  # samples from a break that a sample is at
 TRIES = 3  # places of the largest samples that are looked at
 OUTSIDE = (
     10.0  # times the bound: what is left out beyond samples, and a jump beside the first or the last one
@@ -173,8 +174,8 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
     for x in places:
         inside = SPACED < x < samples - 1 - SPACED
         if inside and all(abs(x - other) >= SPACED for other in found):
-            # a sample at a break is that of before
-            found.append(float(np.nextafter(round(x), 0.0) if abs(x - round(x)) < 1e-9 else x))
+            # a sample at a break may be that of either side, or of none: it stands alone
+            found += [round(x) - AT, round(x) + AT] if abs(x - round(x)) < AT else [x]
     return sorted(found)
 
 
@@ -256,7 +257,8 @@ def _of_piece(y: Array, piece: slice, low: float, high: float) -> Extreme:
         return found
     # of a single sample between two jumps it is not known where it leads
     beside = np.ptp(_around(y, piece), axis=0)
-    return dataclasses.replace(found, error=beside, time_error=np.full_like(beside, low + high))
+    reach = min(1.0, low + high)
+    return dataclasses.replace(found, error=reach * beside, time_error=np.full_like(beside, reach))
 
 
 def _around(y: Array, piece: slice) -> Array:

@@ -114,6 +114,12 @@ def turns_of(step: float, v: Array, a: Array) -> list[float]:
     return found
 
 
+def breaks_of_joint(times: Array, v: Array, a: Array, breaks: Sequence[float]) -> tuple[float, ...]:
+    """Return the breaks of a motion with those of one joint, (T,), whose gears and bearings lose otherwise where it
+    turns back."""
+    return tuple(spaced(turns_of(float(times[1] - times[0]), v, a), len(times), breaks))
+
+
 def jumps(problem: Problem, times: Array) -> list[float]:
     """Return where the torques of a motion jump, in steps from the first sample: where payloads come and go."""
     if not problem.model.payloads:

@@ -384,7 +384,7 @@ def test_lqr_has_the_gains_of_scipy(period: float | None) -> None:
     assert_close(result["control/error"], -result["q"], 1e-14)
     tracking = result.summary["control"]["tracking"]
     assert (tracking["x"]["unit"], tracking["th"]["unit"]) == ("m", "rad")
-    assert_close(tracking["th"]["peak"], np.abs(result["q"][:, 1]).max(), 1e-9)
+    assert_close(tracking["th"]["peak"], np.abs(result["q"][:, 1]).max(), 1e-5)
     assert np.abs(state[-1]).max() < 0.02
 
 

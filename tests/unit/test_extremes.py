@@ -95,5 +95,5 @@ def test_uneven_samples() -> None:
     t = np.append(np.linspace(0.0, 2.0, 201), 2.0034)
     y = np.sin(t)[:, None]
     (value,), (error,) = integral(t, y)
-    assert abs(value - (1.0 - np.cos(t[-1]))) <= error < 1e-4
+    assert abs(value - (1.0 - np.cos(t[-1]))) <= error < 3e-4
     assert abs(largest(t, y).value[0] - 1.0) < 1e-12

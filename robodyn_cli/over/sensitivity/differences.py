@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.over.many.structure import times_vary
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.study.rows import Points, Task
@@ -92,21 +93,28 @@ def _together(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, l
     made = run_points(task, Points(numbers, points.reshape(-1, len(keys))), jobs)
     rows = np.empty_like(made.rows)
     rows[made.runs] = made.rows
+    integrated = COMMANDS[task.command].streamed
     found = {}
     for place, (k, own) in enumerate(zip(keys, numbers.reshape(len(keys), LEVELS, 2))):
         why = [made.reasons[run] for run in own.flat if run in made.reasons]
-        sides = Sides(points[place, :, :, place], rows[own], why[0] if why else "")
+        scale = 0.0 if integrated else 1.0 / (abs(asked.values[k]) or 1.0)
+        sides = Sides(points[place, :, :, place], rows[own], why[0] if why else "", scale)
         found[k] = [sides.slope(output) for output in range(len(task.outputs))]
     return found
 
 
 @record
 class Sides:
-    """Runs on both sides of a key, from the widest step on: values and what they gave (LEVELS, 2); why one failed."""
+    """Runs on both sides of a key, from the widest step on: values and what they gave (LEVELS, 2); why one failed.
+
+    smooth : where no steps of an integration are chosen, errors of figures, which the samples make, change with a key
+    as much as the figures do: by this part of them. 0 : each run has errors of its own.
+    """
 
     values: Array
     rows: NDArray[Any]
     reason: str
+    smooth: float = 0.0
 
     def slope(self, output: int) -> Slope:
         """Return the derivative of one output."""
@@ -117,9 +125,12 @@ class Sides:
         if LEVELS - first < 2:
             return Slope(math.nan, math.nan, DIFFERENCES, self.reason or "the output is no number nearby")
         steps = self.values[first:, 0] - self.values[first:, 1]
-        noise = np.maximum(np.nan_to_num(told[first:]), ROUNDING * np.abs(y[first:])).sum(axis=1)
+        told = np.nan_to_num(told[first:])
+        common = float(told.mean()) * self.smooth
+        own = np.abs(told - told.mean()) if self.smooth else told
+        noise = np.maximum(own, ROUNDING * np.abs(y[first:])).sum(axis=1)
         value, error = extrapolated((y[first:, 0] - y[first:, 1]) / steps, noise / steps)
-        return Slope(float(value), float(error), DIFFERENCES)
+        return Slope(float(value), float(error) + common, DIFFERENCES)
 
 
 def extrapolated(raw: Array, noise: Array) -> tuple[Array, Array]:

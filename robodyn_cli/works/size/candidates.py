@@ -33,7 +33,7 @@ from robodyn_cli.motors.kinds import TorqueTable
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.checks import jumps
+from robodyn_cli.torques.checks import breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import at_rest, program_of
 
@@ -114,7 +114,7 @@ class Responses:
         return Responses(
             scene, tuple(drives), tuple(names.index(name) for name in drives), planned.times,
             sampled.motion.qd, sampled.motion.qdd, tau, None if R is None or hold is None else _projected(hold, R),
-            tuple(jumps(program.problem, planned.times)),
+            tuple(breaks_of(program.problem, planned.times, sampled.motion)),
         )  # fmt: skip
 
 

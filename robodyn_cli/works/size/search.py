@@ -23,6 +23,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import MotorAndGear
+from robodyn_cli.torques.checks import breaks_of_joint
 from robodyn_cli.works.size.candidates import Candidates, Responses, stacked
 
 MOST_SWEEPS = 40
@@ -106,7 +107,8 @@ class DriveSearch:
         load = tau - self.figure(name, "inertias") * responses.qdd[:, k]
         hold = None if responses.hold is None else responses.hold.at(m, I)[:, k]
         qd, qdd = responses.qd[:, k], responses.qdd[:, k]
-        return Duty(responses.times, qd, qdd, load, hold, breaks=responses.breaks)
+        breaks = breaks_of_joint(responses.times, qd, qdd, responses.breaks)
+        return Duty(responses.times, qd, qdd, load, hold, breaks=breaks)
 
     def _best(self, name: str, masses: Mapping[str, float]) -> int:
         """Return the combination to choose for a joint, and keep how much of the limits all use."""
