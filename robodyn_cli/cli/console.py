@@ -17,6 +17,7 @@ from typing import Any, TextIO
 from robodyn_cli.cli import interrupts
 from robodyn_cli.errors import OutputError, RobodynError, no_linear_algebra, out_of_range
 from robodyn_cli.exit_codes import INTERNAL, INTERRUPTED
+from robodyn_cli.foreign import printable
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
 LONG_SECONDS = 10.0  # without a word, elsewhere
@@ -45,25 +46,25 @@ class Console:
     def say(self, text: str) -> None:
         """Print results for people."""
         if self.for_people:
-            _print(fitted(text, sys.stdout), sys.stdout)
+            _print(fitted(printable(text), sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
         self._noted = True
         if not self.quiet:
             self.clear()
-            _print(fitted(text, sys.stderr), sys.stderr)
+            _print(fitted(printable(text), sys.stderr), sys.stderr)
 
     def error(self, text: str) -> None:
         """Print an error, ``--quiet`` or not."""
         self.clear()
-        _print(fitted(f"robodyn: error: {text}", sys.stderr), sys.stderr)
+        _print(fitted(printable(f"robodyn: error: {text}"), sys.stderr), sys.stderr)
 
     def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
         if self.as_json:
             ascii_only = not _encodes(sys.stdout)
-            _print(json.dumps(report, ensure_ascii=ascii_only, indent=2), sys.stdout)
+            _print(printable(json.dumps(report, ensure_ascii=ascii_only, indent=2)), sys.stdout)
 
     def fail(self, error: RobodynError) -> int:
         """Report the error that ended the command; return its exit code."""
@@ -131,6 +132,7 @@ class Console:
 
     def _write_over(self, text: str) -> None:
         """Write a line over the one that is there."""
+        text = printable(text)
         self._width = max(self._width, len(text))
         sys.stderr.write("\r" + text.ljust(self._width))
         sys.stderr.flush()

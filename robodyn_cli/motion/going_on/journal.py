@@ -18,6 +18,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.foreign import opened
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors
@@ -66,7 +67,7 @@ class Journal:
         found = False
         if not self.path.exists():
             return False
-        with output_errors(self.path), open(self.path, "rb") as file:
+        with output_errors(self.path), opened(self.path) as file:
             head = _line(file)
             if head is not None and head != self._head:
                 raise SceneError(
@@ -96,7 +97,7 @@ class Journal:
     def blocks(self) -> Iterator[JournalBlock]:
         """Yield the blocks that were taken over."""
         if self.taken:
-            with open(self.path, "rb") as file:
+            with opened(self.path) as file:
                 _line(file)
                 for block in _blocks(file):
                     yield block

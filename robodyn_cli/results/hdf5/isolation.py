@@ -28,6 +28,9 @@ def survive(action: Callable[[], object], seconds: float) -> None:
         try:
             # its last output is no message for the user
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            # where this process is killed nobody else ends that one
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(int(seconds) + 2)
             action()
         finally:
             os._exit(0)
