@@ -1,4 +1,4 @@
-"""Files and texts of others: what is opened, what a terminal or a spreadsheet is shown of them, which files they name."""
+"""Files and texts of others: what is opened, what terminals and spreadsheets are shown of them, what files they name."""
 
 from __future__ import annotations
 
