@@ -1,4 +1,4 @@
-"""Files and texts of others: what is opened, what terminals and spreadsheets are shown of them, what files they name."""
+"""Files and texts of others: what is opened, what terminals and spreadsheets are shown, which files names stand for."""
 
 from __future__ import annotations
 
