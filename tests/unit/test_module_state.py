@@ -28,7 +28,7 @@ WRITERS = {
     "results/hdf5/isolation.py: survive": "the child only reads with h5py, which holds its own lock across a fork",
     "tools/stopwatch.py: Stopwatch.listen": "main thread of the command line",
     "over/study/cluster.py: _code_of": "behind a lock",
-    "over/study/runs.py: _begin": "of a worker process, before its first run",
+    "over/study/runs.py: _serve": "of a worker process, before its first run",
     "over/study/samples.py: Sobol.rows": "main thread of the command `sweep`",
     "over/study/statistics.py: sobol": "main thread of the command `sweep`",
 }
