@@ -7,6 +7,7 @@ import dataclasses
 import multiprocessing
 import os
 import signal
+import sys
 import threading
 import time
 from collections import deque
@@ -216,7 +217,7 @@ def _workers(task: Task, jobs: int) -> Iterator[list[Any]]:
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
     """Hold interrupts back in the block; processes that begin in it never get any."""
-    if not hasattr(signal, "pthread_sigmask"):
+    if sys.platform == "win32":
         yield
         return
     before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])

@@ -182,8 +182,11 @@ def _refuse_document_type(*declared: Any) -> None:
 
 def _nodes(node: Any, known: dict[int, int]) -> int:
     """Return how many nodes stand below one, each as often as it is an instance there."""
+    from collada.scene import Node, NodeNode
+
     if id(node) not in known:
-        known[id(node)] = 1 + sum(_nodes(child, known) for child in getattr(node, "children", ()))
+        below = node.children if isinstance(node, (Node, NodeNode)) else ()
+        known[id(node)] = 1 + sum(_nodes(child, known) for child in below)
     return known[id(node)]
 
 
