@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import gc
 import time
-import timeit
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +16,7 @@ from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.scene.load import examine, load_description, load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.urdf.elements import mesh_file
-from robodyn_cli.scene.urdf.xml import joint_names, link_names
+from robodyn_cli.scene.urdf.xml import joint_names, link_names, scene_names
 
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'
 MASS = f'<inertial><origin xyz="0.2 0 0"/><mass value="1.5"/>{INERTIA}</inertial>'
@@ -352,28 +351,20 @@ def test_where_meshes_are_looked_for(tmp_path: Path) -> None:
 
 
 def test_many_names_are_looked_up_and_not_searched_for() -> None:
-    """Twenty times as many take no more than sixty times as long; searching takes four hundred times as long."""
-    from robodyn_cli.scene.urdf.xml import scene_names
-
-    def seconds(count: int) -> float:
-        names = ["é" * k for k in range(1, 40)] + [f"a{chr(0x4E00 + k)}" for k in range(count)]
-        return min(timeit.repeat(lambda: scene_names(names, ()), number=1, repeat=3))
-
-    assert seconds(20_000) < 60 * seconds(1000)
+    """Some 0.1 s; searching for each among those before it would take a minute."""
+    names = [f"a{chr(0x4E00 + k)}" for k in range(20_000)]
+    start = time.process_time()
+    assert len(set(scene_names(names, ()).values())) == len(names)
+    assert time.process_time() - start < 10.0
     assert list(scene_names(["a b", "a_b", "a.b", "a-b"], ()).values()) == ["a_b", "a_b_2", "a_b_3", "a_b_4"]
 
 
-def test_a_star_of_links_takes_time_in_proportion_and_few_words(tmp_path: Path) -> None:
-    def seconds(count: int) -> float:
-        file = tmp_path / "star.urdf"
-        parts = [
-            f'<link name="l{k}"/><joint name="j{k}" type="continuous"><parent link="b"/><child link="l{k}"/></joint>'
-            for k in range(count)
-        ]
-        file.write_text(f'<robot name="r"><link name="b"/>{"".join(parts)}</robot>')
-        start = time.process_time()
-        found, _ = load_description(file)
-        assert all(len(text) < 1000 for text in found.notes)
-        return time.process_time() - start
-
-    assert seconds(3000) < 12 * seconds(300) + 0.5
+def test_of_very_many_links_notes_name_the_first(tmp_path: Path) -> None:
+    file = tmp_path / "star.urdf"
+    parts = [
+        f'<link name="l{k}"/><joint name="j{k}" type="continuous"><parent link="b"/><child link="l{k}"/></joint>'
+        for k in range(300)
+    ]
+    file.write_text(f'<robot name="r"><link name="b"/>{"".join(parts)}</robot>')
+    (note,) = load_description(file)[0].notes
+    assert note.startswith("massless links: b, l0, l1,") and note.endswith("l98, ... (301 in all)")
