@@ -30,6 +30,7 @@ def worst(codes: Iterable[int]) -> int:
 
 
 LONGEST = 60  # characters of a value that a message quotes
+MOST_LISTED = 100  # names that a message lists
 
 
 class RobodynError(Exception):
@@ -143,6 +144,12 @@ def shown(value: Any) -> str:
     return f"{text[: LONGEST - 3]}...{text[-1] if isinstance(value, str) else ''}"
 
 
+def listed(names: Sequence[str]) -> str:
+    """Return names in a row; of very many the first."""
+    more = f", ... ({len(names)} in all)" if len(names) > MOST_LISTED else ""
+    return ", ".join(names[:MOST_LISTED]) + more
+
+
 def did_you_mean(word: str, options: Iterable[str]) -> str:
     """Return ``" (did you mean 'x'?)"`` for the option nearest to ``word``, or an empty text."""
     near = nearest_word(word, options)
@@ -152,7 +159,7 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
 def unknown_name(what: str, name: str, options: Iterable[str]) -> str:
     """Return the message about a name that there is not."""
     options = list(options)
-    allowed = ", ".join(options) if options else "none is defined"
+    allowed = listed(options) or "none is defined"
     return f"unknown {what} {shown(name)}{did_you_mean(name, options)}; allowed: {allowed}"
 
 

@@ -23,9 +23,10 @@ from robodyn_cli.errors import (
     no_linear_algebra,
     out_of_range,
 )
+from robodyn_cli.foreign import printable
 
 QUIET_SECONDS = 2.0  # without a word, on a terminal
-LONG_SECONDS = 10.0  # without a word, elsewhere
+LONG_SECONDS, LONGEST_SECONDS = 10.0, 60.0  # without a word, elsewhere: at first, and from then on
 # by what a line begins with; all else stays as it is
 COLOURS = {
     "ok": "32", "equal": "32",
@@ -45,31 +46,31 @@ class Console:
         self.for_people = not quiet and not as_json  # whether results are printed in words
         self._shown = 0.0
         self._width = 0
-        self._noted = False
+        self._reached = ""
         self._on_terminal = is_terminal(sys.stderr)
 
     def say(self, text: str) -> None:
         """Print results for people."""
         if self.for_people:
-            _print(fitted(text, sys.stdout), sys.stdout)
+            self.clear()
+            _print(fitted(printable(text), sys.stdout), sys.stdout)
 
     def note(self, text: str) -> None:
         """Print a message that is not a result."""
-        self._noted = True
         if not self.quiet:
             self.clear()
-            _print(fitted(text, sys.stderr), sys.stderr)
+            _print(fitted(printable(text), sys.stderr), sys.stderr)
 
     def error(self, text: str) -> None:
         """Print an error, ``--quiet`` or not."""
         self.clear()
-        _print(fitted(f"robodyn: error: {text}", sys.stderr), sys.stderr)
+        _print(fitted(printable(f"robodyn: error: {text}"), sys.stderr), sys.stderr)
 
     def data(self, report: Any) -> None:
         """Print JSON, where it was asked for."""
         if self.as_json:
             ascii_only = not _encodes(sys.stdout)
-            _print(json.dumps(report, ensure_ascii=ascii_only, indent=2), sys.stdout)
+            _print(printable(json.dumps(report, ensure_ascii=ascii_only, indent=2)), sys.stdout)
 
     def fail(self, error: RobodynError) -> int:
         """Report the error that ended the command; return its exit code."""
@@ -92,20 +93,22 @@ class Console:
     def waiting(self, doing: Callable[[], str]) -> Iterator[None]:
         """Say what is being done where it takes long, beside the progress of an integration.
 
-        On a terminal after 2 s, in a line that is written over; elsewhere once, after 10 s.
+        On a terminal after 2 s, in a line that is written over; elsewhere after 10 s and then once a minute.
         """
         ended = threading.Event()
 
         def tell() -> None:
             start = time.monotonic()
-            if self._on_terminal:
-                wait = QUIET_SECONDS
-                while not ended.wait(wait):
-                    wait = 0.5
-                    if (what := doing()) and time.monotonic() - self._shown > QUIET_SECONDS:
-                        self._write_over(f"{what} ... {time.monotonic() - start:.0f} s")
-            elif not ended.wait(LONG_SECONDS) and (what := doing()) and not self._noted:
-                self.note(f"robodyn: this takes a while: {what}")
+            wait = QUIET_SECONDS if self._on_terminal else LONG_SECONDS
+            while not ended.wait(wait):
+                wait = 0.5 if self._on_terminal else LONGEST_SECONDS
+                now, what = time.monotonic(), doing()
+                shown = now - self._shown <= QUIET_SECONDS
+                if not self._on_terminal:
+                    parts = [text for text in (what, self._reached if shown else "") if text]
+                    self.note(f"robodyn: after {now - start:.0f} s: {', '.join(parts) or 'still at it'}")
+                elif what and not shown:
+                    self._write_over(f"{what} ... {now - start:.0f} s")
 
         if not self.quiet:
             threading.Thread(target=tell, daemon=True).start()
@@ -116,27 +119,27 @@ class Console:
             self.clear()
 
     def progress(self, done: float, total: float) -> None:
-        """Show the progress of a long run if standard error is a terminal."""
-        now = time.monotonic()
-        if self.quiet or now - self._shown < 0.1 or not self._on_terminal:
-            return
-        self._shown = now
+        """Show the progress of a long run."""
         part = min(1.0, done / total) if total else 1.0
-        bar = "#" * round(30 * part)
         time_reached = f"  t = {done:.4g} of {total:.4g} s" if total else ""
-        self._write_over(f"[{bar:<30}] {100 * part:5.1f} %{time_reached}")
+        self._advance(part, f"{100 * part:5.1f} %{time_reached}")
 
     def count(self, done: int, total: int, left: float | None) -> None:
-        """Show how many runs are done, and the seconds left, if standard error is a terminal."""
+        """Show how many runs are done, and the seconds left."""
+        self._advance(done / total, f"{done} of {total} runs{'' if left is None else f', {left:.0f} s left'}")
+
+    def _advance(self, part: float, reached: str) -> None:
+        """Show on a terminal how far a run has come; elsewhere ``waiting`` tells it."""
         now = time.monotonic()
-        if self.quiet or now - self._shown < 0.1 or not self._on_terminal:
+        if self.quiet or now - self._shown < 0.1:
             return
-        self._shown = now
-        ready = "" if left is None else f", {left:.0f} s left"
-        self._write_over(f"[{'#' * round(30 * done / total):<30}] {done} of {total} runs{ready}")
+        self._shown, self._reached = now, reached.strip()
+        if self._on_terminal:
+            self._write_over(f"[{'#' * round(30 * part):<30}] {reached}")
 
     def _write_over(self, text: str) -> None:
         """Write a line over the one that is there."""
+        text = printable(text)
         self._width = max(self._width, len(text))
         sys.stderr.write("\r" + text.ljust(self._width))
         sys.stderr.flush()

@@ -55,7 +55,7 @@ def run_scene(job: SceneRun, console: Console, describe: Describe) -> int:
     from robodyn_cli.tools.progress import Stopwatch
 
     watch = Stopwatch()
-    with output(job.directory, job.scene, console) as directory:
+    with console.waiting(watch.doing), output(job.directory, job.scene, console) as directory:
         scene = _load(job, watch, console)
         with begun(directory, console), contextlib.ExitStack() as stack:
             writer = _writer(job, scene, directory, stack)
@@ -207,7 +207,7 @@ def _compute(
     failure: RobodynError | None = None
     watch.listen(console.note)
     try:
-        with console.waiting(watch.doing), placed(job.scene, job.overrides, job.command):
+        with placed(job.scene, job.overrides, job.command):
             own = {"journal": journal} if journal is not None else {}
             result = execute(job.command, scene, console.progress, watch, writer, **job.options, **own)
     except RobodynError as error:

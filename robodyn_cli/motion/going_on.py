@@ -25,6 +25,7 @@ import numpy as np
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import ResultFileError, SceneError
+from robodyn_cli.foreign import opened
 from robodyn_cli.formulations.system import System
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.motion import Beginning, Motion
@@ -76,7 +77,7 @@ class Journal:
         found = False
         if not self.path.exists():
             return False
-        with output_errors(self.path), open(self.path, "rb") as file:
+        with output_errors(self.path), opened(self.path) as file:
             head = _line(file)
             if head is not None and head != self._head:
                 raise SceneError(
@@ -106,7 +107,7 @@ class Journal:
     def blocks(self) -> Iterator[JournalBlock]:
         """Yield the blocks that were taken over."""
         if self.taken:
-            with open(self.path, "rb") as file:
+            with opened(self.path) as file:
                 _line(file)
                 for block in _blocks(file):
                     yield block

@@ -70,16 +70,16 @@ class Recorder:
         balance = data["energy/total"] - data.get("energy/work", 0.0)
         if self._start is None:
             self._start = float(balance[0])
-        # a number that is not finite stays one: ``max`` of Python would drop it
-        self.drift = float(np.maximum(self.drift, np.abs(balance - self._start).max()))
-        exchanged = (self.energy_scale, np.ptp(data["energy/potential"]), data["energy/kinetic"].max())
-        self.energy_scale = float(np.max(exchanged))
+        self.drift = _largest(self.drift, np.abs(balance - self._start))
+        self.energy_scale = _largest(
+            self.energy_scale, np.ptp(data["energy/potential"]), data["energy/kinetic"]
+        )
         if "constraints/position_residual" in data:
-            self.position_residual = max(
-                self.position_residual, float(np.abs(data["constraints/position_residual"]).max(initial=0.0))
+            self.position_residual = _largest(
+                self.position_residual, np.abs(data["constraints/position_residual"])
             )
-            self.velocity_residual = max(
-                self.velocity_residual, float(np.abs(data["constraints/velocity_residual"]).max(initial=0.0))
+            self.velocity_residual = _largest(
+                self.velocity_residual, np.abs(data["constraints/velocity_residual"])
             )
         if self.observer.reactions is not None:
             self._keep_largest_loads(self.observer.reactions.largest(t, data))
@@ -173,3 +173,8 @@ class Recorder:
         for path, blocks in self.blocks.items():
             data = blocks[0] if len(blocks) == 1 else np.concatenate(blocks)
             result.add(path, data, **self.described(path))
+
+
+def _largest(*values: Any) -> float:
+    """Return the largest number; NaN, which `max` passes over, where there is one."""
+    return float(np.max([np.max(x, initial=-np.inf) for x in values]))

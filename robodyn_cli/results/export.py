@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.foreign import file_stem, spreadsheet_cell
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors, write_bytes, written
 from robodyn_cli.results.result import Result, Variable, column_names, units_of
@@ -113,6 +114,7 @@ def _require(package: str) -> None:
 
 
 SAMPLES = "samples"  # name of the table of everything over time
+EVENTS = "events"  # of the CSV file of what happened
 MATLAB_NAME = 63  # characters of a name that MATLAB takes
 
 
@@ -152,10 +154,10 @@ def tables(result: Result) -> dict[str, list[ExportColumn]]:
     for path, variable in result.variables.items():
         if not variable.dims:
             continue
-        name = SAMPLES if variable.dims[0] == "time" else variable.dims[0]
+        name = SAMPLES if variable.dims[0] == "time" else file_stem(variable.dims[0])
         # one name may stand for dimensions of different lengths
         if lengths.setdefault(name, len(variable.data)) != len(variable.data):
-            name = f"{name}_{path.replace('/', '_')}"
+            name = file_stem(f"{name}_{path}")
             lengths[name] = len(variable.data)
         found.setdefault(name, []).extend(_columns(path, variable))
     return found
@@ -181,16 +183,17 @@ def _csv(result: Result, directory: Path) -> list[Path]:
     for name, columns in tables(result).items():
         text = io.StringIO()
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow([f"{column.label} [{column.units}]" for column in columns])
+        writer.writerow([spreadsheet_cell(f"{column.label} [{column.units}]") for column in columns])
         writer.writerows(map(repr, row) for row in np.column_stack([c.data for c in columns]).tolist())
-        paths.append(_write(directory / f"{name}.csv", text))
+        paths.append(_write(directory / f"{name}{'_' * (name == EVENTS)}.csv", text))
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(["time [s]", "name", "kind", "details"])
     for event in result.events:
         more = {key: value for key, value in event.items() if key not in ("time", "name", "kind")}
-        writer.writerow([repr(event["time"]), event.get("name", ""), event.get("kind", ""), json.dumps(more)])
-    return [*paths, _write(directory / "events.csv", text)]
+        labels = [spreadsheet_cell(event.get(key, "")) for key in ("name", "kind")]
+        writer.writerow([repr(event["time"]), *labels, json.dumps(more)])
+    return [*paths, _write(directory / f"{EVENTS}.csv", text)]
 
 
 def _write(path: Path, text: io.StringIO) -> Path:

@@ -11,6 +11,7 @@ from typing import Any
 
 from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
+from robodyn_cli.foreign import opened
 from robodyn_cli.results.atomic import (
     DirectoryLock,
     is_temporary,
@@ -186,9 +187,7 @@ class OutputDirectory:
 def is_ours(path: Path) -> bool:
     """Tell whether a file is a drawing that carries our mark."""
     try:
-        if not path.is_file():
-            return False
-        with open(path, "rb") as stream:
+        with opened(path) as stream:
             start = stream.read(_START)
             stream.seek(max(0, os.fstat(stream.fileno()).st_size - _END))
             end = stream.read(_END)

@@ -17,10 +17,12 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.foreign import contents
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.summaries.facts import ABSENT, key_of
 from robodyn_cli.version import __version__
 
+MOST_BYTES = 100_000_000  # of a summary
 # Keys of the contract come first and in this order; a command's own results follow in the order given.
 LEADING_KEYS = (
     "status",
@@ -97,8 +99,8 @@ def write_summary(summary: Mapping[str, Any], path: str | Path) -> None:
 def read_summary(path: str | Path) -> dict[str, Any]:
     """Return the summary stored at ``path``; an empty one if there is none, or another program wrote it."""
     try:
-        content = json.loads(Path(path).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content = json.loads(contents(path, MOST_BYTES))
+    except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
 

@@ -7,10 +7,12 @@ import os
 import re
 import struct
 import sys
+import time
 from pathlib import Path
 
 import pytest
 
+from robodyn_cli.cli import console
 from robodyn_cli.cli.console import fitted
 from robodyn_cli.cli.words import table
 from tests.cli.batch_scenes import arm
@@ -111,3 +113,30 @@ def test_no_line_is_wider_than_the_terminal(command: str, width: int, tmp_path: 
     words = [line for line in lines if " " in line.strip()]  # a path alone may be longer
     assert len(words) >= 2 and max(map(len, words)) <= width
     assert ("\x1b[31mfailed\x1b[0m" in shown) == (command == "run")
+
+
+def test_where_there_is_no_terminal_a_line_a_minute_tells_how_far_it_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(console, "LONG_SECONDS", 0.05)
+    monkeypatch.setattr(console, "LONGEST_SECONDS", 0.05)
+    shown = console.Console()
+    shown.note("robodyn: warning: something")
+    with shown.waiting(lambda: "integrate"):
+        for k in range(3):
+            shown.progress(k, 8)
+            time.sleep(0.12)
+    said = capsys.readouterr().err.splitlines()
+    assert said[1] == "robodyn: after 0 s: integrate, 0.0 %  t = 0 of 8 s" and len(said) >= 4
+    assert said[-1] == "robodyn: after 0 s: integrate, 25.0 %  t = 2 of 8 s"
+
+
+def test_what_a_terminal_would_obey_is_shown(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = console.Console(as_json=True)
+    shown.data({"title": "\x1b[2J\u202e"})
+    shown.note("\x1b]0;a\x07")
+    shown.error("\x9b31m")
+    console.Console().say("a\u202eb\nc")
+    out, err = capsys.readouterr()
+    assert out == '{\n  "title": "\\u001b[2J\\u202e"\n}\na\\u202eb\nc\n'
+    assert err == "\\u001b]0;a\\u0007\nrobodyn: error: \\u009b31m\n"

@@ -6,6 +6,7 @@ import ast
 import dataclasses
 import importlib
 import inspect
+import re
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -179,3 +180,14 @@ def test_another_table_would_be_found(code: str) -> None:
 )
 def test_texts_that_are_no_commands_are_left_alone(code: str) -> None:
     assert not list(decisions(code))
+
+
+def test_no_command_is_silent_for_long() -> None:
+    """Those that need no time are named."""
+    folder = ROOT / "robodyn_cli" / "cli" / "commands"
+    silent = {
+        path.stem
+        for path in folder.glob("[!_]*.py")
+        if not {"console.waiting(", "run_scene("} & set(re.findall(r"[\w.]+\(", path.read_text()))
+    }
+    assert silent == {"cache", "check", "new", "schema"}

@@ -28,7 +28,7 @@ WRITERS = {
     "results/hdf5/reader.py: survive": "the child only reads with h5py, which holds its own lock across a fork",
     "tools/progress.py: Stopwatch.listen": "main thread of the command line",
     "over/study/cluster.py: _code_of": "behind a lock",
-    "over/study/runs.py: _begin": "of a worker process, before its first run",
+    "over/study/runs.py: _serve": "of a worker process, before its first run",
     "over/study/design.py: Sobol.rows": "main thread of the command `sweep`",
     "over/study/report.py: sobol": "main thread of the command `sweep`",
 }

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli import assemble, inverse, kinematics, load_scene, load_scene_text, simulate, statics
+from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, load_scene_text, simulate, statics
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
@@ -214,3 +214,14 @@ class TestFormulasAtTheEdge:
     def test_time_before_the_start_does_not_count(self) -> None:
         result = simulate(load_scene_text(PLAIN, overrides=["torques={a: sqrt(t)}"]))
         assert result.status == "ok"
+
+
+@pytest.mark.parametrize("command", [deploy, simulate])
+@pytest.mark.parametrize(("value", "g"), [("mass=1.7976931348623157e+308", 0), ("com=[1.2, 1e300, 0]", 0.01)])
+def test_energies_that_overflow_are_no_drift_of_nothing(command: Any, value: str, g: float) -> None:
+    options = [f"gravity=[0, {-g}, 0]", "simulate.duration=0.3", "simulate.samples=31"]
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml", [*options, f"robot.links.crank.{value}"])
+    with pytest.raises(NumericalError, match="energy/kinetic is not finite") as caught:
+        command(scene)
+    assert isinstance(caught.value.result, Result)
+    assert np.isnan(caught.value.result.summary["energy_drift"])

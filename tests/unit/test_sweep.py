@@ -382,6 +382,28 @@ def test_a_study_grows_and_keeps_the_runs_that_are_there(
     assert sweep(*words, "-n", 9, "--set", "gravity.2=-1").exit_code == 0 and len(count) == 18
 
 
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs /proc to see the processes begin")
+@pytest.mark.parametrize("kind", ["SIGKILL", "SIGTERM", "SIGINT"])
+def test_processes_end_with_the_one_that_began_them_and_leave_no_word(
+    fall: Path, tmp_path: Path, kind: str
+) -> None:
+    command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
+               "-n", "5000", "--of", "energy_drift", "--out", str(tmp_path / "out"), "--jobs", "2", "--no-plots"]  # fmt: skip
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
+    wait_for(lambda: len(children.read_text().split()) >= 3)  # the tracker of the library and two of ours
+    if kind == "SIGINT":
+        os.killpg(process.pid, signal.SIGINT)  # as a terminal does
+    else:
+        process.send_signal(getattr(signal, kind))
+    _, err = process.communicate(timeout=30)  # until the last of them has closed its standard error
+    told = err.splitlines()
+    if kind == "SIGINT":
+        assert process.returncode == 130 and told[-1] == "robodyn: error: interrupted" and len(told) <= 2
+    else:
+        assert "semaphore" not in err and not (tmp_path / "out/result.h5").exists()
+
+
 def test_a_study_that_was_killed_goes_on_where_it_was(fall: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",

@@ -38,7 +38,8 @@ def command(
 
     console = Console(as_json, quiet)
     tidy_up_first()
-    files = export(read_stored(result), to, out)
+    with console.waiting(lambda: "exporting"):
+        files = export(read_stored(result), to, out)
     console.data({"status": "ok", "files": [str(path) for path in files]})
     console.say(f"{out}  ({', '.join(path.name for path in files)})")
     return 0

@@ -41,10 +41,11 @@ def command(
 
     console = Console(quiet=quiet)
     folders = _folders(packages or ())
-    found, scene = load_description(urdf, folders)
-    warn(scene, strict, console)
     path = robot or urdf.with_suffix(".yaml")
-    write_new(path, robot_yaml(found, str(path.parent)))
+    with console.waiting(lambda: f"reading {urdf}"):
+        found, scene = load_description(urdf, folders)
+        warn(scene, strict, console)
+        write_new(path, robot_yaml(found, str(path.parent)))
     moving = sum(joint.type != "fixed" for joint in scene.robot.joints)
     console.say(
         f"{path}: {len(scene.robot.links)} links, {moving} joints that move. In a scene: robot: {path.name}"

@@ -45,7 +45,8 @@ def command(
     from robodyn_cli.works.info import info
 
     console = Console(as_json, quiet)
-    with output(out or default_directory(scene, "info"), scene, console) as directory:
+    target = out or default_directory(scene, "info")
+    with console.waiting(lambda: "reading and drawing"), output(target, scene, console) as directory:
         result = info(scene, overrides or (), at or ())
         if not no_plots:
             with begun(directory, console):

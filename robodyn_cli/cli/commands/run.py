@@ -96,12 +96,13 @@ def command(
         load(entries, out, settings)
         widths = max(len(e.name) for e in entries), max(len(e.command or "-") for e in entries)
         worker = functools.partial(command_line, drawn, settings)
-        for entry in Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout).run():
-            if stored is not None:
-                stored.judge(entry)
-            if not update:
-                note(entry)
-            _tell(entry, widths, console)
+        with console.waiting(lambda: f"running {len(entries)} scenes"):
+            for entry in Batch(entries, jobs or cores(), worker, _ends(drawn), force, timeout).run():
+                if stored is not None:
+                    stored.judge(entry)
+                if not update:
+                    note(entry)
+                _tell(entry, widths, console)
         if stored is not None and update:
             replaced = stored.replace_old(entries)
             console.say(f"{baseline}: {len(replaced)} of {len(entries)} stored anew")

@@ -39,7 +39,7 @@ def command(
     console = shared.console
     target = shared.directory(scene, "sensitivity")
     start = time.perf_counter()
-    with output(target, scene, console) as directory:
+    with console.waiting(lambda: "deriving"), output(target, scene, console) as directory:
         asked = prepare(Family(scene, shared.overrides or ()), to or (), of or ())
         with begun(directory, console):
             found = sensitivities(asked, jobs or cores())

@@ -84,7 +84,7 @@ def command(
         family.own.study, vary=_variations(vary) if vary else None, n=n, sampler=sampler,
         seed=seed, of=tuple(of) if of else None, least_yield=least_yield,
     )  # fmt: skip
-    with output(target, scene, console) as directory:
+    with console.waiting(lambda: "a study"), output(target, scene, console) as directory:
         study = prepare(AskedStudy(family, options, indices))
         with begun(directory, console):
             maker = _maker(scheduler, jobs or cores(), console)

@@ -61,7 +61,10 @@ def command(
 
     console = shared.console
     names = methods.split(",") if methods else None
-    with output(shared.directory(scene, "work-precision"), scene, console) as directory:
+    with (
+        console.waiting(lambda: "comparing methods"),
+        output(shared.directory(scene, "work-precision"), scene, console) as directory,
+    ):
         loaded = load_scene(scene, list(overrides or ()))
         with begun(directory, console):
             try:

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.errors import INTERNAL
+from robodyn_cli.foreign import contents
 from robodyn_cli.over.study.design import Design
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import discard, output_errors, write_bytes
@@ -98,6 +99,7 @@ def killed(points: Points, task: Task) -> RunRows:
 
 ROWS_NAME, REASONS_NAME = "unfinished.rows", "unfinished.jsonl"
 BLOCK = 8192  # rows that are read at a time
+MOST_REASONS = 10_000_000  # bytes: a line for each exit code
 MIX = np.uint64(0x9E3779B97F4A7C15)  # odd, its bits as good as random
 
 
@@ -289,7 +291,7 @@ def _lines(path: Path) -> tuple[dict[str, str], dict[int, tuple[int, str]]]:
     head: dict[str, str] = {}
     reasons: dict[int, tuple[int, str]] = {}
     with contextlib.suppress(OSError, ValueError, TypeError):  # ends at a line that is not whole
-        first, *lines = path.read_text(encoding="utf-8").splitlines()
+        first, *lines = contents(path, MOST_REASONS).decode().splitlines()
         head = dict(json.loads(first))
         for line in lines:
             code, run, reason = json.loads(line)

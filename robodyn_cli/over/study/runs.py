@@ -3,21 +3,23 @@ of them in processes side by side."""
 
 from __future__ import annotations
 
-import concurrent.futures as futures
 import contextlib
 import dataclasses
 import multiprocessing
+import os
 import signal
+import sys
+import threading
 import time
 from collections import deque
 from collections.abc import Generator, Iterator, Mapping, Sequence
-from concurrent.futures.process import BrokenProcessPool
+from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS, places
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import INTERRUPTED, SceneError
 from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE, judge
 from robodyn_cli.over.commands import execute
@@ -112,22 +114,30 @@ def make_one(task: Task, run: int, values: Array) -> tuple[RunRows, Mapping[str,
 
 
 # -- side by side ---------------------------------------------------------------------------------------
-_task: Task | None = None  # of this process
+def _serve(pipe: Connection, task: Task) -> None:
+    """Make the runs that come through a pipe and send what they give, or the error, and the time that one took [s].
 
-
-def _begin(task: Task) -> None:
-    """Prepare a process for the runs of a study; interrupts are left to the process that began it."""
-    global _task
+    Ends with the process that began it, however that ends, and leaves interrupts to it.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    _task = task
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    with contextlib.suppress(EOFError, OSError):  # the pipe is closed
+        while True:
+            points: Points = pipe.recv()
+            start = time.perf_counter()
+            made: RunRows | Exception
+            try:
+                made = make_alone(task, points)
+            except Exception as error:
+                made = error
+            pipe.send((made, (time.perf_counter() - start) / len(points)))
 
 
-def _run_chunk(points: Points) -> tuple[RunRows, float]:
-    """Return what runs give, and the time that one took [s]."""
-    assert _task is not None
-    start = time.perf_counter()
-    made = make_alone(_task, points)
-    return made, (time.perf_counter() - start) / len(points)
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(INTERRUPTED)
 
 
 def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[RunRows]:
@@ -204,42 +214,74 @@ class Waiting:
 
 
 def _in_processes(task: Task, source: SceneSource, jobs: int) -> Generator[RunRows, None, list[Points]]:
-    """Run what a source has in processes; return the runs that were lost with a process."""
-    alone = jobs == 1
+    """Run what a source has in processes, until one dies; return the runs that were lost with it."""
     size = 1
-    flying: dict[futures.Future[tuple[RunRows, float]], Points] = {}
-    with _pool(task, jobs) as pool:
-        try:
-            while source.left or flying:
-                while source.left and len(flying) < (1 if alone else 2 * jobs):
-                    points = source.take(size)
-                    flying[pool.submit(_run_chunk, points)] = points
-                # without a time limit an interrupt would not be seen on every system
-                done, _ = futures.wait(flying, timeout=0.2, return_when=futures.FIRST_COMPLETED)
-                for future in done:
-                    rows, seconds = future.result()
-                    del flying[future]
-                    yield rows
-                    size = 1 if alone else _next_size(seconds, source.left, jobs)
-        except BrokenProcessPool:
-            return list(flying.values())
-    return []
+    flying: dict[Any, Points] = {}
+    lost: list[Points] = []
+    with _workers(task, jobs) as idle:
+        while flying or (source.left and not lost):
+            while source.left and idle and not lost:
+                pipe = idle.pop()
+                flying[pipe] = source.take(size)
+                with contextlib.suppress(OSError):  # it has died: seen below
+                    pipe.send(flying[pipe])
+            # without a time limit an interrupt would not be seen on every system
+            ready: list[Any] = wait(list(flying), timeout=0.2)
+            for pipe in ready:
+                points = flying.pop(pipe)
+                try:
+                    made, seconds = pipe.recv()
+                except (EOFError, OSError):
+                    lost.append(points)
+                    continue
+                if isinstance(made, Exception):
+                    raise made
+                idle.append(pipe)
+                yield made
+                size = 1 if jobs == 1 else _next_size(seconds, source.left, jobs)
+    return lost
 
 
 @contextlib.contextmanager
-def _pool(task: Task, jobs: int) -> Iterator[futures.ProcessPoolExecutor]:
-    """Give a pool of processes; where the block is left early, end them at once."""
+def _workers(task: Task, jobs: int) -> Iterator[list[Any]]:
+    """Give pipes to processes; where the block is left early, end them at once.
+
+    A pool of the library shares semaphores with its processes, which outlive it where it is killed.
+    """
     context = multiprocessing.get_context("spawn")
-    pool = futures.ProcessPoolExecutor(jobs, context, _begin, (task,))
+    pairs = [context.Pipe() for _ in range(jobs)]
+    processes = [context.Process(target=_serve, args=(theirs, task), daemon=True) for _, theirs in pairs]
     try:
-        yield pool
+        with _interrupts_held():
+            for process in processes:
+                process.start()
+        for _, theirs in pairs:
+            theirs.close()
+        yield [mine for mine, _ in pairs]
     except BaseException:
-        for process in multiprocessing.active_children():
-            process.terminate()
-        # waiting lets the pool give back its semaphores, of which Python would complain otherwise
-        pool.shutdown(cancel_futures=True)
+        for process in processes:
+            if process.pid is not None:
+                process.terminate()
         raise
-    pool.shutdown()
+    finally:
+        for mine, _ in pairs:
+            mine.close()
+        for process in processes:
+            if process.pid is not None:
+                process.join()
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Hold interrupts back in the block; processes that begin in it never get any."""
+    if sys.platform == "win32":
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _next_size(seconds: float, left: int, jobs: int) -> int:

@@ -6,7 +6,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import stat
 import time
 from collections.abc import Callable
 from functools import partial
@@ -16,6 +15,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from robodyn_cli.errors import ResultFileError
+from robodyn_cli.foreign import opened
 from robodyn_cli.results.hdf5.writer import FILETYPE, FORMAT_VERSION, JSON_ATTRIBUTES
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.spatial.algebra import Array
@@ -41,6 +41,9 @@ def survive(action: Callable[[], object], seconds: float) -> None:
         try:
             # its last output is no message for the user
             os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            # where this process is killed nobody else ends that one
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(int(seconds) + 2)
             action()
         finally:
             os._exit(0)
@@ -75,7 +78,12 @@ def read_table(path: str) -> tuple[list[str], Array]:
     ------
     ResultFileError : the file cannot be read, or holds no motion.
     """
-    return guarded(Path(path), partial(_table, path))
+    columns, rows = guarded(Path(path), partial(_table, path))
+    if rows.size > MOST_NUMBERS:
+        raise ResultFileError(
+            f"{path} holds {rows.size} numbers; allowed in a table: {MOST_NUMBERS}", path=path
+        )
+    return columns, rows
 
 
 def _table(path: str) -> tuple[list[str], Array]:
@@ -84,7 +92,8 @@ def _table(path: str) -> tuple[list[str], Array]:
     with h5py.File(path, "r", locking="best-effort") as file:
         if file.attrs.get("filetype") == FILETYPE:
             return _of_result(file, path)
-        columns = {name: item[()] for name, item in file.items() if isinstance(item, h5py.Dataset)}
+        load = Loader(Path(path))
+        columns = {name: load(item) for name, item in file.items() if isinstance(item, h5py.Dataset)}
     lengths = {name: np.shape(values) for name, values in columns.items()}
     if "t" not in columns:
         found = ", ".join(columns) or "none"
@@ -108,6 +117,9 @@ def _of_result(file: Any, path: str) -> tuple[list[str], Array]:
     return ["t", *names], np.column_stack([file["time"][()], file["q"][()]])
 
 
+MOST_NUMBERS = 5_000_000  # of a table, each a node of the scene
+# what a file may expand to: bytes, or times its own size
+ROOM, EXPANSION = 1_000_000_000, 100
 # time limit of reading a file [s]; a damaged one may make the library loop forever
 SECONDS = 10.0
 BYTES_PER_SECOND = 5e6
@@ -136,14 +148,12 @@ def guarded(path: Path, action: Callable[[], T]) -> T:
     ResultFileError : there is no such file, or it is damaged.
     """
     try:
-        mode = path.stat().st_mode
+        opened(path).close()
+    except IsADirectoryError:
+        raise ResultFileError(f"{path} is a directory; name the result.h5 in it", path=str(path)) from None
     except (OSError, ValueError) as error:
-        reason = "no such file" if isinstance(error, FileNotFoundError) else str(error)
+        reason = "no such file" if isinstance(error, FileNotFoundError) else error.args[-1]
         raise ResultFileError(f"{path}: {reason}", path=str(path)) from None
-    if stat.S_ISDIR(mode):
-        raise ResultFileError(f"{path} is a directory; name the result.h5 in it", path=str(path))
-    if not stat.S_ISREG(mode):
-        raise ResultFileError(f"{path} is a pipe or a device; name a file", path=str(path))
     try:
         survive(action, SECONDS + path.stat().st_size / BYTES_PER_SECOND)
         return action()
@@ -159,7 +169,7 @@ def _read(path: Path, select: Callable[[str], bool] | None) -> Result:
 
     with h5py.File(path, "r", locking="best-effort") as file:
         _check(file, path)
-        return _result(file, select)
+        return _result(file, path, select)
 
 
 def _check(file: Any, path: Path) -> None:
@@ -174,7 +184,7 @@ def _check(file: Any, path: Path) -> None:
         )
 
 
-def _result(file: Any, select: Callable[[str], bool] | None) -> Result:
+def _result(file: Any, path: Path, select: Callable[[str], bool] | None) -> Result:
     attributes = {name: _attribute(name, value) for name, value in file.attrs.items() if name not in _FIELDS}
     result = Result(
         command=str(file.attrs["command"]),
@@ -185,7 +195,7 @@ def _result(file: Any, select: Callable[[str], bool] | None) -> Result:
         summary=json.loads(file.attrs.get("summary", "{}")),
         attributes=attributes,
     )
-    _collect(file["/"], "", result, select)
+    _collect(file["/"], "", result, select, Loader(path))
     return result
 
 
@@ -203,23 +213,43 @@ def _attribute(name: str, value: Any) -> Any:
     return value
 
 
-def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bool] | None) -> None:
+class Loader:
+    """Loads datasets of a file as far as all their bytes lie in it and are not too many."""
+
+    def __init__(self, path: Path) -> None:
+        self._room = max(ROOM, EXPANSION * path.stat().st_size)
+
+    def __call__(self, dataset: Any) -> Any:
+        if dataset.external or dataset.is_virtual:
+            raise ValueError(f"{dataset.name} lies in another file")
+        self._room -= dataset.size * max(8, dataset.dtype.itemsize)
+        if self._room < 0:
+            raise ValueError(f"with {dataset.name} it expands to more than {EXPANSION} times its size")
+        return dataset[()]
+
+
+def _collect(
+    group: Any, prefix: str, result: Result, select: Callable[[str], bool] | None, load: Loader
+) -> None:
     import h5py
 
     for name in _members(group):
-        item, path = group[name], prefix + name
+        path = prefix + name
+        if name in (".", "..") or isinstance(group.get(name, getlink=True), h5py.ExternalLink):
+            raise ValueError(f"{path!r} leads out of it")
+        item = group[name]
         if isinstance(item, h5py.Group):
             if path != "events":
-                _collect(item, path + "/", result, select)
+                _collect(item, path + "/", result, select, load)
         elif _is_bare(item) or not (select is None or select(path)):
             continue
         elif item.dtype.kind not in "fiu":
             if not item.is_scale:
-                result.others[path] = _entries(item)
+                result.others[path] = _entries(item, load)
         else:
             attributes = dict(item.attrs)
             result.variables[path] = Variable(
-                np.asarray(item[()], dtype=float),
+                np.asarray(load(item), dtype=float),
                 _dims(item, path),
                 str(attributes.get("units", "")),
                 str(attributes.get("long_name", "")),
@@ -228,10 +258,10 @@ def _collect(group: Any, prefix: str, result: Result, select: Callable[[str], bo
             )
 
 
-def _entries(dataset: Any) -> tuple[str, ...]:
+def _entries(dataset: Any, load: Loader) -> tuple[str, ...]:
     """Return the entries of a dataset that holds no numbers, as text."""
-    data = dataset.asstr()[()] if dataset.dtype.kind in "OS" else dataset[()]
-    return tuple(str(entry) for entry in np.ravel(data))
+    data = np.ravel(load(dataset))
+    return tuple(entry.decode() if isinstance(entry, bytes) else str(entry) for entry in data)
 
 
 def _members(group: Any) -> list[str]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterator
 from collections.abc import Sequence as SequenceOf
 from typing import NoReturn
 
@@ -37,12 +37,11 @@ class Check(nodes.Faults):
         raise nodes.located(node, nodes.dotted(path), message)
 
     def known(
-        self, name: str, options: Iterable[str], what: str, path: nodes.Path, at_key: bool = False
+        self, name: str, options: Collection[str], what: str, path: nodes.Path, at_key: bool = False
     ) -> None:
         """Refuse a name that is not among ``options``."""
-        names = list(options)
-        if name not in names:
-            self.fail(path, unknown_name(what, name, names), at_key)
+        if name not in options:
+            self.fail(path, unknown_name(what, name, options), at_key)
 
     def unique(self, names: SequenceOf[str], what: str, paths: SequenceOf[nodes.Path]) -> None:
         """Refuse a name that appears twice."""

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 from robodyn_cli.joints.base import Joint as JointKind
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
-from robodyn_cli.scene.points import BASE, BUILT_IN, joint_of, spot_problem
+from robodyn_cli.scene.points import BASE, BUILT_IN, spot_problem
 from robodyn_cli.scene.robot_types import DH, Joint, Orientation, Robot
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Scene
@@ -57,8 +57,9 @@ def check_robot(robot: Robot, check: Check) -> Robot:
             _check_placement(robot, joint, check, path)
         with check:
             _check_drive(joint, check, path)
+    owners = {joint.link: joint for joint in robot.joints}
     for path, link in zip(links, robot.links):
-        owner = joint_of(robot, link.name)
+        owner = owners.get(link.name)
         ambiguous = robot.convention == "standard" and owner is not None and owner.has_dh
         if ambiguous and link.com is not None and link.com_frame is None:
             message = "key 'com_frame' is missing: with standard D-H the link frame is not at the joint"
@@ -88,18 +89,19 @@ def _check_orientations(robot: Robot, check: Check) -> None:
 
 def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) -> Robot:
     """Fill in which link each joint moves and which it hangs on; refuse what is not a tree."""
-    names = [link.name for link in robot.links]
+    names = dict.fromkeys(link.name for link in robot.links)
+    parents = {BASE: None, **names}
     moved: dict[str, str] = {}
     connected: list[Joint] = []
     failures = len(check.found)
     for k, joint in enumerate(robot.joints):
         with check:
-            link = _moved_link(joint, k, names, check, joints[k])
+            link = _moved_link(joint, k, robot, names, check, joints[k])
             if link in moved:
                 check.fail((*joints[k], "link"), f"link {link!r} is moved by joint {moved[link]!r} already")
             moved[link] = joint.name
             parent = joint.parent or (connected[-1].link if connected else BASE)
-            check.known(str(parent), [BASE, *names], "link", (*joints[k], "parent"))
+            check.known(str(parent), parents, "link", (*joints[k], "parent"))
             connected.append(dataclasses.replace(joint, link=link, parent=parent))
     if len(check.found) > failures:
         return robot
@@ -113,12 +115,12 @@ def _connect(robot: Robot, check: Check, joints: list[Path], links: list[Path]) 
     return dataclasses.replace(robot, joints=tuple(connected))
 
 
-def _moved_link(joint: Joint, k: int, names: list[str], check: Check, path: Path) -> str:
+def _moved_link(joint: Joint, k: int, robot: Robot, names: Collection[str], check: Check, path: Path) -> str:
     """Return the link that the k-th joint moves: by default the one at the same place in the list."""
     if joint.link is None:
-        if k >= len(names):
-            check.fail(path, f"joint {joint.name!r} moves no link: there are only {len(names)} links")
-        return names[k]
+        if k >= len(robot.links):
+            check.fail(path, f"joint {joint.name!r} moves no link: there are only {len(robot.links)} links")
+        return robot.links[k].name
     if joint.link == BASE:
         check.fail((*path, "link"), "a joint cannot move 'base'")
     check.known(joint.link, names, "link", (*path, "link"))
@@ -298,7 +300,7 @@ def _check_points(robot: Robot, check: Check) -> None:
 
 def check_joints(scene: Scene, names: Iterable[tuple[str, Path]], check: Check, at_key: bool) -> None:
     """Refuse names that are no joints, and joints without a coordinate."""
-    joints = moving(scene.robot)
+    joints = dict.fromkeys(moving(scene.robot))
     fixed = [joint.name for joint in scene.robot.joints if joint.name not in joints]
     for name, path in names:
         with check:

@@ -22,10 +22,12 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.foreign import contents
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 MOST_BYTES = 50_000_000  # of a file
+MOST_NODES, MOST_TRIANGLES = 10_000, 5_000_000  # of a .dae, with all instances
 
 
 class MeshError(ValueError):
@@ -152,29 +154,57 @@ def read_dae(data: bytes) -> Mesh:
     """
     if not can_read_dae():
         raise MeshError(EXTRA)
-    if b"<!DOCTYPE" in data or b"<!ENTITY" in data:
-        raise MeshError("a document type (<!DOCTYPE>) is refused")
+    import zipfile
+    from xml.parsers import expat
+
     import collada
 
+    parser = expat.ParserCreate()  # finds a document type in every encoding
+    parser.StartDoctypeDeclHandler = _refuse_document_type
     try:
+        parser.Parse(data, True)
+        if zipfile.is_zipfile(BytesIO(data)):  # which pycollada would unpack
+            raise MeshError("an archive is refused")
         # materials and textures that are not there do not matter here
         document = collada.Collada(BytesIO(data), ignore=[collada.common.DaeError])
         corners = list(_corners(document))
+    except MeshError:
+        raise
     except Exception as error:  # a parser of foreign files: whatever it stumbles over, the file is at fault
         raise MeshError(f"no COLLADA that pycollada reads: {error}") from None
     points = np.concatenate([np.zeros((0, 3)), *corners]) * float(document.assetInfo.unitmeter or 1.0)
     return Mesh(points, np.arange(len(points)).reshape(-1, 3))
 
 
+def _refuse_document_type(*declared: Any) -> None:
+    raise MeshError("a document type (<!DOCTYPE>) is refused")
+
+
+def _nodes(node: Any, known: dict[int, int]) -> int:
+    """Return how many nodes stand below one, each as often as it is an instance there."""
+    from collada.scene import Node, NodeNode
+
+    if id(node) not in known:
+        below = node.children if isinstance(node, (Node, NodeNode)) else ()
+        known[id(node)] = 1 + sum(_nodes(child, known) for child in below)
+    return known[id(node)]
+
+
 def _corners(document: Any) -> Iterator[Array]:
     """Yield the corners of triangles (3 N, 3), node by node."""
     if document.scene is None:
         return
+    known: dict[int, int] = {}
+    if sum(_nodes(node, known) for node in document.scene.nodes) > MOST_NODES:
+        raise MeshError(f"its nodes stand for more than {MOST_NODES}, each as often as it is an instance")
+    left = MOST_TRIANGLES
     for geometry in document.scene.objects("geometry"):
         for part in geometry.primitives():
             triangles = part.triangleset() if hasattr(part, "triangleset") else part
             corners = triangles.vertex_index
             if corners is not None and corners.shape[1:] == (3,):  # lines have two
+                if (left := left - len(corners)) < 0:
+                    raise MeshError(f"its instances have more than {MOST_TRIANGLES} triangles")
                 yield np.asarray(triangles.vertex[corners], dtype=float).reshape(-1, 3)
 
 
@@ -240,12 +270,9 @@ def small_mesh(path: str) -> str:
     if not path.lower().endswith(FORMATS):
         raise MeshError(f"allowed: {', '.join(FORMATS)}")
     try:
-        with open(path, "rb") as file:
-            data = file.read(MOST_BYTES + 1)
+        data = contents(path, MOST_BYTES)
     except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError
         raise MeshError(getattr(error, "strerror", None) or str(error)) from None
-    if len(data) > MOST_BYTES:
-        raise MeshError(f"larger than {MOST_BYTES // 1_000_000} MB")
     mesh = _read(data, path.lower().rpartition(".")[2])
     if not len(mesh.faces):
         raise MeshError(f"no triangles in {os.path.getsize(path)} bytes")

@@ -11,13 +11,13 @@ import json
 import math
 import os
 import re
-import stat
 from collections.abc import Iterator
 from typing import Any
 
 import yaml
 
 from robodyn_cli.errors import SceneError, shown
+from robodyn_cli.foreign import contents
 from robodyn_cli.record import mutable_record
 from robodyn_cli.scene.text import nodes
 
@@ -36,22 +36,12 @@ def read_text(path: str, place: nodes.Node | None, key: str, shown_as: str) -> s
     # a place in the file itself names it already
     what = "cannot be read" if at.source.name == shown_as else f"cannot read {shown_as!r}"
     try:
-        mode = os.stat(path).st_mode
-        if stat.S_ISDIR(mode):
-            raise nodes.located(at, key, f"{what}: it is a directory; allowed: a file")
-        if not stat.S_ISREG(mode):
-            raise nodes.located(
-                at, key, f"{what}: it is a pipe or a device, which may never end; allowed: a file"
-            )
-        with open(path, "rb") as file:
-            data = file.read(MAX_BYTES + 1)
+        data = contents(path, MAX_BYTES)
     except FileNotFoundError:
         raise nodes.located(at, key, f"{what}: there is no such file{_start_of_path(at, shown_as)}") from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise nodes.located(at, key, f"{what}: {reason}") from None
-    if len(data) > MAX_BYTES:
-        raise nodes.located(at, key, f"{what}: it is larger than {MAX_BYTES // 1_000_000} MB")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:

@@ -6,6 +6,7 @@ import os
 from collections import Counter
 from collections.abc import Iterator
 
+from robodyn_cli.errors import listed
 from robodyn_cli.scene.dialects import Description, Packages, RobotTree
 from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
@@ -64,7 +65,7 @@ def _heading(robot: UrdfRobot, tree: RobotTree) -> tuple[str, ...]:
 
 def _notes(robot: UrdfRobot) -> tuple[str, ...]:
     massless = [link.name for link in robot.links if link.massless]
-    return (f"massless links: {', '.join(massless)}",) if massless else ()
+    return (f"massless links: {listed(massless)}",) if massless else ()
 
 
 def _missing(robot: UrdfRobot, urdf: str, packages: Packages) -> tuple[str, ...]:
@@ -84,7 +85,7 @@ def _warnings(robot: UrdfRobot) -> tuple[str, ...]:
         "damping and friction of joints with several coordinates, which are left out": drag,
         "limits whose lower is above their upper, which are left out": _crossed(robot),
     }
-    return tuple(f"{what}: {', '.join(names)}" for what, names in texts.items() if names)
+    return tuple(f"{what}: {listed(names)}" for what, names in texts.items() if names)
 
 
 def _crossed(robot: UrdfRobot) -> list[str]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from robodyn_cli.errors import did_you_mean, shown
+from robodyn_cli.errors import did_you_mean, listed, shown
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.elements import Mimic, UrdfJoint, UrdfLink, UrdfRobot
@@ -53,9 +53,9 @@ def _unique(what: str, items: Iterable[UrdfLink | UrdfJoint], faults: Faults) ->
 def _one_root(robot: UrdfRobot, moved: dict[str, UrdfJoint]) -> None:
     roots = [link for link in robot.links if link.name not in moved]
     if len(roots) > 1:
-        listed = ", ".join(repr(link.name) for link in roots)
+        names = listed([repr(link.name) for link in roots])
         raise roots[1].element.error(
-            f"no joint moves the links {listed}; allowed: one root, to which all others lead"
+            f"no joint moves the links {names}; allowed: one root, to which all others lead"
         )
     grounded = {link.name for link in roots}
     for link in robot.links:
@@ -63,8 +63,8 @@ def _one_root(robot: UrdfRobot, moved: dict[str, UrdfJoint]) -> None:
         name = link.name
         while name not in grounded:
             if name in chain:
-                names = list(chain)
-                loop = " -> ".join([*names[names.index(name) :], name])
+                links = list(chain)
+                loop = " -> ".join([*links[links.index(name) :], name])
                 raise moved[name].element.error(
                     f"the joints form a loop of links ({loop}); allowed: a tree (a closed loop is made with 'loops' "
                     "in the scene)"
@@ -97,7 +97,6 @@ def moving_links(robot: UrdfRobot) -> set[str]:
     return {name for name, moving in moves.items() if moving}
 
 
-MOST_LISTED = 10
 SINGLE = ("revolute", "continuous", "prismatic")
 
 
@@ -144,9 +143,8 @@ def _refuse(joints: Mapping[str, UrdfJoint], joint: UrdfJoint) -> None:
             problem = f"itself ({' -> '.join(names)})"
     if problem:
         moving = [name for name, other in joints.items() if other.type in SINGLE and name != joint.name]
-        listed = ", ".join(moving[:MOST_LISTED]) or "none, since no other joint turns or slides"
-        listed += ", ..." if len(moving) > MOST_LISTED else ""
-        raise joint.mimic.element.error(f"joint {joint.name!r} mimics {problem}; allowed: {listed}")
+        allowed = listed(moving) or "none, since no other joint turns or slides"
+        raise joint.mimic.element.error(f"joint {joint.name!r} mimics {problem}; allowed: {allowed}")
 
 
 def _chain(joints: Mapping[str, UrdfJoint], joint: UrdfJoint) -> Iterator[str]:

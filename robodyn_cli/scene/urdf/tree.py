@@ -61,7 +61,9 @@ class _Tree:
         links = [self.link(link) for link in self.robot.links]
         entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
         couplers = [
-            self.coupler(name, relation) for name, relation in self.relations.items() if relation.joint
+            self.coupler(joint, relation)
+            for joint in self.robot.joints
+            if (relation := self.relations.get(joint.name)) is not None and relation.joint
         ]
         if couplers:
             entries["couplers"] = sequence(place, couplers)
@@ -124,9 +126,9 @@ class _Tree:
             found["friction"] = plain(joint.element.place, friction)
         return found
 
-    def coupler(self, name: str, relation: Relation) -> Mapping:
+    def coupler(self, joint: UrdfJoint, relation: Relation) -> Mapping:
         """Return q - multiplier q_joint = offset."""
-        mimic = next(joint.mimic for joint in self.robot.joints if joint.name == name)
+        name, mimic = joint.name, joint.mimic
         assert mimic is not None and relation.joint is not None
         place = mimic.element.place
         terms = {self.joints[name]: 1.0, self.joints[relation.joint]: -relation.multiplier}

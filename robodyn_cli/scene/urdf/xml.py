@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 from xml.parsers import expat
@@ -142,10 +143,12 @@ def scene_names(names: Iterable[str], taken: Iterable[str]) -> dict[str, str]:
     used = set(taken)
     wanted = {name: _allowed(name) for name in names}
     # names that stay as they are come first: none of them makes way for a name that changes anyway
+    numbers: Counter[str] = Counter()  # up to which those of each name are used
     for name in sorted(wanted, key=lambda name: wanted[name] != name or name in taken):
-        number, new = 2, wanted[name]
+        new = wanted[name]
         while new in used:
-            new, number = f"{wanted[name]}_{number}", number + 1
+            numbers[wanted[name]] += 1
+            new = f"{wanted[name]}_{numbers[wanted[name]] + 1}"
         used.add(new)
         found[name] = new
     return found

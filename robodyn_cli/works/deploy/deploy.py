@@ -97,6 +97,8 @@ def deploy(
     if failure is None:
         try:
             done = _follow(done, watch)
+            later = done.followed.recorder if done.followed is not None else None
+            failure = later.not_finite if later is not None else None
         except CapabilityError as refusal:
             failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
     return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
@@ -150,7 +152,9 @@ def _record(
 
 
 def failure_of_motion(done: Deployment) -> RobodynError | None:
-    """Return why there is no lock to speak of: the loops lose rank first, or the integration could not go on."""
+    """Return why there is no lock to speak of: the loops lose rank first, the integration could not go on, or numbers
+    are not finite.
+    """
     if done.end.bifurcated:
         return bifurcation_error(done.motion, done.found)
     stopped = done.found.stopped if done.end.time is None else None

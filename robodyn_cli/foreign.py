@@ -1,0 +1,61 @@
+"""Files and texts of others: what is opened, what terminals and spreadsheets are shown, which files names stand for."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import stat
+from pathlib import Path
+from typing import BinaryIO
+
+# what a terminal obeys, or what changes the order of letters: all control characters but tab and end of line, the marks
+# of direction, separators of lines, letters without width that join none, surrogates
+_OBEYED = re.compile(
+    "[\0-\x08\x0b-\x1f\x7f-\x9f\u061c\u200b\u200e\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb]"
+)
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")  # that a spreadsheet computes
+
+
+def opened(path: str | Path) -> BinaryIO:
+    """Return a file that is open for reading.
+
+    Raises
+    ------
+    OSError : it cannot be opened, or is a directory, a pipe or a device, which may never end.
+    """
+    mode = os.stat(path).st_mode
+    if stat.S_ISDIR(mode):
+        raise IsADirectoryError(errno.EISDIR, "it is a directory; allowed: a file")
+    if not stat.S_ISREG(mode):
+        raise OSError(errno.EINVAL, "it is a pipe or a device, which may never end; allowed: a file")
+    return open(path, "rb")
+
+
+def contents(path: str | Path, most: int) -> bytes:
+    """Return the bytes of a file.
+
+    Raises
+    ------
+    OSError : as ``opened``, or there are more than ``most``.
+    """
+    with opened(path) as file:
+        data = file.read(most + 1)
+    if len(data) > most:
+        raise OSError(errno.EFBIG, f"it is larger than {most // 1_000_000} MB")
+    return data
+
+
+def printable(text: str) -> str:
+    r"""Return a text, or JSON, that a terminal only shows: what it would obey stands as ``\u001b``."""
+    return _OBEYED.sub(lambda letter: f"\\u{ord(letter.group()):04x}", text)
+
+
+def spreadsheet_cell(text: str) -> str:
+    """Return a text that a spreadsheet takes for no formula."""
+    return f"'{text}" if text.startswith(_FORMULA) else text
+
+
+def file_stem(name: str) -> str:
+    """Return a name as that of a file, in whatever directory it is put."""
+    return re.sub(r"[^\w.-]", "_", name).lstrip(".") or "_"
