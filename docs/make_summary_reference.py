@@ -61,7 +61,8 @@ def _rows(place: str | type, path: str) -> Iterator[tuple[str, str, str, str]]:
 def _of_field(key: str, kind: Any, fact: Fact) -> Iterator[tuple[str, str, str, str]]:
     """Yield the row of a field, and those of the records that it holds."""
     unit = str(fact.unit) if _inner(kind) & {float, int} else ""
-    errors = ", ".join(f"`{error}`" for error in fact.errors)
+    beside = key.rpartition(".")[0]
+    errors = ", ".join(f"`{beside if error[0] == '.' else ''}{error}`" for error in fact.errors)
     yield f"`{_with_names(key, kind, fact)}`", unit, fact.doc, errors
     for below, record in _records(key, kind, fact):
         yield from _rows(record, f"{below}.")

@@ -120,6 +120,8 @@ class Console:
 
     def progress(self, done: float, total: float) -> None:
         """Show the progress of a long run."""
+        if self.quiet:
+            return
         part = min(1.0, done / total) if total else 1.0
         time_reached = f"  t = {done:.4g} of {total:.4g} s" if total else ""
         self._advance(part, f"{100 * part:5.1f} %{time_reached}")

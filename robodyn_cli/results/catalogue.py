@@ -26,10 +26,6 @@ class Entry:
     names: tuple[str, ...] = ()
     by_column: Mapping[str, str] = dataclasses.field(default_factory=dict)
 
-    def column_units(self, names: tuple[str, ...]) -> tuple[str, ...]:
-        """Return the units of columns of these names; nothing where all have that of the dataset."""
-        return tuple(self.by_column[name] for name in names) if self.by_column and names else ()
-
 
 XYZ = ("x", "y", "z")
 WRENCH = {f"{letter}{axis}": unit for letter, unit in (("f", "N"), ("m", "N m")) for axis in XYZ}

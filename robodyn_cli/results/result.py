@@ -70,8 +70,8 @@ def make_variable(path: str, data: Any, **meta: Unpack[Meta]) -> Variable:
         dims = known.dims if known else ("time",)
     if known and not names and known.dims == tuple(dims):
         names = known.names
-    if known and not column_units:
-        column_units = known.column_units(tuple(names))
+    if known and known.by_column and not column_units:
+        column_units = tuple(known.by_column[name] for name in names)
     units = known.units if units is None and known else units
     long_name = known.long_name if long_name is None and known else long_name
     if units is None or long_name is None:

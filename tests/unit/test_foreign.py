@@ -25,8 +25,8 @@ from tests.source import PACKAGE, files, tree_of
 # Modules that open files by themselves: their own, or such as they have looked at. The list may only shrink.
 OPENERS = {
     "foreign.py", "kernels/cache.py", "cli/console.py", "cli/interrupts.py", "results/atomic.py", "results/export.py",
-    "results/hdf5/isolation.py", "results/hdf5/low.py", "results/hdf5/reader.py", "results/provenance.py",
-    "motion/going_on/journal.py", "over/study/rows.py", "kernels/compiler.py", "robots/collection.py",
+    "results/hdf5/low.py", "results/hdf5/reader.py", "results/summary.py",
+    "motion/going_on.py", "over/study/rows.py", "kernels/compiler.py", "robots/collection.py",
     "report/page/page.py",
 }  # fmt: skip
 

@@ -300,13 +300,13 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
-    names = key_names(scene) if scene.expect or scene.study.of else {}
     asked = [(key, expected.numeric, "expect") for key, expected in scene.expect.items()]
     for key, number, section in [*asked, *((key, True, "study") for key in scene.study.of)]:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
-        if not leaves or (leaves[0].names and not any(leaf.fits(names) for leaf in leaves)):
+        names = key_names(scene) if not leaves or leaves[0].names else {}
+        if not leaves or (names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
 
             with check:
