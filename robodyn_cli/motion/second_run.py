@@ -18,13 +18,13 @@ from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
+from robodyn_cli.results.stated_errors import NOT_MEANINGFUL
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import MotionErrors
 
 Tick = Callable[[float], None] | None
-NOT_MEANINGFUL = 1e-2  # part of the range of a quantity above which its error means that its digits are lost
 AT_ROUNDING = 100.0  # times the rounding floor
 
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
-from robodyn_cli.report.canvas import below_heading, decisive_text, print_figure
+from robodyn_cli.report.canvas import below_heading, print_figure
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes
 from robodyn_cli.report.page import tables
@@ -24,6 +24,7 @@ from robodyn_cli.report.page.motion import motion_data
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.report.style import number, styled
+from robodyn_cli.report.time_sheet import decisive_text
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
