@@ -136,7 +136,7 @@ def multipliers(result: Result) -> Any:
     norms = {units: _norm(data, columns, loops) for units, columns in groups.items()}
     shown = data.shape[1] if data.shape[1] < style.FEW else 0
     labels = ["norm", *(f"|{name}|" for name in names[:shown])]
-    growth = growth_times(result)
+    growth = [one for one in growth_times(result) if result.time[0] <= one[1] <= result.time[-1]]
     if growth:
         labels.append("multiple of the running median")
     close = _window(result, growth)
