@@ -18,11 +18,10 @@ from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.results.stated_errors import NOT_MEANINGFUL
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
-from robodyn_cli.summaries.motion import MotionErrors
+from robodyn_cli.summaries.motion import NOT_MEANINGFUL, MotionErrors
 
 Tick = Callable[[float], None] | None
 AT_ROUNDING = 100.0  # times the rounding floor

@@ -25,7 +25,7 @@ LINE = 1.5  # width of a line [pt]; an error that is smaller is under it
 
 
 @record
-class Curves:
+class DrawnCurves:
     """Columns over time as they are drawn: one that is nothing beside its error or its rounding is zero.
 
     data : (T, n). names, units : of each column. error : (n,) largest one while the motion is meaningful, nan where
@@ -50,11 +50,11 @@ class Curves:
         """Largest magnitude of each column (n,)."""
         return np.asarray(np.nanmax(np.abs(self.data), axis=0, initial=0.0))
 
-    def part(self, columns: Sequence[int]) -> Curves:
+    def part(self, columns: Sequence[int]) -> DrawnCurves:
         """Return some of the columns."""
         k = list(columns)
         names, units, nothing = ([x[i] for i in k] for x in (self.names, self.units, self.nothing))
-        return Curves(self.data[:, k], names, units, self.error[k], self.size[k], nothing)
+        return DrawnCurves(self.data[:, k], names, units, self.error[k], self.size[k], nothing)
 
     def groups(self) -> dict[str, list[int]]:
         """Return the columns of each unit."""
@@ -65,7 +65,7 @@ class Curves:
 def curves(
     data: Array, names: Sequence[str], units: Sequence[str], error: Any = np.nan,
     beside: Mapping[str, float] | None = None,
-) -> Curves:  # fmt: skip
+) -> DrawnCurves:  # fmt: skip
     """Return the columns of ``data`` (T, n) as they are drawn.
 
     error : of each column, or of all. beside : largest value of other peers, by unit.
@@ -80,10 +80,10 @@ def curves(
         f"{name} ({' '.join(filter(None, (number(largest, 1), unit(one))))})" if none else ""
         for name, one, largest, none in zip(names, units, top, nothing)
     ]
-    return Curves(np.where(nothing, 0.0, data), list(names), list(units), errors, size, said)
+    return DrawnCurves(np.where(nothing, 0.0, data), list(names), list(units), errors, size, said)
 
 
-def curves_of(result: Result, path: str, beside: Mapping[str, float] | None = None) -> Curves:
+def curves_of(result: Result, path: str, beside: Mapping[str, float] | None = None) -> DrawnCurves:
     """Return the columns of a dataset as they are drawn; that of one column has the end of its path as a name."""
     variable = result.variables[path]
     if variable.data.ndim == 1:
@@ -154,7 +154,7 @@ def draw_crests(ax: Axes, time: Array, data: Array) -> list[Any]:
     return handles
 
 
-def fit_axis(ax: Axes, shown: Curves, magnitudes: bool = False) -> None:
+def fit_axis(ax: Axes, shown: DrawnCurves, magnitudes: bool = False) -> None:
     """Give an axis the size of the peers where its curves do not vary by more than their error or rounding."""
     low, high = (float(f(shown.data, initial=x)) for f, x in ((np.nanmin, np.inf), (np.nanmax, -np.inf)))
     least, size = float(shown.least.max(initial=0.0)), float(shown.size.max(initial=0.0)) or 1.0

@@ -14,7 +14,7 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet, save
-from robodyn_cli.report.curves import NAMED, Curves, curves_of, draw_error, fit_axis, nothing_note
+from robodyn_cli.report.curves import NAMED, DrawnCurves, curves_of, draw_error, fit_axis, nothing_note
 from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
 from robodyn_cli.report.style import styled, unit
@@ -74,7 +74,7 @@ OVERLAID: dict[str, tuple[str, ...]] = {
 }
 MOST_PANELS = 8
 
-Series = dict[tuple[str, str], tuple[Array, Curves]]  # name and units: times (T,), one curve
+Series = dict[tuple[str, str], tuple[Array, DrawnCurves]]  # name and units: times (T,), one curve
 
 
 def labels_of(paths: Sequence[Path], titles: Sequence[str]) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import textwrap
 from collections.abc import Sequence
 from typing import Any
@@ -14,7 +15,7 @@ from matplotlib.lines import Line2D
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import NOTE_WIDTH, Sheet
 from robodyn_cli.report.curves import (
-    Curves,
+    DrawnCurves,
     curves_of,
     draw_columns,
     draw_crests,
@@ -27,8 +28,9 @@ from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, limits_near
 from robodyn_cli.report.style import degree_axis, labelled, number, unit
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.stated_errors import NOT_MEANINGFUL, concerning, meaningful_error, meaningful_until
+from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import NOT_MEANINGFUL
 
 # how moments look that come often; they are drawn at the upper edge of a panel
 MARKERS = {"impact": "v", "contact": "s", "release": "^", "stick": "o", "slip": "D"}
@@ -105,19 +107,25 @@ def hatch(axes: Sequence[Axes], until: float) -> None:
             ax.set_xlim(low, high)
 
 
+def told(one: Stated) -> str:
+    """Return what a summary states of an error in words, with its unit."""
+    return " ".join(filter(None, (one.words, number(one.value, 2), unit(one.statement.unit))))
+
+
 def error_words(result: Result, path: str) -> str:
     """Return in a line what a result states of the error of a dataset or a group: first what bounds it."""
     until = meaningful_until(result.summary)
-    said = []
+    said: list[str] = []
     for one in sorted(concerning(result.summary, path), key=lambda x: x.statement.bounds != path):
-        value, when = one.value, ""
+        when = ""
         if one.statement.bounds == path and np.isfinite(until):
-            value, when = min(value, meaningful_error(result, path)), f" until {number(until, 4)} s"
-        said.append(" ".join(filter(None, (one.words, number(value, 2), unit(one.statement.unit)))) + when)
-    said = list(dict.fromkeys(said))
+            one = dataclasses.replace(one, value=min(one.value, meaningful_error(result, path)))
+            when = f" until {number(until, 4)} s"
+        words = told(one) + when
+        if words not in said and (not said or len("; ".join([*said, words])) < NOTE_WIDTH - len(UNDER) - 8):
+            said.append(words)
     if said:
-        fit = [k for k in range(1, len(said) + 1) if len("; ".join(said[:k])) <= NOTE_WIDTH - len(UNDER) - 8]
-        return f"Errors: {'; '.join(said[: max(fit, default=1)])}"
+        return f"Errors: {'; '.join(said)}"
     estimate = result.summary.get("error_estimate")
     reason = estimate.get("reason") if isinstance(estimate, dict) else None
     words = f"No error estimate: {reason}" if reason else "No error is stated for this"
@@ -144,13 +152,16 @@ class TimeSheet(Sheet):
         labels = [*layout.pop("labels", ()), *self._counted.values()]
         self._errors = [error_words(result, shows)] if shows else []
         captions = [*nothing_note(nothing), *self._errors]
-        decisive = decisive_text(self.moments)
-        told = [*([decisive] if decisive else []), *lost_note(result)]
-        super().__init__(result, subtitle, labels=labels, captions=captions, told=told, **layout)
-        self._drawn: list[tuple[Axes, Array, Curves, list[Any]]] = []
+        alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result)]
+        super().__init__(result, subtitle, labels=labels, captions=captions, told=alarms, **layout)
+        self._drawn: list[tuple[Axes, Array, DrawnCurves, list[Any]]] = []
 
     def draw(
-        self, ax: Axes, shown: Curves, styles: list[dict[str, Any]] | None = None, magnitudes: bool = False
+        self,
+        ax: Axes,
+        shown: DrawnCurves,
+        styles: list[dict[str, Any]] | None = None,
+        magnitudes: bool = False,
     ) -> list[Any]:
         """Draw curves on a linear axis, with their errors; return a handle for each."""
         handles = draw_columns(ax, self._result.time, shown.data, styles)
@@ -161,7 +172,7 @@ class TimeSheet(Sheet):
     def draw_log(
         self,
         ax: Axes,
-        shown: Curves,
+        shown: DrawnCurves,
         ends: tuple[float, float],
         styles: list[dict[str, Any]] | None = None,
         window: slice = slice(None),
@@ -207,7 +218,7 @@ INSTANTS = 800
 ROWS = 400
 
 
-def draw_map(result: Result, shown: Curves, quantity: str, subtitle: str, shows: str) -> Any:
+def draw_map(result: Result, shown: DrawnCurves, quantity: str, subtitle: str, shows: str) -> Any:
     """Return a figure of curves with columns upwards and time to the right, a map for each unit."""
     groups = shown.groups()
     sheet = TimeSheet(
@@ -226,7 +237,7 @@ def draw_map(result: Result, shown: Curves, quantity: str, subtitle: str, shows:
     return sheet.figure
 
 
-def _map(ax: Axes, time: Array, shown: Curves) -> AxesImage:
+def _map(ax: Axes, time: Array, shown: DrawnCurves) -> AxesImage:
     """Draw one map."""
     names, rows = list(shown.names), _spread(len(shown.names), ROWS)
     image = shown.data[np.ix_(_spread(len(time), INSTANTS), rows)].T
@@ -256,7 +267,7 @@ def panel_height(panels: int) -> float:
     return {1: 3.3, 2: 2.2}.get(panels, 1.6)
 
 
-def draw_groups(sheet: TimeSheet, shown: Curves, groups: Sequence[list[int]]) -> list[Any]:
+def draw_groups(sheet: TimeSheet, shown: DrawnCurves, groups: Sequence[list[int]]) -> list[Any]:
     """Draw each group of columns in a panel of its own; return the handles in the order of the columns."""
     styles = style.line_styles(shown.data.shape[1])
     handles: dict[int, Any] = {}

@@ -12,6 +12,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.summaries.motion import NOT_MEANINGFUL
 
 
 @record
@@ -126,8 +127,6 @@ PHASES = {"": (), "after the lock": ("after_lock",)}
 BESIDE = {"outputs": "errors", "derivatives": "derivative_errors"}
 # the energy balance, as the summary names it, in which the energy is a constant: its drift is its error
 CONSERVED = "kinetic + potential"
-# part of the range of a quantity above which its error means that its digits are lost
-NOT_MEANINGFUL = 1e-2
 
 
 def stated(summary: Mapping[str, Any]) -> Iterator[Stated]:

@@ -111,7 +111,7 @@ def _motion(result: Result, store: Store) -> Html:
         words.append(f" {poses} of {samples} samples are shown{kept}.")
     content = [drawing, _controls(data), _moments(result) if poses > 1 else None]
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
-    content += [tables.errors_of(result.summary, "motion")]
+    content += [tables.errors_of(result.summary, "q")]
     return element("figure", content, class_="motion", data_figure=store.add(data))
 
 
@@ -187,7 +187,6 @@ def _plot(result: Result, name: str, store: Store) -> Html:
         element("h3", title),
         _caption(captions(figure), title),
         _picture(figure, title) if data is None else element("div", class_="chart"),
-        tables.errors_of(result.summary, name),
     ]
     number_of = None if data is None else store.add({**data, "name": title})
     return element("figure", content, class_="plot", data_figure=number_of)

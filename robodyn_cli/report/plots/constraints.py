@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import growth_times, loop_columns, sharing_note
-from robodyn_cli.report.curves import NOTHING, Curves, curves, zero_note
+from robodyn_cli.report.curves import NOTHING, DrawnCurves, curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import labelled, number, positive_floor, unit
@@ -44,7 +44,7 @@ def constraint_residual(result: Result) -> Any:
     return sheet.figure
 
 
-def _residual(result: Result, kind: str, word: str) -> Curves:
+def _residual(result: Result, kind: str, word: str) -> DrawnCurves:
     """Return the largest residual (T, 1) of all closures, zero where it is what rounding leaves of coordinates of the
     mechanism's size and, of velocities, of its speed."""
     data = np.max(np.abs(finite(result[f"constraints/{kind}"])), axis=1, keepdims=True)
@@ -184,7 +184,7 @@ def _subtitle(result: Result, norms: dict[str, Array]) -> str:
     return f"Lagrange multipliers; largest norm {', '.join(largest)}{sharing_note(result)}"
 
 
-def _ends(drawn: Curves) -> tuple[float, float]:
+def _ends(drawn: DrawnCurves) -> tuple[float, float]:
     """Return the ends of the axis of columns and, last, their norm."""
     low, high = positive_floor(drawn.data[:, -1])
     # A component crosses zero while the norm does not; its dip may leave the picture.
@@ -275,16 +275,16 @@ def reactions(result: Result) -> Any:
     return sheet.figure
 
 
-def _is_spread(part: Curves) -> bool:
+def _is_spread(part: DrawnCurves) -> bool:
     """Tell whether the largest load would press the others to the ground on a linear axis."""
     return bool(0.0 < SPREAD * _typical(part) < part.top.max(initial=0.0))
 
 
-def _typical(part: Curves) -> float:
+def _typical(part: DrawnCurves) -> float:
     return float(np.nanmedian(part.data.max(axis=1))) if part.data.size else 0.0
 
 
-def _draw_loads(sheet: TimeSheet, ax: Any, part: Curves) -> list[Any]:
+def _draw_loads(sheet: TimeSheet, ax: Any, part: DrawnCurves) -> list[Any]:
     """Draw magnitudes, logarithmically where they are spread; small ones run out of the picture."""
     if _is_spread(part):
         low = float(part.data[part.data > 1e-3 * _typical(part)].min())

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.curves import Curves, curves, curves_of, fit_axis
+from robodyn_cli.report.curves import DrawnCurves, curves, curves_of, fit_axis
 from robodyn_cli.report.lines import envelope, finite
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import labelled, load_label, number
@@ -136,7 +136,7 @@ def tracking(result: Result) -> Any:
     return sheet.figure
 
 
-def _followed(result: Result) -> tuple[Curves, Curves]:
+def _followed(result: Result) -> tuple[DrawnCurves, DrawnCurves]:
     """Return the motion and its tracking error, whose own error is that of the motion."""
     off, wanted, own = (
         curves_of(result, "control/error"),
@@ -151,7 +151,7 @@ def _followed(result: Result) -> tuple[Curves, Curves]:
     )
 
 
-def _shown(error: Curves) -> list[tuple[str, list[int]]]:
+def _shown(error: DrawnCurves) -> list[tuple[str, list[int]]]:
     """Return the columns that are drawn, by unit."""
     chosen = set(np.argsort(-error.top, kind="stable")[:MOST_COORDINATES].tolist())
     found = ((units, [k for k in columns if k in chosen]) for units, columns in error.groups().items())
@@ -163,7 +163,9 @@ def _order(names: list[str], groups: list[tuple[str, list[int]]]) -> list[str]:
     return [*drawn, *(name for name in names if name not in drawn)]
 
 
-def _torques(ax: Any, result: Result, torque: Curves, columns: list[int], looks: Looks, units: str) -> None:
+def _torques(
+    ax: Any, result: Result, torque: DrawnCurves, columns: list[int], looks: Looks, units: str
+) -> None:
     """Draw torques with the limits of joints that have some."""
     names, data = torque.names, torque.data
     control = result.summary.get("control") or {}

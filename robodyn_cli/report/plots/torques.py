@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import torque_note
-from robodyn_cli.report.curves import Curves, curves, curves_of
+from robodyn_cli.report.curves import DrawnCurves, curves, curves_of
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near, where_largest
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE, load_label, number, unit
@@ -84,7 +84,7 @@ def _largest_terms(result: Result) -> dict[str, float]:
     return found
 
 
-def _panels(shown: Curves) -> list[tuple[str, list[int]]]:
+def _panels(shown: DrawnCurves) -> list[tuple[str, list[int]]]:
     """Return unit and columns of each panel: beside a torque that is much larger a small one would be a line."""
     found: list[tuple[str, list[int]]] = []
     for units, columns in shown.groups().items():
@@ -99,7 +99,7 @@ def _panels(shown: Curves) -> list[tuple[str, list[int]]]:
     return [(units, sorted(columns)) for units, columns in found]
 
 
-def _working(shown: Curves) -> list[int]:
+def _working(shown: DrawnCurves) -> list[int]:
     """Return the columns of joints with a torque, all of them where none has any."""
     return np.flatnonzero(shown.data.any(axis=0)).tolist() or list(range(len(shown.names)))
 
