@@ -154,6 +154,16 @@ def draw_crests(ax: Axes, time: Array, data: Array) -> list[Any]:
     return handles
 
 
+def make_room(ax: Axes, shown: DrawnCurves) -> None:
+    """Let an axis reach as far as the errors of its curves, but those that are larger than all that is drawn."""
+    low, high = np.nanmin(shown.data, axis=0, initial=np.inf), np.nanmax(shown.data, axis=0, initial=-np.inf)
+    seen = shown.error < high.max(initial=-np.inf) - low.min(initial=np.inf)
+    if seen.any():
+        x = ax.get_xlim()[0]
+        ax.update_datalim([(x, y) for y in (*(low - shown.error)[seen], *(high + shown.error)[seen])])
+        ax.autoscale_view(scalex=False)
+
+
 def fit_axis(ax: Axes, shown: DrawnCurves, magnitudes: bool = False) -> None:
     """Give an axis the size of the peers where its curves do not vary by more than their error or rounding."""
     low, high = (float(f(shown.data, initial=x)) for f, x in ((np.nanmin, np.inf), (np.nanmax, -np.inf)))

@@ -22,10 +22,11 @@ from robodyn_cli.report.curves import (
     draw_error,
     fit_axis,
     fit_log_axis,
+    make_room,
     nothing_note,
 )
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, limits_near
-from robodyn_cli.report.style import degree_axis, labelled, number, unit
+from robodyn_cli.report.style import PlainFormatter, degree_axis, labelled, number, unit
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
@@ -165,6 +166,7 @@ class TimeSheet(Sheet):
     ) -> list[Any]:
         """Draw curves on a linear axis, with their errors; return a handle for each."""
         handles = draw_columns(ax, self._result.time, shown.data, styles)
+        make_room(ax, shown)
         fit_axis(ax, shown, magnitudes)
         self._drawn.append((ax, self._result.time, shown, [handle.get_color() for handle in handles]))
         return handles
@@ -193,6 +195,7 @@ class TimeSheet(Sheet):
                 ax.tick_params(labelbottom=False)
             else:
                 ax.set_xlabel("time [s]")
+                ax.xaxis.set_major_formatter(PlainFormatter())
         self._draw_errors()
         hatch(self.axes, meaningful_until(self._result.summary))
         mark_moments(self.axes, self.moments)
