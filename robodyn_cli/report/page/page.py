@@ -24,7 +24,7 @@ from robodyn_cli.report.page.motion import motion_data
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.report.style import number, styled
-from robodyn_cli.report.time_sheet import decisive_text
+from robodyn_cli.report.time_sheet import decisive_text, lost_note
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
@@ -85,14 +85,14 @@ def _head(shown: Shown, alone: bool) -> Html:
         f" {result.command}",
     ]
     words += [element("span", shown.label, class_="label")] if shown.label != result.command else []
-    alarm = decisive_text(moments(result))
+    alarms = [*filter(None, [decisive_text(moments(result))]), *lost_note(result)]
     said = [
         element("li", note, class_="alarm" if note.startswith(ALARMS) else None) for note in notes(result)
     ]
     found = [
         element("h1" if alone else "h2", result.title or shown.label),
         element("p", words),
-        element("p", alarm, class_="alarm") if alarm else None,
+        [element("p", alarm, class_="alarm") for alarm in alarms],
         element("ul", said, class_="notes") if said else None,
     ]
     return markup(found)
