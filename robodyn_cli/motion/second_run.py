@@ -21,10 +21,9 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
-from robodyn_cli.summaries.motion import MotionErrors
+from robodyn_cli.summaries.motion import NOT_MEANINGFUL, MotionErrors
 
 Tick = Callable[[float], None] | None
-NOT_MEANINGFUL = 1e-2  # part of the range of a quantity above which its error means that its digits are lost
 AT_ROUNDING = 100.0  # times the rounding floor
 
 

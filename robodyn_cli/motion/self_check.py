@@ -16,7 +16,6 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.second_run import NOT_MEANINGFUL
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import Assembled
@@ -24,6 +23,7 @@ from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.motion import (
+    NOT_MEANINGFUL,
     Accuracy,
     Assembly,
     DependentRows,

@@ -1,5 +1,4 @@
-"""Figures with a fixed layout in inches, what they say about the course of a run (a failure, moments that matter), and
-their way into a file.
+"""Figures with a fixed layout in inches, what they say about the course of a run, and their way into a file.
 
 Automatic layout draws everything once more to measure it; with legends below the axes and known font sizes
 the room needed is known beforehand.
@@ -17,14 +16,13 @@ from typing import Any, BinaryIO
 from matplotlib import rc_context
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.lines import Line2D
 from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.style import PlainFormatter, number
 from robodyn_cli.results.atomic import written
-from robodyn_cli.results.moments import DECISIVE, Moment, lock, moments
+from robodyn_cli.results.moments import lock
 from robodyn_cli.results.output_dir import CREATOR, MARK
 from robodyn_cli.results.result import Result
 
@@ -61,54 +59,6 @@ def torque_note(result: Result) -> str:
     return "" if torques == "unique" else f". Not unique: those of {torques}"
 
 
-# how moments look that come often; they are drawn at the upper edge of a panel
-MARKERS = {"impact": "v", "contact": "s", "release": "^", "stick": "o", "slip": "D"}
-
-
-def counted(found: Sequence[Moment]) -> dict[str, str]:
-    """Return the label of each kind of moment that comes often, with how many there are."""
-    kinds = [moment.kind for moment in found]
-    return {
-        kind: f"{kind}{'s' if kinds.count(kind) > 1 else ''} ({kinds.count(kind)})"
-        for kind in MARKERS
-        if kind in kinds
-    }
-
-
-def decisive_text(found: Sequence[Moment]) -> str:
-    """Return the decisive moments with their times, for the line above a drawing."""
-    return "; ".join(f"{m.text} at {number(m.time, 6)} s" for m in found if m.kind in DECISIVE)
-
-
-def mark_moments(axes: Sequence[Axes], found: Sequence[Moment]) -> None:
-    """Mark moments on axes over time, as far as their limits go: decisive ones by a line, others by a small mark."""
-    for ax in axes:
-        low, high = ax.get_xlim()
-        inside = [moment for moment in found if low <= moment.time <= high]
-        for moment in inside:
-            if moment.kind in DECISIVE:
-                ax.axvline(moment.time, color=style.ALARM, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
-        for kind in MARKERS:
-            times = [moment.time for moment in inside if moment.kind == kind]
-            if times:
-                ax.vlines(
-                    times,
-                    0.0,
-                    1.0,
-                    transform=ax.get_xaxis_transform(),
-                    color="#cfcfcf",
-                    linewidth=0.5,
-                    zorder=1,
-                )
-                ax.plot(times, [1.0] * len(times), transform=ax.get_xaxis_transform(), **marker_of(kind))
-
-
-def marker_of(kind: str) -> dict[str, Any]:
-    """Return the look of the mark of a kind of moment."""
-    return {"marker": MARKERS[kind], "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": style.GREY,
-            "linestyle": "none", "clip_on": False, "zorder": 4}  # fmt: skip
-
-
 def loop_columns(result: Result, names: tuple[str, ...]) -> list[int]:
     """Return the columns of the multipliers that belong to loops, not to joints moved by prescription."""
     multipliers = lock(result).get("multipliers")
@@ -135,7 +85,7 @@ def growth_times(result: Result) -> list[tuple[float, float]]:
 TITLE, NOTE = "title", "note"
 WIDTH = 7.0
 LEFT, RIGHT = 0.8, 0.3
-DEGREES = 0.3
+DEGREES = 0.36
 BAR = 0.85
 BETWEEN = 0.7
 TITLE_LINE, SUBTITLE_LINE = 0.21, 0.18
@@ -152,8 +102,8 @@ class Panels:
     vertically and ``between`` horizontally.
 
     labels : texts of the legend below. degrees : leaves room for a second scale. bars : adds axes for a colour bar
-    beside each panel. titled : leaves room for a title above the first panels. told : what is said above the panels in
-    the colour of alarms. numbered : leaves room for numbers and a label below the panels.
+    beside each panel. titled : leaves room for a title above the first panels. captions : lines below the subtitle.
+    told : lines in the colour of alarms. numbered : leaves room for numbers and a label below the panels.
     """
 
     panels: int = 1
@@ -165,7 +115,8 @@ class Panels:
     degrees: bool = False
     bars: bool = False
     titled: bool = False
-    told: str = ""
+    captions: Sequence[str] = ()
+    told: Sequence[str] = ()
     numbered: bool = True
 
 
@@ -177,8 +128,12 @@ class Sheet:
         shape = Panels(**layout)
         panels, across, height, gap = shape.panels, shape.across, shape.height, shape.gap
         title = textwrap.wrap(result.title or result.command, 72, max_lines=2, placeholder=" ...")
-        alarms = [*textwrap.wrap(shape.told, NOTE_WIDTH, max_lines=2), *failure_note(result)]
-        notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *alarms]
+        alarms = [line for text in shape.told for line in textwrap.wrap(text, NOTE_WIDTH, max_lines=2)]
+        alarms += failure_note(result)
+        below_subtitle = [
+            line for text in shape.captions for line in textwrap.wrap(text, NOTE_WIDTH, max_lines=2)
+        ]
+        notes = [*textwrap.wrap(subtitle, NOTE_WIDTH), *below_subtitle, *alarms]
         self.columns, lines = legend_shape(list(shape.labels))
         lines_above = len(notes) + (1 if shape.titled else 0)
         top = 0.12 + TITLE_LINE * len(title) + SUBTITLE_LINE * lines_above + 0.14
@@ -201,6 +156,7 @@ class Sheet:
             if shape.bars:
                 place = ((x + wide + 0.15) / WIDTH, y / total, 0.18 / WIDTH, height / total)
                 self.bars.append(self.figure.add_axes(place))
+        self.notes: list[Any] = []
         y = total - 0.12
         for line in title:
             self._text(LEFT, y, total, line, label=TITLE, fontsize=11, fontweight="bold")
@@ -208,7 +164,7 @@ class Sheet:
         for index, line in enumerate(notes):
             alarm = index >= len(notes) - len(alarms)
             looks = {"label": TITLE, "color": style.ALARM} if alarm else {"label": NOTE, "color": style.GREY}
-            self._text(LEFT, y, total, line, **looks)
+            self.notes.append(self._text(LEFT, y, total, line, **looks))
             y -= SUBTITLE_LINE
         self._legend_at = ((LEFT - 0.1) / WIDTH, (bottom - below) / total)
 
@@ -235,38 +191,8 @@ class Sheet:
             labelspacing=0.3,
         )
 
-    def _text(self, x: float, y: float, total: float, text: str, **style_: Any) -> None:
-        self.figure.text(x / WIDTH, y / total, text, ha="left", va="top", **style_)
-
-
-class TimeSheet(Sheet):
-    """A sheet of panels over time, which shows the moments of the run: the decisive ones in words and as lines, those
-    that come often as small marks with an entry of the legend."""
-
-    def __init__(self, result: Result, subtitle: str, **layout: Any) -> None:
-        """Lay out the panels; ``layout`` : fields of ``Panels`` but for ``told``."""
-        self.moments = moments(result)
-        self._counted = counted(self.moments)
-        labels = [*layout.pop("labels", ()), *self._counted.values()]
-        super().__init__(result, subtitle, labels=labels, told=decisive_text(self.moments), **layout)
-
-    def label_time(self) -> None:
-        """Name the time axis, number it only where no panel follows below, and mark the moments."""
-        for panel, ax in enumerate(self.axes):
-            if panel + self._across < len(self.axes):
-                ax.tick_params(labelbottom=False)
-            else:
-                ax.set_xlabel("time [s]")
-        self.mark()
-
-    def mark(self) -> None:
-        """Mark the moments on all panels, within their limits."""
-        mark_moments(self.axes, self.moments)
-
-    def legend(self, handles: list[Any], labels: list[str] | tuple[str, ...]) -> None:
-        """Put the legend below the panels, that of the moments too."""
-        marks = [Line2D([], [], **marker_of(kind)) for kind in self._counted]
-        super().legend([*handles, *marks], [*labels, *self._counted.values()])
+    def _text(self, x: float, y: float, total: float, text: str, **style_: Any) -> Any:
+        return self.figure.text(x / WIDTH, y / total, text, ha="left", va="top", **style_)
 
 
 def legend_shape(labels: tuple[str, ...] | list[str]) -> tuple[int, int]:

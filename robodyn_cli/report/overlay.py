@@ -14,11 +14,14 @@ import numpy as np
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet, save
-from robodyn_cli.report.lines import envelope, finite, panel_height
+from robodyn_cli.report.curves import NAMED, DrawnCurves, curves_of, draw_error, fit_axis, nothing_note
+from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
 from robodyn_cli.report.style import styled, unit
+from robodyn_cli.report.time_sheet import error_words, hatch, lost_note, panel_height
 from robodyn_cli.results.atomic import output_errors
-from robodyn_cli.results.result import Result, column_names, units_of
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.stated_errors import meaningful_until
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -71,7 +74,7 @@ OVERLAID: dict[str, tuple[str, ...]] = {
 }
 MOST_PANELS = 8
 
-Series = dict[tuple[str, str], tuple[Array, Array]]  # name and units: times (T,), values (T,)
+Series = dict[tuple[str, str], tuple[Array, DrawnCurves]]  # name and units: times (T,), one curve
 
 
 def labels_of(paths: Sequence[Path], titles: Sequence[str]) -> list[str]:
@@ -103,7 +106,9 @@ def shared(all_series: Sequence[Series]) -> list[tuple[str, str]]:
     """Return names and units of the quantities of a plot that all results have."""
     common = [key for key in all_series[0] if all(key in series for series in all_series[1:])]
     # what is zero in all of them is left out where there is something else
-    return [key for key in common if any(np.any(series[key][1] != 0.0) for series in all_series)] or common
+    return [
+        key for key in common if any(np.any(series[key][1].data != 0.0) for series in all_series)
+    ] or common
 
 
 def draw_over(results: Mapping[str, Result], name: str) -> Any:
@@ -117,24 +122,40 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     if len(panels) < len(keys):
         subtitle += f"; the {len(panels)} of {len(keys)} quantities that differ most"
     across = 1 if len(panels) <= 3 else 2
+    nothing = [text for series in all_series.values() for key in panels for text in series[key][1].nothing]
+    first_lost = min(results.values(), key=lambda result: meaningful_until(result.summary))
     sheet = Sheet(
         Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=across,
         height=panel_height(len(panels)), gap=0.5, titled=True, labels=list(results),
+        captions=[*nothing_note(nothing), *_errors(results, name)], told=lost_note(first_lost),
     )  # fmt: skip
     looks = style.line_styles(len(results))
     handles: list[Any] = []
     for panel, (ax, key) in enumerate(zip(sheet.axes, panels)):
+        drawn = [series[key] for series in all_series.values()]
         handles = [
-            ax.plot(*envelope(*series[key]), **look)[0] for series, look in zip(all_series.values(), looks)
+            ax.plot(*envelope(time, one.data[:, 0]), **look)[0] for (time, one), look in zip(drawn, looks)
         ]
-        ends = [series[key][0][[0, -1]] for series in all_series.values()]
+        fit_axis(ax, max((one for _, one in drawn), key=lambda one: float(np.ptp(one.data))))
+        for (time, one), handle, result in zip(drawn, handles, results.values()):
+            kept = time <= meaningful_until(result.summary)
+            draw_error(ax, time[kept], one.data[kept, 0], float(one.error[0]), handle.get_color())
+        ends = [time[[0, -1]] for time, _ in drawn]
         low, high = float(np.min(ends)), float(np.max(ends))
         ax.set_xlim(low, high if high > low else low + 1.0)
         ax.set_title(f"{key[0]} [{unit(key[1]) or '1'}]", fontsize=style.FONT_SIZE, loc="left", pad=4)
         if panel + across >= len(panels):
             ax.set_xlabel("time [s]")
+    hatch(sheet.axes, meaningful_until(first_lost.summary))
     sheet.legend(handles, list(results))
     return sheet.figure
+
+
+def _errors(results: Mapping[str, Result], name: str) -> list[str]:
+    """Return what the first results state of the errors of a plot, a line each; bands show those that can be seen."""
+    path = "energy" if name == "energy" else OVERLAID[name][0].rstrip("/")
+    more = [f"and {len(results) - NAMED} more"] if len(results) > NAMED else []
+    return [f"{label}: {error_words(result, path)}" for label, result in list(results.items())[:NAMED]] + more
 
 
 def _series(result: Result, name: str) -> Series:
@@ -149,13 +170,14 @@ def _series(result: Result, name: str) -> Series:
             continue
         if variable.dims[:1] != ("time",) or variable.data.ndim > 2:
             continue
-        short = path.rpartition("/")[2]
-        if variable.data.ndim == 1:
-            found[(short, variable.units)] = result.time, finite(variable.data)
-            continue
-        prefix = f"{short}." if "/" in path and path != "constraints/multipliers" else ""
-        for k, (column, units) in enumerate(zip(column_names(variable), units_of(variable))):
-            found[(f"{prefix}{column}", units)] = result.time, finite(variable.data[:, k])
+        shown, short = curves_of(result, path), path.rpartition("/")[2]
+        prefix = (
+            f"{short}."
+            if "/" in path and variable.data.ndim == 2 and path != "constraints/multipliers"
+            else ""
+        )
+        for k, (column, units) in enumerate(zip(shown.names, shown.units)):
+            found[(f"{prefix}{column}", units)] = result.time, shown.part([k])
     return found
 
 
@@ -165,11 +187,12 @@ def _most_different(keys: list[tuple[str, str]], all_series: list[Series]) -> li
         return keys
 
     def difference(key: tuple[str, str]) -> float:
-        t, first = all_series[0][key]
+        t, first = all_series[0][key][0], all_series[0][key][1].data[:, 0]
         worst = 0.0
         for series in all_series[1:]:
-            inside = t <= series[key][0][-1]
-            other = np.interp(t[inside], *series[key])
+            times, one = series[key]
+            inside = t <= times[-1]
+            other = np.interp(t[inside], times, one.data[:, 0])
             worst = max(worst, float(np.nanmax(np.abs(first[inside] - other), initial=0.0)))
         spread = float(np.nanmax(first, initial=-np.inf) - np.nanmin(first, initial=np.inf))
         return worst / spread if spread > 0.0 else worst

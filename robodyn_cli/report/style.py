@@ -50,6 +50,7 @@ _SETTINGS: dict[Any, Any] = {
     "axes.grid": True,
     "axes.axisbelow": True,
     "axes.xmargin": 0.0,
+    "hatch.linewidth": 0.6,
     "grid.color": "#dedede",
     "grid.linewidth": 0.6,
     "xtick.color": "#4d4d4d",
@@ -192,7 +193,7 @@ def log_axis(ax: Axes, low: float, high: float) -> None:
         ax.set_ylim(low - room, high + room)
         return
     room = 10.0 ** (0.03 * decades)
-    ax.set_yscale("log")
+    ax.set_yscale("log", nonpositive="mask")  # no line goes to or from a zero
     ax.set_ylim(low / room, high * room)
     ax.yaxis.set_major_locator(LogLocator(numticks=9))
     ax.yaxis.set_major_formatter(PowerFormatter())
@@ -235,7 +236,7 @@ def degree_axis(ax: Axes) -> None:
 
 
 def positive_floor(*arrays: Any, floor: float = 0.0) -> tuple[float, float]:
-    """Return (floor, largest) for a logarithmic axis over ``arrays``; zeros are drawn at the floor.
+    """Return (floor, largest) for a logarithmic axis over ``arrays``, in which zeros have no place.
 
     Without a ``floor`` it is a little below the smallest positive value.
     """

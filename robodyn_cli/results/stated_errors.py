@@ -12,6 +12,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.summaries.motion import NOT_MEANINGFUL
 
 
 @record
@@ -187,6 +188,25 @@ def stated_error(result: Result, path: str) -> Array:
     return np.array(
         sum(_number(summary, *place, *key) for place in phases for key in keys) if keys else np.nan
     )
+
+
+def meaningful_until(summary: Mapping[str, Any]) -> float:
+    """Return the time [s] from which on a motion is lost in its error; infinite where it never is."""
+    key = ("error_estimate", "meaningful_until")
+    return float(np.fmin.reduce([np.inf, *(_number(summary, *place, *key) for place in PHASES.values())]))
+
+
+def meaningful_error(result: Result, path: str) -> float:
+    """Return the largest error that a result states of a dataset over time while the motion is meaningful; nan where it
+    states none."""
+    error = stated_error(result, path)
+    if error.size != 1:
+        return np.nan
+    largest = float(error.item())
+    if path in ("q", "qd") and np.isfinite(meaningful_until(result.summary)):
+        # the definition of the time from which on it is larger
+        largest = min(largest, NOT_MEANINGFUL * float(np.ptp(result[path], axis=0).max(initial=0.0)))
+    return largest
 
 
 def _number(summary: Mapping[str, Any], *keys: str) -> float:

@@ -49,6 +49,10 @@ class Accuracy:
     step: float | Absent = fact("fixed step", "s", default=ABSENT)
 
 
+# part of the range of a quantity above which its error means that its digits are lost
+NOT_MEANINGFUL = 1e-2
+
+
 @record
 class MotionErrors:
     """Estimated errors of the motion over its samples, and how they were found."""

@@ -352,3 +352,22 @@ def test_several_results_stand_one_below_another(tmp_path: Path, opened: Opener)
     sliders.last.evaluate("slider => { slider.value = 30; slider.dispatchEvent(new Event('input')); }")
     page.locator("#result-2 .scene[data-pose='30']").wait_for()
     assert page.locator("#result-1 .scene").get_attribute("data-pose") == "0"
+
+
+def test_zeros_errors_and_what_is_lost_are_seen_on_the_page(tmp_path: Path, opened: Opener) -> None:
+    """Before a latch closes its loads are zero in the legend; errors are bands, and a lost motion is hatched."""
+    result = four_bar_result(201)
+    result["constraints/multipliers"][:100] = 0.0
+    result.summary["error_estimate"] = {"method": "m", "q_max": 3.0, "qd_max": 3.0, "meaningful_until": 8.0}
+    write_page([Shown("deploy", result)], tmp_path / "lost.html")
+    page = opened(tmp_path / "lost.html")
+    for title in ("Joint angles", "Multipliers"):
+        plot = page.locator("figure.plot", has=page.locator(f"h3:text-is('{title}')"))
+        plot.scroll_into_view_if_needed()
+        plot.locator(".chart .frame").first.wait_for()
+        assert plot.locator(".chart pattern").count() >= 1
+        assert "not meaningful after" in plot.locator("xpath=ancestor::section").first.inner_text()
+        bands = plot.locator(".chart g path[opacity='0.22']").count()
+        assert bands == (3 if title == "Joint angles" else 0)
+    set_slider(page, 60)
+    assert plot.locator(".legend span").all_inner_texts()[:3] == ["0", "0", "0"]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli.report.lines import NOTE, limits_near
+from robodyn_cli.report.lines import LIMIT_NOTE, limits_near
 from robodyn_cli.report.registry import draw
 from robodyn_cli.results import hdf5
 from robodyn_cli.results.result import Result
@@ -57,5 +57,5 @@ def test_a_limit_is_drawn_where_the_motion_comes_near_it() -> None:
     assert limits_near(result, "qd") == {}, "far away"
     figure = draw(result, "torques")
     assert sorted(levels(figure)) == [60.0, 180.0]
-    assert NOTE.removeprefix("; ") in words(figure)
-    assert NOTE.removeprefix("; ") not in words(draw(result, "joint_rates"))
+    assert LIMIT_NOTE.removeprefix("; ") in words(figure)
+    assert LIMIT_NOTE.removeprefix("; ") not in words(draw(result, "joint_rates"))

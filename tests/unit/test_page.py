@@ -199,14 +199,12 @@ def test_errors_stand_beside_the_figures_they_belong_to() -> None:
         "after_lock": {"error_estimate": {"qd_max": 5e-6}},
     }
     expected = {
-        "joint_angles": ["1·10⁻⁹", "3·10⁻¹²"], "joint_rates": ["2·10⁻⁸", "5·10⁻⁶"], "energy": ["4·10⁻⁷"], "multipliers": [],
+        "q": ["1·10⁻⁹", "3·10⁻¹²"], "qd": ["2·10⁻⁸", "5·10⁻⁶"], "energy": ["4·10⁻⁷"], "constraints/multipliers": [],
     }  # fmt: skip
-    for plot, values in expected.items():
-        assert re.findall(r" ([0-9][^ ]*)", errors_of(summary, plot) or "") == values
-    assert "largest error of qd after the lock 5·10⁻⁶ rad/s or m/s" in (
-        errors_of(summary, "joint_rates") or ""
-    )
-    assert errors_of({}, "joint_angles") is None and errors_of(summary, "unknown") is None
+    for path, values in expected.items():
+        assert re.findall(r" ([0-9][^ ]*)", errors_of(summary, path) or "") == values
+    assert "largest error of qd after the lock 5·10⁻⁶ rad/s or m/s" in (errors_of(summary, "qd") or "")
+    assert errors_of({}, "q") is None and errors_of(summary, "unknown") is None
 
 
 def test_summaries_become_tables_whatever_is_in_them() -> None:

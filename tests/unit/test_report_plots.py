@@ -437,6 +437,7 @@ def test_what_rounding_leaves_of_zero_does_not_fill_a_panel() -> None:
 def test_residuals_that_are_zero_are_drawn_as_zero() -> None:
     result = four_bar_result()
     result["constraints/position_residual"][:] = 0.0
+    result["constraints/velocity_residual"][:] *= 1e3
     position, velocity = draw(result, "constraint_residual").axes[:2]
     assert position.get_yscale() == "linear" and velocity.get_yscale() == "log"
     assert not np.any(position.lines[0].get_ydata()) and position.get_ylim()[0] < 0.0
@@ -444,15 +445,17 @@ def test_residuals_that_are_zero_are_drawn_as_zero() -> None:
 
 def test_powers_of_ten_are_written_in_one_way() -> None:
     result = four_bar_result()
-    steps = np.linspace(1.1e-16, 4.4e-16, len(result.time))
+    steps = np.linspace(1.1e-12, 4.4e-12, len(result.time))
     result["constraints/position_residual"][:] = steps[:, None]
-    result["constraints/velocity_residual"][:] = 20.0 ** np.linspace(-12.0, -11.0, len(result.time))[:, None]
+    result["constraints/velocity_residual"][:] = (
+        1e4 * 20.0 ** np.linspace(-12.0, -11.0, len(result.time))[:, None]
+    )
     figure = draw(result, "constraint_residual")
     FigureCanvasAgg(figure).draw()
     position, velocity = figure.axes[:2]
-    assert position.yaxis.get_offset_text().get_text() == "·10⁻¹⁶"
+    assert position.yaxis.get_offset_text().get_text() == "·10⁻¹²"
     between = {label.get_text() for label in velocity.get_yticklabels(minor=True)} - {""}
-    assert "5·10⁻¹⁶" in between and not any("e" in text for text in between)
+    assert "5·10⁻¹²" in between and not any("e" in text for text in between)
 
 
 def test_every_axis_over_time_says_its_unit() -> None:

@@ -107,9 +107,11 @@ class Chart {
     made("rect", size, made("clipPath", { id: clip }, this.svg));
     this.scales(panel, box, x, y, last);
     const inside = made("g", { "clip-path": `url(#${clip})` }, this.svg);
-    for (const band of panel.bands) {
-      made("rect", { ...size, y: y(band.high), height: Math.max(0, y(band.low) - y(band.high)), fill: inked(band.colour), opacity: band.alpha }, inside);
+    for (const error of panel.errors) {
+      const corners = Array.from(error.x, (t, k) => [x(t), y(error.y[k])]);
+      made("path", { d: path(corners), fill: inked(error.colour), opacity: error.alpha }, inside);
     }
+    for (const band of panel.bands) this.band(band, box, x, y, inside, clip);
     const outside = made("g", {}, this.svg);
     for (const line of panel.lines) this.line(line, box, x, y, inside, outside);
     for (const note of panel.notes) {
@@ -118,6 +120,18 @@ class Chart {
     const cursor = made("line", { class: "cursor", y1: box.top, y2: box.bottom, visibility: "hidden" }, this.over);
     const readout = made("text", { x: box.right, y: box.top - 14, class: "end value" }, this.over);
     return { panel, box, x, y, cursor, readout, from: (px) => x0 + (px - box.left) / (box.right - box.left) * (x1 - x0) };
+  }
+
+  /* A band of good values, or the hatched part of a panel that says nothing; edges beyond the panel are clipped. */
+  band(band, box, x, y, parent, clip) {
+    const [left, right, top, bottom] = [x(band.left), x(band.right), y(band.high), y(band.low)].map((place, k) => (
+      Number.isFinite(place) ? place : [box.left, box.right, box.top, box.bottom][k]));
+    const size = { x: left, width: Math.max(0, right - left), y: top, height: Math.max(0, bottom - top) };
+    if (band.hatched) {
+      const across = { id: `${clip}-hatch`, width: 9, height: 9, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" };
+      made("path", { d: "M0 0V9", stroke: inked(band.colour), "stroke-width": 1.6 }, made("pattern", across, this.svg));
+    }
+    made("rect", { ...size, fill: band.hatched ? `url(#${clip}-hatch)` : inked(band.colour), opacity: band.alpha }, parent);
   }
 
   /* Axes with their numbers and units; the label stands above, so that phones have room. */

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backend_bases import RendererBase
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
@@ -95,12 +95,14 @@ def _texts(box: Any) -> list[str]:
 
 def _plain(ax: Axes) -> bool:
     """Tell whether axes hold only what the browser draws."""
-    return not ax.images and all(isinstance(item, LineCollection) for item in ax.collections)
+    return not ax.images and all(isinstance(item, LineCollection | PolyCollection) for item in ax.collections)
 
 
 def _panel(ax: Axes, legend: list[dict[str, Any]], arrays: Arrays) -> dict[str, Any]:
     lines = [_line(ax, line, arrays) for line in ax.lines if line.get_visible()]
-    lines += [item for collection in ax.collections for item in _collected(ax, collection, arrays)]
+    of_lines = [x for x in ax.collections if isinstance(x, LineCollection)]
+    of_errors = [x for x in ax.collections if isinstance(x, PolyCollection)]
+    lines += [item for collection in of_lines for item in _collected(ax, collection, arrays)]
     looks = {_look(entry): place for place, entry in reversed(list(enumerate(legend)))}
     for line in lines:
         line["entry"] = looks.get(_look(line))
@@ -112,6 +114,7 @@ def _panel(ax: Axes, legend: list[dict[str, Any]], arrays: Arrays) -> dict[str, 
         "y": [float(y) for y in ax.get_ylim()],
         "lines": lines,
         "bands": [_band(ax, patch) for patch in ax.patches],
+        "errors": [_error(collection, arrays) for collection in of_errors],
         "notes": [_note(text) for text in ax.texts if isinstance(text, Annotation)],
     }
 
@@ -210,16 +213,29 @@ def _collected(ax: Axes, collection: Any, arrays: Arrays) -> list[dict[str, Any]
 
 
 def _band(ax: Axes, patch: Any) -> dict[str, Any]:
-    """Return a band across the panel."""
+    """Return a band across the panel, from side to side or from below upwards; ``hatched`` where it covers curves."""
     box = patch.get_window_extent().transformed(ax.transData.inverted())
-    alpha = patch.get_alpha()
+    alpha, hatched = patch.get_alpha(), bool(patch.get_hatch())
     low, high = sorted((float(box.y0), float(box.y1)))
+    left, right = sorted((float(box.x0), float(box.x1)))
     return {
         "low": low,
         "high": high,
-        "colour": to_hex(patch.get_facecolor()),
+        "left": left,
+        "right": right,
+        "hatched": hatched,
+        "colour": to_hex(patch.get_edgecolor() if hatched else patch.get_facecolor()),
         "alpha": 1.0 if alpha is None else alpha,
     }
+
+
+def _error(collection: Any, arrays: Arrays) -> dict[str, Any]:
+    """Return the band of an error about a curve: corners of the areas that it consists of, a gap between two."""
+    gap = np.full((1, 2), np.nan)
+    corners = [part for path in collection.get_paths() for part in (path.vertices, gap)] or [gap]
+    x, y = np.concatenate(corners).T
+    look = {"colour": to_hex(collection.get_facecolor()[0]), "alpha": collection.get_alpha() or 1.0}
+    return {**look, "x": arrays.put(x, double=True), "y": arrays.put(y, double=_is_narrow(y))}
 
 
 def _note(text: Annotation) -> dict[str, Any]:

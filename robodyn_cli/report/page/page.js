@@ -24,7 +24,8 @@ function drawingOf(data, arrays) {
 }
 
 function chartOf(data, arrays) {
-  const panels = data.panels.map((panel) => ({ ...panel, lines: panel.lines.map((line) => withArrays(line, arrays, ["x", "y"])) }));
+  const drawn = (items) => items.map((item) => withArrays(item, arrays, ["x", "y"]));
+  const panels = data.panels.map((panel) => ({ ...panel, lines: drawn(panel.lines), errors: drawn(panel.errors) }));
   return { ...data, panels };
 }
 

@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.transforms import Bbox
 
 from robodyn_cli.record import record
-from robodyn_cli.report.canvas import below_heading, decisive_text, print_figure
+from robodyn_cli.report.canvas import below_heading, print_figure
 from robodyn_cli.report.drawing.build import has_poses
 from robodyn_cli.report.figures import notes, shown_units
 from robodyn_cli.report.page import tables
@@ -24,6 +24,7 @@ from robodyn_cli.report.page.motion import motion_data
 from robodyn_cli.report.page.tables import Html, element, json_block, markup
 from robodyn_cli.report.registry import applicable, draw
 from robodyn_cli.report.style import number, styled
+from robodyn_cli.report.time_sheet import decisive_text, lost_note
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.results.moments import moments
 from robodyn_cli.results.result import Result
@@ -84,14 +85,14 @@ def _head(shown: Shown, alone: bool) -> Html:
         f" {result.command}",
     ]
     words += [element("span", shown.label, class_="label")] if shown.label != result.command else []
-    alarm = decisive_text(moments(result))
+    alarms = [*filter(None, [decisive_text(moments(result))]), *lost_note(result)]
     said = [
         element("li", note, class_="alarm" if note.startswith(ALARMS) else None) for note in notes(result)
     ]
     found = [
         element("h1" if alone else "h2", result.title or shown.label),
         element("p", words),
-        element("p", alarm, class_="alarm") if alarm else None,
+        [element("p", alarm, class_="alarm") for alarm in alarms],
         element("ul", said, class_="notes") if said else None,
     ]
     return markup(found)
@@ -110,7 +111,7 @@ def _motion(result: Result, store: Store) -> Html:
         words.append(f" {poses} of {samples} samples are shown{kept}.")
     content = [drawing, _controls(data), _moments(result) if poses > 1 else None]
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
-    content += [tables.errors_of(result.summary, "motion")]
+    content += [tables.errors_of(result.summary, "q")]
     return element("figure", content, class_="motion", data_figure=store.add(data))
 
 
@@ -186,7 +187,6 @@ def _plot(result: Result, name: str, store: Store) -> Html:
         element("h3", title),
         _caption(captions(figure), title),
         _picture(figure, title) if data is None else element("div", class_="chart"),
-        tables.errors_of(result.summary, name),
     ]
     number_of = None if data is None else store.add({**data, "name": title})
     return element("figure", content, class_="plot", data_figure=number_of)

@@ -14,6 +14,7 @@ from typing import Any
 from robodyn_cli.record import record
 from robodyn_cli.report import figures
 from robodyn_cli.report.style import number, unit
+from robodyn_cli.report.time_sheet import told
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import concerning
 
@@ -64,25 +65,6 @@ DIGITS = 6
 MOST_ROWS = 200  # of a table of runs
 MOST_ITEMS = 60  # of a list in a cell
 
-# what a figure shows: a dataset or a group of them
-SHOWN = {
-    "joint_angles": "q",
-    "joint_rates": "qd",
-    "joint_accelerations": "qdd",
-    "torques": "tau",
-    "torque_terms": "torque_terms",
-    "tip_path": "points",
-    "point_motion": "point_velocities",
-    "transmission_angle": "transmission_angle",
-    "energy": "energy",
-    "energy_drift": "energy",
-    "multipliers": "constraints/multipliers",
-    "reactions": "reactions",
-    "constraint_residual": "constraints",
-    "singular_values": "singularity",
-    "branches": "branches",
-    "motion": "q",
-}
 # told elsewhere on the page
 APART = ("status", "command", "title", "definitions", "outputs", "scene_file", "run_id")
 
@@ -223,12 +205,9 @@ def _folded(title: str, content: list[Html], is_open: bool) -> Html:
     )
 
 
-def errors_of(summary: Mapping[str, Any], plot: str) -> Html | None:
-    """Return the errors and residuals that a figure is to be read with, None where the summary has none for it."""
-    found = concerning(summary, SHOWN[plot]) if plot in SHOWN else ()
-    said = [
-        " ".join(filter(None, (one.words, number(one.value, 2), unit(one.statement.unit)))) for one in found
-    ]
+def errors_of(summary: Mapping[str, Any], path: str) -> Html | None:
+    """Return the errors and residuals that a dataset is to be read with, None where the summary has none for it."""
+    said = [told(one) for one in concerning(summary, path)]
     return element("p", f"Errors: {'; '.join(said)}.", class_="errors") if said else None
 
 

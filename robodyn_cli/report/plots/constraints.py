@@ -7,25 +7,18 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import TimeSheet, growth_times, loop_columns, sharing_note
-from robodyn_cli.report.lines import (
-    NOTHING,
-    draw_columns,
-    draw_magnitudes,
-    draw_map,
-    finite,
-    largest,
-    panel_height,
-    quiet_axis,
-    where_largest,
-)
+from robodyn_cli.report.canvas import growth_times, loop_columns, sharing_note
+from robodyn_cli.report.curves import NOTHING, DrawnCurves, curves, zero_note
+from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import labelled, log_axis, number, positive_floor, unit
+from robodyn_cli.report.style import labelled, number, positive_floor, unit
+from robodyn_cli.report.time_sheet import TimeSheet, draw_map, panel_height
 from robodyn_cli.results import result as wrenches
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result, Variable, by_unit, column_names
 from robodyn_cli.spatial.algebra import Array
 
+ROUNDING = 100.0 * float(np.finfo(float).eps)  # of the size of a mechanism: what its closing leaves
 KINDS = {"position_residual": "position", "velocity_residual": "velocity"}
 
 
@@ -34,27 +27,34 @@ def constraint_residual(result: Result) -> Any:
     """How well the loops stay closed: position and velocity residuals on a logarithmic axis; a panel for
     positions and one for velocities, which have different units."""
     kinds = {kind: word for kind, word in KINDS.items() if _has(result, kind)}
+    panels = [_residual(result, kind, word) for kind, word in kinds.items()]
     sheet = TimeSheet(
         result,
-        f"Residuals of the loop closures, the largest of all closures; {_worst(result, kinds)}",
+        f"Residuals of the loop closures, the largest of all closures; {_worst(result, kinds)}"
+        + zero_note(*(shown.data for shown in panels)),
+        nothing=[text for shown in panels for text in shown.nothing],
         panels=len(kinds),
         height=panel_height(len(kinds)),
     )
-    for ax, (kind, word) in zip(sheet.axes, kinds.items()):
-        size = np.max(np.abs(finite(result[f"constraints/{kind}"])), axis=1)
-        ax.set_ylabel(labelled(word, result.variables[f"constraints/{kind}"].units))
-        if not np.any(size):
-            draw_columns(ax, result.time, size[:, None])
-            quiet_axis(ax, size, magnitudes=True)
-            continue
-        low, high = positive_floor(size)
-        # Roundings that happen to cancel reach down without end.
-        low = max(low, high * 1e-6)
-        draw_magnitudes(ax, result.time, size[:, None], low)
-        log_axis(ax, low, high)
-    sheet.label_time()
-    sheet.legend([], [])
+    for ax, shown in zip(sheet.axes, panels):
+        low, high = positive_floor(shown.data)
+        sheet.draw_log(ax, shown, (max(low, high * 1e-6), high))
+        ax.set_ylabel(labelled(shown.names[0], shown.units[0]))
+    sheet.finish([], [])
     return sheet.figure
+
+
+def _residual(result: Result, kind: str, word: str) -> DrawnCurves:
+    """Return the largest residual (T, 1) of all closures, zero where it is what rounding leaves of coordinates of the
+    mechanism's size and, of velocities, of its speed."""
+    data = np.max(np.abs(finite(result[f"constraints/{kind}"])), axis=1, keepdims=True)
+    places = [largest(np.abs(finite(item.data))) for item in result.group("points").values()]
+    rounding = ROUNDING * (max(places, default=0.0) or 1.0)
+    if kind == "velocity_residual":
+        rounding *= largest(np.abs(finite(result["qd"]))) if "qd" in result else 1.0
+    seen = np.where(data <= rounding, 0.0, data)
+    units = result.variables[f"constraints/{kind}"].units
+    return curves(seen if np.any(seen) else data, [word], [units], rounding)
 
 
 def _has(result: Result, kind: str) -> bool:
@@ -100,22 +100,27 @@ def singular_values(result: Result) -> Any:
         ]
         labels.append(f"{word}: smallest {number(-largest(-data))}")
         smallest.append(len(columns) - data.shape[1])
+    values = nothing_is_zero(np.column_stack(columns))
     sheet = TimeSheet(
         result,
-        "Singular values of the constraint Jacobian; the smallest of each drawn heavier",
+        f"Singular values of the constraint Jacobian; the smallest of each drawn heavier{zero_note(values)}",
+        "singularity",
         labels=labels,
     )
-    ax = sheet.ax
-    values = np.column_stack(columns)
     low, high = positive_floor(values)
     # Where one vanishes, how deep a sample happens to fall says nothing.
     low = max(low, high * 1e-6)
-    handles = draw_columns(ax, result.time, np.maximum(values, low), styles)
-    log_axis(ax, low, high)
-    sheet.label_time()
-    ax.set_ylabel("singular value [1]")
-    sheet.legend([handles[index] for index in smallest], labels)
+    handles = sheet.draw_log(
+        sheet.ax, curves(values, [""] * len(columns), ["1"] * len(columns)), (low, high), styles
+    )
+    sheet.ax.set_ylabel("singular value [1]")
+    sheet.finish([handles[index] for index in smallest], labels)
     return sheet.figure
+
+
+def nothing_is_zero(values: Array) -> Array:
+    """Return magnitudes (T, n) with zero for what is nothing but rounding beside the largest of them."""
+    return np.where(values <= NOTHING * np.nanmax(values, initial=0.0), 0.0, values)
 
 
 @plot(lambda result: "constraints/multipliers" in result and result["constraints/multipliers"].size > 0)
@@ -123,38 +128,43 @@ def multipliers(result: Result) -> Any:
     """Lagrange multipliers of the loops: their norm and each of them, and where they grow beyond bounds; the
     whole run, and below it the time in which the multipliers grow; a panel a unit."""
     variable = result.variables["constraints/multipliers"]
+    names, groups = column_names(variable), by_unit(variable)
     data = np.abs(finite(variable.data))
-    names = column_names(variable)
-    groups = by_unit(variable)
-    norms = {
-        units: _norm(data, columns, loop_columns(result, tuple(names))) for units, columns in groups.items()
-    }
+    for columns in groups.values():
+        data[:, columns] = nothing_is_zero(data[:, columns])
+    loops = loop_columns(result, tuple(names))
+    norms = {units: _norm(data, columns, loops) for units, columns in groups.items()}
     shown = data.shape[1] if data.shape[1] < style.FEW else 0
     labels = ["norm", *(f"|{name}|" for name in names[:shown])]
-    growth = growth_times(result)
+    growth = [one for one in growth_times(result) if result.time[0] <= one[1] <= result.time[-1]]
     if growth:
         labels.append("multiple of the running median")
     close = _window(result, growth)
     windows = [slice(None)] if close is None else [slice(None), close]
     panels = [(units, window) for window in windows for units in groups]
     height = {1: 3.3, 2: 2.4}.get(len(panels), 1.8)
+    subtitle = _subtitle(result, norms) + zero_note(*norms.values())
     sheet = TimeSheet(
-        result, _subtitle(result, norms), panels=len(panels), height=height, gap=0.55, labels=labels
+        result,
+        subtitle,
+        "constraints/multipliers",
+        panels=len(panels),
+        height=height,
+        gap=0.55,
+        labels=labels,
     )
     looks = _styles(shown)
     handles: dict[int, Any] = {}
     for ax, (units, window) in zip(sheet.axes, panels):
         columns = [column for column in groups[units] if column < shown]
-        drawn = _draw_unit(
-            ax, result.time, window, data[:, columns], norms[units], [looks[k] for k in [*columns, -1]]
-        )
-        handles.update(zip([*columns, shown], drawn))
+        both = np.column_stack([data[:, columns], norms[units]])
+        drawn = curves(both, [*(names[k] for k in columns), "norm"], [units] * (len(columns) + 1))
+        styles = [looks[k] for k in [*columns, -1]]
+        handles.update(zip([*columns, shown], sheet.draw_log(ax, drawn, _ends(drawn), styles, window)))
         ax.set_ylabel(labelled("multiplier", units))
-        ax.set_xlabel("time [s]")
-    sheet.mark()
     shown_norms = {ax: norms[units] for ax, (units, _) in zip(sheet.axes, panels)}
     marks = _mark_growth(shown_norms, len(groups), result.time, growth)
-    sheet.legend([handles[shown], *(handles[k] for k in range(shown)), *marks], labels)
+    sheet.finish([handles[shown], *(handles[k] for k in range(shown)), *marks], labels)
     return sheet.figure
 
 
@@ -174,17 +184,11 @@ def _subtitle(result: Result, norms: dict[str, Array]) -> str:
     return f"Lagrange multipliers; largest norm {', '.join(largest)}{sharing_note(result)}"
 
 
-def _draw_unit(
-    ax: Any, time: Array, window: slice, data: Array, norm: Array, looks: list[dict[str, Any]]
-) -> list[Any]:
-    """Draw the columns (T, n) of one unit, and last their norm, in a window of the time; return the handles."""
-    low, high = positive_floor(norm)
+def _ends(drawn: DrawnCurves) -> tuple[float, float]:
+    """Return the ends of the axis of columns and, last, their norm."""
+    low, high = positive_floor(drawn.data[:, -1])
     # A component crosses zero while the norm does not; its dip may leave the picture.
-    low = max(low * 1e-2, positive_floor(data)[0]) if data.size else low
-    columns = np.maximum(np.column_stack([data, norm]), low)
-    handles = draw_columns(ax, time[window], columns[window], looks)
-    log_axis(ax, low, high)
-    return handles
+    return max(low * 1e-2, positive_floor(drawn.data)[0]), high
 
 
 def _styles(components: int) -> list[dict[str, Any]]:
@@ -249,37 +253,46 @@ def reactions(result: Result) -> Any:
         f"Reactions in joints and closures; largest force {number(float(force[at, worst]), 5)} N in {names[worst]} "
         f"at t = {number(float(result.time[at]), 5)} s{sharing_note(result)}"
     )
+    forces = curves(force, names, ["N"] * len(names))
     if len(names) > style.MANY:
-        return draw_map(
-            result, Variable(force, ("time", "wrench"), "N", "force", tuple(names)), "force", subtitle
-        )
-    panels = [(force, labelled("force", "N"))]
-    if np.nanmax(moment, initial=0.0) > NOTHING * np.nanmax(force, initial=0.0):
-        panels.append((moment, labelled("moment", "N m")))
-    else:
+        return draw_map(result, forces, "force", subtitle, "reactions")
+    # rounding makes moments of forces on arms of some metre
+    moments = curves(moment, names, ["N m"] * len(names), beside={"N m": float(forces.size.max(initial=0.0))})
+    panels = [(forces, labelled("force", "N")), (moments, labelled("moment", "N m"))]
+    if not np.any(moments.data):
+        del panels[1]
         subtitle += ", no moments"
-    sheet = TimeSheet(result, subtitle, panels=len(panels), height=2.4, labels=names)
+    nothing = [text for part, _ in panels for text in part.nothing]
+    zeros = zero_note(*(part.data for part, _ in panels if _is_spread(part)))
+    sheet = TimeSheet(
+        result, subtitle + zeros, "reactions", nothing, panels=len(panels), height=2.4, labels=names
+    )
     handles: list[Any] = []
-    for ax, (data, label) in zip(sheet.axes, panels):
-        handles = _draw_loads(ax, result.time, data)
-        quiet_axis(ax, data, float(np.nanmax(force, initial=0.0)), magnitudes=True)
+    for ax, (part, label) in zip(sheet.axes, panels):
+        handles = _draw_loads(sheet, ax, part)
         ax.set_ylabel(label)
-    sheet.label_time()
-    sheet.legend(handles, names)
+    sheet.finish(handles, names)
     return sheet.figure
 
 
-def _draw_loads(ax: Any, time: Array, data: Array) -> list[Any]:
-    """Draw magnitudes: logarithmically where the largest would press the others to the ground."""
-    top = float(np.nanmax(data, initial=0.0))
-    typical = float(np.nanmedian(data.max(axis=1))) if data.size else 0.0
-    if not 0.0 < SPREAD * typical < top:
-        handles = draw_columns(ax, time, data)
+def _is_spread(part: DrawnCurves) -> bool:
+    """Tell whether the largest load would press the others to the ground on a linear axis."""
+    return bool(0.0 < SPREAD * _typical(part) < part.top.max(initial=0.0))
+
+
+def _typical(part: DrawnCurves) -> float:
+    return float(np.nanmedian(part.data.max(axis=1))) if part.data.size else 0.0
+
+
+def _draw_loads(sheet: TimeSheet, ax: Any, part: DrawnCurves) -> list[Any]:
+    """Draw magnitudes, logarithmically where they are spread; small ones run out of the picture."""
+    if _is_spread(part):
+        low = float(part.data[part.data > 1e-3 * _typical(part)].min())
+        styles = style.line_styles(part.data.shape[1])
+        return sheet.draw_log(ax, part, (low, float(part.top.max())), styles)
+    handles = sheet.draw(ax, part, magnitudes=True)
+    if np.any(part.data):
         ax.set_ylim(bottom=0.0)
-        return handles
-    low = 1e-3 * typical
-    handles = draw_columns(ax, time, np.where(data > low, data, np.nan))
-    log_axis(ax, float(data[data > low].min()), top)
     return handles
 
 

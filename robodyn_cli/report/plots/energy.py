@@ -6,12 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.report.canvas import TimeSheet
-from robodyn_cli.report.lines import draw_columns, draw_magnitudes, finite, largest, where_largest
+from robodyn_cli.report.curves import curves, zero_note
+from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import log_axis, number, positive_floor
+from robodyn_cli.report.style import number, positive_floor
+from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.stated_errors import meaningful_error
 
 KINDS = ("kinetic", "potential", "total", "work")
 
@@ -22,18 +24,19 @@ def energy(result: Result) -> Any:
     kinds = [kind for kind in KINDS if f"energy/{kind}" in result]
     columns = {kind: finite(result[f"energy/{kind}"]) for kind in kinds}
     labels, subtitle = list(kinds), "Energies" + (" and work done" if "work" in kinds else "")
-    datum = _datum(columns)
+    level, datum = max(largest(np.abs(item)) for item in columns.values()), _datum(columns)
     if datum:
         for kind in ("potential", "total"):
             columns[kind] = columns[kind] - datum
         labels = [f"{kind} − V(0)" if kind in ("potential", "total") else kind for kind in kinds]
         subtitle += f"; potential and total counted from V(0) = {number(datum, 6)} J"
-    sheet = TimeSheet(result, subtitle, labels=labels)
-    ax = sheet.ax
-    handles = draw_columns(ax, result.time, np.column_stack(list(columns.values())))
-    sheet.label_time()
-    ax.set_ylabel("energy [J]")
-    sheet.legend(handles, labels)
+    errors = [meaningful_error(result, f"energy/{kind}") for kind in kinds]
+    units = ["J"] * len(kinds)
+    shown = curves(np.column_stack(list(columns.values())), labels, units, errors, {"J": level})
+    sheet = TimeSheet(result, subtitle, "energy", shown.nothing, labels=labels)
+    handles = sheet.draw(sheet.ax, shown)
+    sheet.ax.set_ylabel("energy [J]")
+    sheet.finish(handles, labels)
     return sheet.figure
 
 
@@ -46,6 +49,9 @@ def _datum(columns: dict[str, Any]) -> float:
     return start if abs(start) > 2.0 * spread > 0.0 else 0.0
 
 
+ROUNDING = 8.0 * float(np.finfo(float).eps)
+
+
 @plot(lambda result: "energy/total" in result and len(result.time) > 1)
 def energy_drift(result: Result) -> Any:
     """How far the energy strays from what it must be, on a logarithmic axis."""
@@ -55,15 +61,15 @@ def energy_drift(result: Result) -> Any:
     if worked:
         work = finite(result["energy/work"])
         change = change - (work - work[0])
-    time, error = result.time, np.abs(change)
-    locked = lock_time(result)
-    if locked is not None and np.any(time < locked):
+    locked, window = lock_time(result), slice(None)
+    if locked is not None and np.any(result.time < locked):
         # A latch takes energy by an impulse, which is no error of the integration.
-        before = time < locked * (1.0 - 1e-12)
-        time, error = time[before], error[before]
+        window = slice(int(np.count_nonzero(result.time < locked * (1.0 - 1e-12))))
+    time, error = result.time[window], np.abs(change)
+    error[len(time) :] = np.nan
     level, scale = _sizes(result)
-    # One rounding unit of the largest energy: below it there is nothing to see, and zero has no logarithm.
-    floor = np.finfo(float).eps * level if level > 0.0 else 1e-16
+    # What rounding leaves of sums of the largest energies: below it there is nothing to see.
+    floor = ROUNDING * level if level > 0.0 else 1e-16
     worst = where_largest(error)
     name = "|E(t) − E(0) − work|" if worked else "|E(t) − E(0)|"
     subtitle = (
@@ -72,13 +78,11 @@ def energy_drift(result: Result) -> Any:
     if scale > 0.0 and error[worst] > 0.0:
         share = number(float(error[worst]) / scale)
         subtitle += f" at {number(float(time[worst]), 4)} s, {share} of the energy exchanged"
-    sheet = TimeSheet(result, subtitle)
-    ax = sheet.ax
-    draw_magnitudes(ax, time, error[:, None], floor)
-    log_axis(ax, *positive_floor(error, floor=floor))
-    sheet.label_time()
-    sheet.legend([], [])
-    ax.set_ylabel(f"{name} [J]")
+    shown = curves(error[:, None], [name], ["J"], floor)
+    sheet = TimeSheet(result, subtitle + zero_note(shown.data), nothing=shown.nothing)
+    sheet.draw_log(sheet.ax, shown, positive_floor(error, floor=floor), window=window)
+    sheet.ax.set_ylabel(f"{name} [J]")
+    sheet.finish([], [])
     return sheet.figure
 
 

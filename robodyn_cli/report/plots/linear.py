@@ -9,9 +9,10 @@ from matplotlib.axes import Axes
 
 from robodyn_cli.record import record
 from robodyn_cli.report.analysis import powers, titled
-from robodyn_cli.report.canvas import Sheet, TimeSheet
+from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import COLOURS, GREY, dashed_style, number
+from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -67,7 +68,7 @@ def poles_over_time(result: Result) -> Any:
     labels = [name for name, _, _ in kinds]
     text = "Poles of the linear model along the motion, each instant as if it stayed so"
     swinging = imaginary > 0.0
-    sheet = TimeSheet(result, text, panels=2 if swinging.any() else 1, height=2.1, labels=labels)
+    sheet = TimeSheet(result, text, "linear", panels=2 if swinging.any() else 1, height=2.1, labels=labels)
     upper, lower = sheet.axes[0], sheet.axes[-1]
     handles = []
     for _, colour, chosen in kinds:
@@ -81,8 +82,7 @@ def poles_over_time(result: Result) -> Any:
         lower.set_ylim(bottom=0.0)
     for ax in sheet.axes:
         ax.set_xlim(float(result.time[0]), float(result.time[-1]))
-    sheet.label_time()
-    sheet.legend(handles, labels)
+    sheet.finish(handles, labels)
     return sheet.figure
 
 

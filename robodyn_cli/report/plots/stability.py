@@ -32,7 +32,8 @@ def stability_spectrum(result: Result) -> Figure:
     _eigenvalues(figure, result)
     _steps(figure, result)
     figure.text(
-        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration of a step is done within its rounds",
+        0.1, 0.022, "explicit: all modes inside |R| <= 1; gauss: the iteration of a step is done within its rounds; "
+        "no error is stated for this",
         color=GREY, fontsize=8,
     )  # fmt: skip
     return figure
@@ -125,8 +126,8 @@ def stability_methods(result: Result) -> Figure:
         colour, hatch = STATUS[row["status"]]
         value = row["relative"]
         if value is not None:
-            ax.barh(k, max(value, LEAST), left=0, color=colour, hatch=hatch, edgecolor="white", height=0.68)
-        note = row["status"].replace("_", " ")
+            ax.barh(k, value, left=0, color=colour, hatch=hatch, edgecolor="white", height=0.68)
+        note = row["status"].replace("_", " ") + (", error 0" if value == 0.0 else "")
         if row["method"] == "auto" and row["chosen"]:
             note += f" ({row['chosen']})"
         elif value is None and row["until"] > 0.0:
@@ -156,6 +157,8 @@ def _curves(result: Result) -> dict[str, Mapping[str, Any]]:
 def energy_growth(result: Result) -> Figure:
     """Error of the energy balance over a thousand periods."""
     labels = {name: _label(name, m) for name, m in _curves(result).items()}
+    for name in labels:
+        labels[name] += "" if np.any(result[f"energy_growth/{name}/error"]) else ", zero"
     _, lines = legend_shape(list(labels.values()))
     height = 4.0 + 0.19 * lines
     period = result.summary["energy_growth"]["period"]
@@ -164,9 +167,10 @@ def energy_growth(result: Result) -> Figure:
     ax = figure.add_axes((0.1, bottom, 0.86, 1 - bottom - 0.68 / height))
     for k, (name, label) in enumerate(labels.items()):
         t, error = result[f"energy_growth/{name}/periods"][1:], result[f"energy_growth/{name}/error"][1:]
-        ax.plot(t, np.maximum(np.maximum.accumulate(error), LEAST), label=label, **dashed_style(k))
+        ax.plot(t, np.maximum.accumulate(error), label=label, **dashed_style(k))
     ax.set_xscale("log")
-    ax.set_yscale("log")
+    ax.set_yscale("log", nonpositive="mask")  # no line before the first error that is not zero
+    ax.set_ylim(bottom=LEAST)
     powers(ax, "x", "y")
     ax.set_xlabel("time [periods]")
     ax.set_ylabel("largest error of the energy balance so far [1]")
@@ -225,19 +229,20 @@ def baumgarte(result: Result) -> Figure:
 def _plane(figure: Figure, ax: Axes, bar: Axes, gain: Any, data: Any, label: str) -> None:
     from matplotlib.colors import LogNorm
 
-    shown = np.ma.masked_invalid(np.maximum(data, LEAST))
+    shown = np.ma.masked_invalid(data)
     half = np.sqrt(gain[1] / gain[0])
     edges = np.append(gain / half, gain[-1] * half)
-    low = float(shown.min()) if shown.count() else 1e-12
+    # the colour of the scale's end says "no more than that", of zeros too
+    low = max(float(shown.min()), LEAST) if shown.count() else 1e-12
     high = max(float(shown.max()) if shown.count() else 1.0, 10.0 * low)
     ax.patch.set(facecolor="white", edgecolor="#8a8a8a", hatch="///", linewidth=0.0)
-    drawn = ax.pcolormesh(edges, edges, shown, norm=LogNorm(low, high), cmap="cividis")
+    drawn = ax.pcolormesh(edges, edges, np.ma.maximum(shown, low), norm=LogNorm(low, high), cmap="cividis")
     ax.grid(False)
     ax.set_xscale("log")
     ax.set_yscale("log")
     ax.set_xlim(edges[0], edges[-1])
     ax.set_ylim(edges[0], edges[-1])
     powers(ax, "x", "y")
-    figure.colorbar(drawn, cax=bar)
+    figure.colorbar(drawn, cax=bar, extend="min" if np.any(shown < low) else "neither")
     bar.set_ylabel(label)
     powers(bar, "y")

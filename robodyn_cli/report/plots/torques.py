@@ -2,30 +2,20 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import TimeSheet, torque_note
-from robodyn_cli.report.lines import (
-    LIMIT_NOTE,
-    draw_columns,
-    draw_groups,
-    draw_limits,
-    draw_map,
-    finite,
-    limits_near,
-    panel_height,
-    quiet_axis,
-    where_largest,
-)
+from robodyn_cli.report.canvas import torque_note
+from robodyn_cli.report.curves import DrawnCurves, curves, curves_of
+from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near, where_largest
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import COLOURS, DASHES, FONT_SIZE, load_label, number, unit
-from robodyn_cli.results.result import Result, Variable, by_unit, column_names, units_of
+from robodyn_cli.report.time_sheet import TimeSheet, draw_groups, draw_map, panel_height
+from robodyn_cli.results.result import Result, column_names, units_of
+from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.solve.extremes import root_mean_square
-from robodyn_cli.spatial.algebra import Array
 
 RATIO = 8.0  # of the peaks of two torques from which on each has a panel of its own
 
@@ -41,13 +31,14 @@ def _has_torques(result: Result) -> bool:
 def torques(result: Result) -> Any:
     """Actuator torques over time, with the peak and the root mean square of each; joints without any torque are
     left out where others have some."""
-    variable = _working(result.variables["tau"])
-    data, names = finite(variable.data), column_names(variable)
-    units = [unit(u) for u in units_of(variable)]
-    rms, _ = root_mean_square(result.time, data)
+    whole = curves_of(result, "tau", _largest_terms(result))
+    shown = whole.part(_working(whole))
+    data, names = shown.data, list(shown.names)
+    units = [unit(u) for u in shown.units]
+    rms = root_mean_square(result.time, data)[0]
     peak = [where_largest(np.abs(data[:, column])) for column in range(data.shape[1])]
     few = len(names) <= style.FEW
-    zero = result["tau"].shape[1] - len(names)
+    zero = len(whole.names) - len(names)
     near = limits_near(result, "tau")
     note = (
         (f"; {zero} without any left out" if zero else "")
@@ -56,22 +47,21 @@ def torques(result: Result) -> Any:
     )
     labels, subtitle = names, _worst(names, data, rms, units) + note
     if len(names) > style.MANY:
-        return draw_map(result, variable, "torque or force", subtitle)
+        return draw_map(result, shown, "torque or force", subtitle, "tau")
     if few:
         subtitle = f"Actuator torques; dot: peak, thin line: root mean square, on the side of the peak{note}"
         labels = [
             f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
             for k, (name, at) in enumerate(zip(names, peak))
         ]
-    panels = (
-        _panels(variable, np.nanmax(np.abs(data), axis=0, initial=0.0))
-        if few
-        else list(by_unit(variable).items())
+    panels = _panels(shown) if few else list(shown.groups().items())
+    height = panel_height(len(panels))
+    sheet = TimeSheet(
+        result, subtitle, "tau", whole.nothing, panels=len(panels), height=height, labels=labels
     )
-    sheet = TimeSheet(result, subtitle, panels=len(panels), height=panel_height(len(panels)), labels=labels)
-    handles = draw_groups(sheet, result.time, data, [columns for _, columns in panels])
+    handles = draw_groups(sheet, shown, [columns for _, columns in panels])
     for ax, (units_here, columns) in zip(sheet.axes, panels):
-        for column in columns if few else ():
+        for column in [k for k in columns if few and shown.top[k] > 0.0]:
             colour, dash = handles[column].get_color(), handles[column].get_linestyle()
             largest = data[peak[column], column]
             ax.plot(
@@ -79,39 +69,39 @@ def torques(result: Result) -> Any:
             )
             level = float(np.copysign(rms[column], largest))
             ax.axhline(level, color=colour, linewidth=0.8, linestyle=dash, alpha=0.7)
-        quiet_axis(ax, data[:, columns])
         draw_limits(ax, near, [names[k] for k in columns], [handles[k] for k in columns])
         ax.set_ylabel(load_label("torque or force", units_here))
-    sheet.label_time()
-    sheet.legend(handles, labels)
+    sheet.finish(handles, labels)
     return sheet.figure
 
 
-def _panels(variable: Variable, peaks: Array) -> list[tuple[str, list[int]]]:
+def _largest_terms(result: Result) -> dict[str, float]:
+    """Return the largest term of any torque by its unit: what rounding leaves where terms cancel is small beside it."""
+    found: dict[str, float] = {}
+    for item in result.group("torque_terms").values():
+        for units, top in zip(units_of(item), np.nanmax(np.abs(finite(item.data)), axis=0, initial=0.0)):
+            found[units] = max(found.get(units, 0.0), float(top))
+    return found
+
+
+def _panels(shown: DrawnCurves) -> list[tuple[str, list[int]]]:
     """Return unit and columns of each panel: beside a torque that is much larger a small one would be a line."""
     found: list[tuple[str, list[int]]] = []
-    for units, columns in by_unit(variable).items():
+    for units, columns in shown.groups().items():
         largest = np.inf
-        for column in sorted(columns, key=lambda k: -peaks[k]):
-            if peaks[column] * RATIO < largest:
-                largest = peaks[column]
+        for column in sorted(columns, key=lambda k: -shown.top[k]):
+            if 0.0 < shown.top[column] * RATIO < largest:
+                largest = shown.top[column]
+                found.append((units, []))
+            elif not found or found[-1][0] != units:
                 found.append((units, []))
             found[-1][1].append(column)
     return [(units, sorted(columns)) for units, columns in found]
 
 
-def _working(variable: Variable) -> Variable:
+def _working(shown: DrawnCurves) -> list[int]:
     """Return the columns of joints with a torque, all of them where none has any."""
-    columns = np.flatnonzero(np.any(variable.data != 0.0, axis=0))
-    if not len(columns):
-        return variable
-    names, units = column_names(variable), units_of(variable)
-    return dataclasses.replace(
-        variable,
-        data=variable.data[:, columns],
-        names=tuple(names[k] for k in columns),
-        column_units=tuple(units[k] for k in columns),
-    )
+    return np.flatnonzero(shown.data.any(axis=0)).tolist() or list(range(len(shown.names)))
 
 
 def _worst(names: list[str], data: Any, rms: Any, units: list[str]) -> str:
@@ -136,7 +126,8 @@ def torque_terms(result: Result) -> Any:
     total = result.variables["tau"]
     names = column_names(total)
     units = units_of(total)
-    peak = np.max(np.nan_to_num(np.abs(finite(total.data))), axis=0)
+    whole = curves_of(result, "tau", _largest_terms(result))
+    peak, error = whole.top, meaningful_error(result, "tau")
     joints = _largest(peak)
     subtitle = "Terms of the actuator torque, which sum to the total"
     left_out = int(np.count_nonzero(peak)) - len(joints)
@@ -145,24 +136,28 @@ def torque_terms(result: Result) -> Any:
     elif len(joints) < len(names):
         subtitle += f"; {len(names) - len(joints)} joints without any left out"
     labels = [*order, "total"]
+    parts = []
+    for joint in joints:
+        columns = [terms[name].data[:, joint] for name in order] + [total.data[:, joint]]
+        labels_here = [f"{names[joint]}: {name}" for name in labels]
+        own, beside = [units[joint]] * len(labels), {units[joint]: float(whole.size[joint])}
+        parts.append(curves(np.column_stack(columns), labels_here, own, error, beside))
+    nothing = [text for part in parts for text in part.nothing]
     count = len(joints)
     height = {1: 3.3, 2: 2.0}.get(count, 1.6)
     across = 1 if count <= 3 else 2
     sheet = TimeSheet(
-        result, subtitle, panels=count, across=across, height=height, gap=0.36, titled=True, labels=labels
-    )
+        result, subtitle, "torque_terms", nothing, panels=count, across=across, height=height, gap=0.36,
+        titled=True, labels=labels,
+    )  # fmt: skip
     styles = [_look(name) for name in order]
     styles.append({"color": "#000000", "linestyle": "-", "linewidth": 1.8})
     handles: list[Any] = []
-    for ax, joint in zip(sheet.axes, joints):
-        columns = [terms[name].data[:, joint] for name in order] + [total.data[:, joint]]
-        handles = draw_columns(ax, result.time, np.column_stack(columns), styles)
-        scale = max((peak[k] for k in range(len(names)) if units[k] == units[joint]), default=0.0)
-        quiet_axis(ax, np.column_stack(columns), scale)
+    for ax, joint, part in zip(sheet.axes, joints, parts):
+        handles = sheet.draw(ax, part, styles)
         ax.set_title(names[joint], fontsize=FONT_SIZE, loc="left", pad=4)
         ax.set_ylabel(load_label("torque or force", units[joint]))
-    sheet.label_time()
-    sheet.legend(handles, labels)
+    sheet.finish(handles, labels)
     return sheet.figure
 
 
@@ -199,13 +194,11 @@ def limits(result: Result) -> Any:
     labels = [f"{names[k]}: binds {number(100.0 * part[k], 3)} % of the time" for k in order]
     left = len(names) - len(order)
     note = f"; {left} that bind less, or never, left out" if left else ""
-    sheet = TimeSheet(
-        result, f"Use of the limits on the path in the least time, 1: on the limit{note}", labels=labels
-    )
-    handles = draw_columns(sheet.ax, result.time, data[:, order], styles)
+    text = f"Use of the limits on the path in the least time, 1: on the limit{note}"
+    sheet = TimeSheet(result, text, "limits", labels=labels)
+    handles = sheet.draw(sheet.ax, curves(data[:, order], labels, ["1"] * len(labels)), styles)
     sheet.ax.axhline(1.0, color=style.ALARM, linewidth=0.8, linestyle=style.DASHES[1])
     sheet.ax.set_ylim(0.0, 1.08)
-    sheet.label_time()
     sheet.ax.set_ylabel("use of the limit [1]")
-    sheet.legend(handles, labels)
+    sheet.finish(handles, labels)
     return sheet.figure

@@ -1,0 +1,230 @@
+"""Columns over time as they are drawn, and how: what rounding makes of zero is zero, and zero has no place on a
+logarithmic axis, so that lines break there and the lower edge is marked."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.lines import Line2D
+
+from robodyn_cli.record import record
+from robodyn_cli.report import style
+from robodyn_cli.report.lines import crest, envelope, finite
+from robodyn_cli.report.style import log_axis, number, unit
+from robodyn_cli.results.result import Result, column_names, units_of
+from robodyn_cli.results.stated_errors import meaningful_error
+from robodyn_cli.spatial.algebra import Array
+
+NOTHING = 1e-12  # of the largest value of its unit: less is what rounding leaves of zero
+NAMED = 3  # columns that a caption names
+LINE = 1.5  # width of a line [pt]; an error that is smaller is under it
+
+
+@record
+class DrawnCurves:
+    """Columns over time as they are drawn: one that is nothing beside its error or its rounding is zero.
+
+    data : (T, n). names, units : of each column. error : (n,) largest one while the motion is meaningful, nan where
+    none is stated. size : (n,) largest value of its peers, which have the same unit. nothing : name and largest value
+    of each column that is drawn as zero, else an empty text.
+    """
+
+    data: Array
+    names: Sequence[str]
+    units: Sequence[str]
+    error: Array
+    size: Array
+    nothing: Sequence[str]
+
+    @property
+    def least(self) -> Array:
+        """What of each column (n,) counts as zero, and by how much a constant may vary."""
+        return np.asarray(np.fmax(self.error, NOTHING * self.size))
+
+    @property
+    def top(self) -> Array:
+        """Largest magnitude of each column (n,)."""
+        return np.asarray(np.nanmax(np.abs(self.data), axis=0, initial=0.0))
+
+    def part(self, columns: Sequence[int]) -> DrawnCurves:
+        """Return some of the columns."""
+        k = list(columns)
+        names, units, nothing = ([x[i] for i in k] for x in (self.names, self.units, self.nothing))
+        return DrawnCurves(self.data[:, k], names, units, self.error[k], self.size[k], nothing)
+
+    def groups(self) -> dict[str, list[int]]:
+        """Return the columns of each unit."""
+        units = dict.fromkeys(self.units)
+        return {one: [k for k, x in enumerate(self.units) if x == one] for one in units}
+
+
+def curves(
+    data: Array, names: Sequence[str], units: Sequence[str], error: Any = np.nan,
+    beside: Mapping[str, float] | None = None,
+) -> DrawnCurves:  # fmt: skip
+    """Return the columns of ``data`` (T, n) as they are drawn.
+
+    error : of each column, or of all. beside : largest value of other peers, by unit.
+    """
+    data = finite(data)
+    top = np.nanmax(np.abs(data), axis=0, initial=0.0)
+    peers = {one: max([0.0, *(x for x, u in zip(top, units) if u == one)]) for one in units}
+    size = np.array([max(peers[one], (beside or {}).get(one, 0.0)) for one in units])
+    errors = np.broadcast_to(np.asarray(error, dtype=float), top.shape)
+    nothing = (top > 0.0) & (top <= np.fmax(errors, NOTHING * size))
+    said = [
+        f"{name} ({' '.join(filter(None, (number(largest, 1), unit(one))))})" if none else ""
+        for name, one, largest, none in zip(names, units, top, nothing)
+    ]
+    return DrawnCurves(np.where(nothing, 0.0, data), list(names), list(units), errors, size, said)
+
+
+def curves_of(result: Result, path: str, beside: Mapping[str, float] | None = None) -> DrawnCurves:
+    """Return the columns of a dataset as they are drawn; that of one column has the end of its path as a name."""
+    variable = result.variables[path]
+    if variable.data.ndim == 1:
+        names, units, data = [path.rpartition("/")[2]], [variable.units], variable.data[:, None]
+    else:
+        names, units, data = column_names(variable), units_of(variable), variable.data
+    return curves(data, names, units, meaningful_error(result, path), beside)
+
+
+def nothing_note(nothing: Sequence[str]) -> list[str]:
+    """Return the line that says which columns are drawn as zero; none where none is."""
+    names = list(dict.fromkeys(filter(None, nothing)))
+    more = f" and {len(names) - NAMED} more" if len(names) > NAMED else ""
+    return [f"Drawn as zero, within rounding or error: {', '.join(names[:NAMED])}{more}"] if names else []
+
+
+def zero_note(*magnitudes: Array) -> str:
+    """Return the part of a caption that says what the marks of logarithmic axes are; empty where none has a zero."""
+    mixed = any(np.any(data == 0.0) and np.any(data > 0.0) for data in magnitudes)
+    return "; lower edge: zero or rounding" if mixed else ""
+
+
+def draw_columns(ax: Axes, time: Array, data: Array, styles: list[dict[str, Any]] | None = None) -> list[Any]:
+    """Draw the columns of ``data``, shape (T, n), over ``time``; return a legend handle for each."""
+    styles = styles or style.line_styles(data.shape[1])
+    if len(time) == 1:
+        handles: list[Any] = [
+            ax.plot(time, data[:, column], marker="o", markersize=5, color=look["color"], linestyle="none")[0]
+            for column, look in enumerate(styles)
+        ]
+        ax.set_xlim(time[0] - 0.5, time[0] + 0.5)
+        return handles
+    if len(styles) <= style.FEW:
+        handles = [ax.plot(*envelope(time, data[:, column]), **look)[0] for column, look in enumerate(styles)]
+    else:
+        # A line of its own for each of a hundred columns costs more than all else in the drawing.
+        bins = max(200, 8 * 1200 // len(styles))
+        paths = [np.column_stack(envelope(time, data[:, column], bins)) for column in range(len(styles))]
+        ax.add_collection(
+            LineCollection(
+                paths,
+                colors=[look["color"] for look in styles],
+                linestyles=[look["linestyle"] for look in styles],
+                linewidths=styles[0]["linewidth"],
+            )
+        )
+        ax.autoscale_view()
+        handles = [Line2D([], [], **look) for look in styles]
+    ax.set_xlim(time[0], time[-1])
+    return handles
+
+
+def draw_crests(ax: Axes, time: Array, data: Array) -> list[Any]:
+    """Draw noisy magnitudes, shape (T, n), faintly and their crests heavily; return handles of the crests.
+
+    Zeros leave gaps in the faint lines.
+    """
+    styles = style.line_styles(data.shape[1])
+    if len(time) <= 2:
+        return draw_columns(ax, time, data, styles)
+    handles = []
+    for values, look in zip(data.T, styles):
+        seen = np.where(values > 0.0, values, np.nan)
+        if np.any(values > 0.0):
+            ax.plot(*envelope(time, seen), color=look["color"], linewidth=0.5, alpha=0.45)
+        handles += ax.plot(*crest(time, values), **look)
+    ax.set_xlim(time[0], time[-1])
+    return handles
+
+
+def make_room(ax: Axes, shown: DrawnCurves) -> None:
+    """Let an axis reach as far as the errors of its curves, but those that are larger than all that is drawn."""
+    low, high = np.nanmin(shown.data, axis=0, initial=np.inf), np.nanmax(shown.data, axis=0, initial=-np.inf)
+    seen = shown.error < high.max(initial=-np.inf) - low.min(initial=np.inf)
+    if seen.any():
+        x = ax.get_xlim()[0]
+        ax.update_datalim([(x, y) for y in (*(low - shown.error)[seen], *(high + shown.error)[seen])])
+        ax.autoscale_view(scalex=False)
+
+
+def fit_axis(ax: Axes, shown: DrawnCurves, magnitudes: bool = False) -> None:
+    """Give an axis the size of the peers where its curves do not vary by more than their error or rounding."""
+    low, high = (float(f(shown.data, initial=x)) for f, x in ((np.nanmin, np.inf), (np.nanmax, -np.inf)))
+    least, size = float(shown.least.max(initial=0.0)), float(shown.size.max(initial=0.0)) or 1.0
+    if not high - low > 2.0 * least:
+        middle = 0.5 * (low + high) if np.isfinite(low + high) else 0.0
+        # the line at zero lies beside the axis, not behind it
+        ends = (-0.04, 1.0) if magnitudes and middle == 0.0 else (-1.0, 1.0) if middle == 0.0 else (-0.1, 0.1)
+        ax.set_ylim(middle + ends[0] * size, middle + ends[1] * size)
+
+
+def fit_log_axis(
+    ax: Axes, time: Array, data: Array, colours: Sequence[Any], ends: tuple[float, float]
+) -> None:
+    """Make an axis of magnitudes (T, n) logarithmic between two ends and mark zeros on its lower edge; it stays linear
+    where nothing is positive."""
+    if not np.any(data > 0.0):
+        ax.set_ylim(-0.04, 1.0)
+        return
+    log_axis(ax, *ends)
+    zeros = data == 0.0
+    if ax.get_yscale() != "log":
+        if zeros.any():
+            ax.set_ylim(-0.04 * ends[1], 1.05 * ends[1])
+        return
+    for none, values, colour in zip(zeros.T, data.T, colours):
+        _mark_zeros(ax, time, none, colour)
+        alone = _alone(values > 0.0) if none.any() else none
+        if alone.any():  # between zeros there is no line
+            ax.plot(*envelope(time[alone], values[alone]), ".", color=colour, markersize=4)
+
+
+def _mark_zeros(ax: Axes, time: Array, zero: Array, colour: Any) -> None:
+    """Draw a broad line on the lower edge where a curve is zero, a ring where one sample is."""
+    if not zero.any():
+        return
+    edge: dict[str, Any] = {"transform": ax.get_xaxis_transform(), "color": colour, "clip_on": False}
+    x, y = envelope(time, np.where(zero, 0.0, np.nan))
+    ax.plot(x, y, linewidth=3.5, alpha=0.6, solid_capstyle="butt", **edge)
+    at = envelope(time[_alone(zero)], np.zeros(int(_alone(zero).sum())))
+    if len(at[0]):
+        ax.plot(*at, linestyle="none", marker="o", markersize=4.5, markerfacecolor="white", zorder=4, **edge)
+
+
+def _alone(chosen: Array) -> Array:
+    """Tell which samples are chosen and their neighbours are not."""
+    around = np.concatenate([[False], chosen, [False]])
+    return np.asarray(chosen & ~around[:-2] & ~around[2:])
+
+
+def draw_error(ax: Axes, time: Array, values: Array, error: float, colour: Any) -> bool:
+    """Draw the error of a curve as a band where that is broader than its line; tell whether it is."""
+    low, high = ax.get_ylim()
+    assert ax.figure is not None
+    points = 72.0 * ax.get_position().height * ax.figure.get_size_inches()[1]  # type: ignore[union-attr]
+    if not 2.0 * error * points > LINE * (high - low) or ax.get_yscale() == "log" or not len(time):
+        return False
+    x, y = envelope(time, values)
+    if len(time) == 1:
+        ax.vlines(x, y - error, y + error, color=colour, linewidth=LINE)
+    else:
+        ax.fill_between(x, y - error, y + error, color=colour, alpha=0.22, linewidth=0.0, zorder=1.4)
+    ax.set_ylim(low, high)
+    return True

@@ -1,0 +1,307 @@
+"""Sheets of panels over time, which show the moments of a run, its errors, and from when on they are lost in them."""
+
+from __future__ import annotations
+
+import dataclasses
+import textwrap
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+
+from robodyn_cli.report import style
+from robodyn_cli.report.canvas import NOTE_WIDTH, Sheet
+from robodyn_cli.report.curves import (
+    DrawnCurves,
+    curves_of,
+    draw_columns,
+    draw_crests,
+    draw_error,
+    fit_axis,
+    fit_log_axis,
+    make_room,
+    nothing_note,
+)
+from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, limits_near
+from robodyn_cli.report.style import PlainFormatter, degree_axis, labelled, number, unit
+from robodyn_cli.results.moments import DECISIVE, Moment, moments
+from robodyn_cli.results.result import Result
+from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import NOT_MEANINGFUL
+
+# how moments look that come often; they are drawn at the upper edge of a panel
+MARKERS = {"impact": "v", "contact": "s", "release": "^", "stick": "o", "slip": "D"}
+
+
+def counted(found: Sequence[Moment]) -> dict[str, str]:
+    """Return the label of each kind of moment that comes often, with how many there are."""
+    kinds = [moment.kind for moment in found]
+    return {
+        kind: f"{kind}{'s' if kinds.count(kind) > 1 else ''} ({kinds.count(kind)})"
+        for kind in MARKERS
+        if kind in kinds
+    }
+
+
+def decisive_text(found: Sequence[Moment]) -> str:
+    """Return the decisive moments with their times, for the line above a drawing."""
+    return "; ".join(f"{m.text} at {number(m.time, 6)} s" for m in found if m.kind in DECISIVE)
+
+
+def mark_moments(axes: Sequence[Axes], found: Sequence[Moment]) -> None:
+    """Mark moments on axes over time, as far as their limits go: decisive ones by a line, others by a small mark."""
+    for ax in axes:
+        low, high = ax.get_xlim()
+        inside = [moment for moment in found if low <= moment.time <= high]
+        for moment in inside:
+            if moment.kind in DECISIVE:
+                ax.axvline(moment.time, color=style.ALARM, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
+        for kind in MARKERS:
+            times = [moment.time for moment in inside if moment.kind == kind]
+            if times:
+                ax.vlines(
+                    times,
+                    0.0,
+                    1.0,
+                    transform=ax.get_xaxis_transform(),
+                    color="#cfcfcf",
+                    linewidth=0.5,
+                    zorder=1,
+                )
+                ax.plot(times, [1.0] * len(times), transform=ax.get_xaxis_transform(), **marker_of(kind))
+
+
+def marker_of(kind: str) -> dict[str, Any]:
+    """Return the look of the mark of a kind of moment."""
+    return {"marker": MARKERS[kind], "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": style.GREY,
+            "linestyle": "none", "clip_on": False, "zorder": 4}  # fmt: skip
+
+
+def lost_note(result: Result) -> list[str]:
+    """Return the line that says what the hatched part of a plot over time is; none where nothing is hatched."""
+    until = meaningful_until(result.summary)
+    if "time" not in result or not until < result.time[-1]:
+        return []
+    part = f"{NOT_MEANINGFUL:.0%}".replace("%", " %")
+    return [
+        f"Hatched: not meaningful after t = {number(until, 4)} s (estimated error above {part} of the motion)"
+    ]
+
+
+def hatch(axes: Sequence[Axes], until: float) -> None:
+    """Hatch what is drawn over time after a motion is lost in its error."""
+    look: dict[str, Any] = {
+        "facecolor": "none",
+        "edgecolor": "#a8a8a8",
+        "hatch": "//",
+        "linewidth": 0.0,
+        "zorder": 2.5,
+    }
+    for ax in axes:
+        low, high = ax.get_xlim()
+        if until < high:
+            ax.axvspan(max(until, low), high, **look)
+            ax.set_xlim(low, high)
+
+
+def told(one: Stated) -> str:
+    """Return what a summary states of an error in words, with its unit."""
+    return " ".join(filter(None, (one.words, number(one.value, 2), unit(one.statement.unit))))
+
+
+def error_words(result: Result, path: str) -> str:
+    """Return in a line what a result states of the error of a dataset or a group: first what bounds it."""
+    until = meaningful_until(result.summary)
+    said: list[str] = []
+    for one in sorted(concerning(result.summary, path), key=lambda x: x.statement.bounds != path):
+        when = ""
+        if one.statement.bounds == path and np.isfinite(until):
+            one = dataclasses.replace(one, value=min(one.value, meaningful_error(result, path)))
+            when = f" until {number(until, 4)} s"
+        words = told(one) + when
+        if words not in said and (not said or len("; ".join([*said, words])) < NOTE_WIDTH - len(UNDER) - 8):
+            said.append(words)
+    if said:
+        return f"Errors: {'; '.join(said)}"
+    estimate = result.summary.get("error_estimate")
+    reason = estimate.get("reason") if isinstance(estimate, dict) else None
+    words = f"No error estimate: {reason}" if reason else "No error is stated for this"
+    return textwrap.shorten(words, NOTE_WIDTH, placeholder=" ...")
+
+
+BANDS, UNDER = " (bands)", " (under the lines)"  # how errors are seen
+
+
+class TimeSheet(Sheet):
+    """A sheet of panels over time, which shows the moments of the run: the decisive ones in words and as lines, those
+    that come often as small marks with an entry of the legend. Its last caption states the errors."""
+
+    def __init__(
+        self, result: Result, subtitle: str, shows: str = "", nothing: Sequence[str] = (), **layout: Any
+    ) -> None:
+        """Lay out the panels; ``layout`` : fields of ``Panels`` but for ``told`` and ``captions``.
+
+        shows : the dataset, or group of them, whose errors are told; empty where errors are drawn. nothing : what is
+        said of columns that are drawn as zero.
+        """
+        self.moments = moments(result)
+        self._result, self._shows, self._counted = result, shows, counted(self.moments)
+        labels = [*layout.pop("labels", ()), *self._counted.values()]
+        self._errors = [error_words(result, shows)] if shows else []
+        captions = [*nothing_note(nothing), *self._errors]
+        alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result)]
+        super().__init__(result, subtitle, labels=labels, captions=captions, told=alarms, **layout)
+        self._drawn: list[tuple[Axes, Array, DrawnCurves, list[Any]]] = []
+
+    def draw(
+        self,
+        ax: Axes,
+        shown: DrawnCurves,
+        styles: list[dict[str, Any]] | None = None,
+        magnitudes: bool = False,
+    ) -> list[Any]:
+        """Draw curves on a linear axis, with their errors; return a handle for each."""
+        handles = draw_columns(ax, self._result.time, shown.data, styles)
+        make_room(ax, shown)
+        fit_axis(ax, shown, magnitudes)
+        self._drawn.append((ax, self._result.time, shown, [handle.get_color() for handle in handles]))
+        return handles
+
+    def draw_log(
+        self,
+        ax: Axes,
+        shown: DrawnCurves,
+        ends: tuple[float, float],
+        styles: list[dict[str, Any]] | None = None,
+        window: slice = slice(None),
+    ) -> list[Any]:
+        """Draw magnitudes in a window of the time on a logarithmic axis between two ends; those without ``styles``
+        are noisy, and drawn with their crests."""
+        time, data = self._result.time[window], shown.data[window]
+        handles = draw_columns(ax, time, data, styles) if styles else draw_crests(ax, time, data)
+        colours = [handle.get_color() for handle in handles]
+        fit_log_axis(ax, time, data, colours, ends)
+        return handles
+
+    def finish(self, handles: Sequence[Any], labels: Sequence[str]) -> None:
+        """Draw the errors, hatch what is lost in them, mark the moments, name the time axis, put the legend below."""
+        for panel, ax in enumerate(self.axes):
+            below = self.axes[panel + self._across :: self._across][:1]
+            if below and below[0].get_xlim() == ax.get_xlim():
+                ax.tick_params(labelbottom=False)
+            else:
+                ax.set_xlabel("time [s]")
+                ax.xaxis.set_major_formatter(PlainFormatter())
+        self._draw_errors()
+        hatch(self.axes, meaningful_until(self._result.summary))
+        mark_moments(self.axes, self.moments)
+        marks = [Line2D([], [], **marker_of(kind)) for kind in self._counted]
+        super().legend([*handles, *marks], [*labels, *self._counted.values()])
+
+    def _draw_errors(self) -> None:
+        """Draw the errors of curves as bands where they can be seen, and say whether they can."""
+        until, stated, seen = meaningful_until(self._result.summary), False, False
+        for ax, time, shown, colours in self._drawn:
+            kept = time <= until
+            for values, error, colour in zip(shown.data.T, shown.error, colours):
+                if np.isfinite(error):
+                    stated = True
+                    seen |= draw_error(ax, time[kept], values[kept], float(error), colour)
+        if stated and self._errors:
+            line = next(note for note in self.notes if note.get_text() == self._errors[0])
+            line.set_text(self._errors[0] + (BANDS if seen else UNDER))
+
+
+# More instants than pixels add nothing.
+INSTANTS = 800
+ROWS = 400
+
+
+def draw_map(result: Result, shown: DrawnCurves, quantity: str, subtitle: str, shows: str) -> Any:
+    """Return a figure of curves with columns upwards and time to the right, a map for each unit."""
+    groups = shown.groups()
+    sheet = TimeSheet(
+        result,
+        f"{subtitle}; {len(shown.names)} columns, one row each",
+        shows=shows,
+        nothing=shown.nothing,
+        panels=len(groups),
+        height=3.3 if len(groups) == 1 else 2.2,
+        bars=True,
+    )
+    for ax, bar, (units, columns) in zip(sheet.axes, sheet.bars, groups.items()):
+        drawn = _map(ax, result.time, shown.part(columns))
+        sheet.figure.colorbar(drawn, cax=bar).set_label(labelled(quantity, units))
+    sheet.finish([], [])
+    return sheet.figure
+
+
+def _map(ax: Axes, time: Array, shown: DrawnCurves) -> AxesImage:
+    """Draw one map."""
+    names, rows = list(shown.names), _spread(len(shown.names), ROWS)
+    image = shown.data[np.ix_(_spread(len(time), INSTANTS), rows)].T
+    half = 0.5 if len(time) == 1 else 0.0
+    extent = (time[0] - half, time[-1] + half, 0.5, len(names) + 0.5)
+    # Lightness grows with the value, so a grey print keeps the order.
+    drawn = ax.imshow(
+        image, aspect="auto", origin="lower", extent=extent, cmap="cividis", interpolation="nearest"
+    )
+    ax.grid(False)
+    marks = sorted({round(1 + index * (len(names) - 1) / 8) for index in range(9)})
+    ax.set_yticks(marks, [_short(names[mark - 1]) for mark in marks])
+    return drawn
+
+
+def _spread(count: int, most: int) -> Any:
+    """Return at most ``most`` indices evenly over ``count``."""
+    return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int))
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= 9 else name[:4] + "…" + name[-4:]
+
+
+def panel_height(panels: int) -> float:
+    """Return the height of a panel [inch], less where there are several."""
+    return {1: 3.3, 2: 2.2}.get(panels, 1.6)
+
+
+def draw_groups(sheet: TimeSheet, shown: DrawnCurves, groups: Sequence[list[int]]) -> list[Any]:
+    """Draw each group of columns in a panel of its own; return the handles in the order of the columns."""
+    styles = style.line_styles(shown.data.shape[1])
+    handles: dict[int, Any] = {}
+    for ax, columns in zip(sheet.axes, groups):
+        handles.update(zip(columns, sheet.draw(ax, shown.part(columns), [styles[k] for k in columns])))
+    return [handles[k] for k in range(shown.data.shape[1])]
+
+
+def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
+    """Return a figure of all columns of one variable over time, with degrees where it is an angle."""
+    shown = curves_of(result, path)
+    names, groups = list(shown.names), shown.groups()
+    if len(names) > style.MANY:
+        return draw_map(result, shown, quantity, subtitle, path)
+    near = limits_near(result, path)
+    sheet = TimeSheet(
+        result,
+        subtitle + (LIMIT_NOTE if near else ""),
+        shows=path,
+        nothing=shown.nothing,
+        panels=len(groups),
+        height=panel_height(len(groups)),
+        labels=names if len(names) > 1 else (),
+        degrees="rad" in groups,
+    )
+    handles = draw_groups(sheet, shown, list(groups.values()))
+    for ax, (units, columns) in zip(sheet.axes, groups.items()):
+        draw_limits(ax, near, [names[k] for k in columns], [handles[k] for k in columns])
+        what = "quaternion" if path == "q" and units == "1" else quantity
+        ax.set_ylabel(labelled(what if len(names) > 1 else f"{names[0]}: {what}", units))
+        if units == "rad":
+            degree_axis(ax)
+    sheet.finish(*((handles, names) if len(names) > 1 else ([], [])))
+    return sheet.figure
