@@ -8,13 +8,6 @@ import os
 import platform
 import sys
 
-from robodyn_cli.version import __version__
-
-
-def robodyn_version() -> str:
-    """Return the version of robodyn."""
-    return __version__
-
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the libraries loaded so far, without importing any."""
