@@ -121,7 +121,7 @@ def _summary(
     growth = result["linear/poles_real"].max(axis=-1, keepdims=one)
     k = int(np.argmax(growth))
     acceleration = float(np.abs(linear.a[0][list(linear.places)]).max(initial=0.0))
-    held = {model.v_names[i]: float(states.tau[0, i]) for i in given.inputs}
+    held = _holding(given)
     chosen = [
         LinearInstant(float(states.times[k]), stability_of(each), each)
         for k, each in zip(samples, modes)
@@ -134,7 +134,7 @@ def _summary(
         freedoms=len(given.places),
         configuration=dict(zip(model.q_names, states.q[0].tolist())) if one else ABSENT,
         rates=dict(zip(model.v_names, states.v[0].tolist())) if one else ABSENT,
-        holding_torques=held if given.about == "hold" else ABSENT,
+        holding_torques=held or ABSENT,
         largest_acceleration=acceleration if one else ABSENT,
         states=state_signals(model, given.places),
         inputs=input_signals(model, given.inputs),
@@ -145,6 +145,16 @@ def _summary(
         instants=chosen or ABSENT,
         warnings=(_warnings(given, linear, modes[0], acceleration) if one else []) or ABSENT,
     )
+
+
+def _holding(given: Nominal) -> dict[str, float]:
+    """Return the constant torques that keep the pose, by coordinate: of inputs, or of joints that stay at a balance."""
+    from robodyn_cli.works.balance import staying_places
+
+    if given.about not in ("hold", "balance"):
+        return {}
+    places = given.inputs if given.about == "hold" else staying_places(given.problem)
+    return {given.problem.model.v_names[k]: float(given.states.tau[0, k]) for k in places}
 
 
 def _warnings(given: Nominal, linear: Linear, modes: list[Mode], acceleration: float) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -55,24 +56,28 @@ def poles_along(linear: Linear) -> tuple[Array, Array]:
 def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> list[Mode]:
     """Return the modes of the system at a sample, slowest first; C (outputs, 2n), names : of all coordinates.
 
-    A free motion, of position and rate, is one mode at 0.
+    A free motion, of position and rate, is one mode at 0, of multiplicity 2.
     """
     A, B, dq = linear.A[sample], linear.B[sample], linear.dq[sample]
     raw, vectors = np.linalg.eig(A)
     errors = pole_errors(A, linear.rounding[sample], raw)
     poles = without_rounding(raw, errors)
     found: list[Mode] = []
-    free: list[Array] = []
+    free: list[tuple[int, Array]] = []  # modes at 0 by their place among those found
     for k in sorted(range(len(poles)), key=lambda k: (abs(poles[k]), poles[k].real)):
         s, motion = complex(poles[k]), dq @ vectors[: dq.shape[1], k]
-        if s.imag < 0.0 or (not s and any(_parallel(motion, other) for other in free)):
+        if s.imag < 0.0:
             continue
         if not s:
-            free.append(motion)
+            same = next((place for place, other in free if _parallel(motion, other)), None)
+            if same is not None:
+                found[same] = dataclasses.replace(found[same], multiplicity=found[same].multiplicity + 1)
+                continue
+            free.append((len(found), motion))
         size = abs(s)
         found.append(
             Mode(
-                s.real, s.imag, float(errors[k]), size / math.tau, 0.0 - s.real / size if size else None,
+                s.real, s.imag, float(errors[k]), 1, size / math.tau, 0.0 - s.real / size if size else None,
                 1.0 / abs(s.real) if abs(s.real) > BLIND * size else None,
                 _shape(motion, names), reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
             )
