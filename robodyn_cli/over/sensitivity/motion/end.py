@@ -43,7 +43,7 @@ from robodyn_cli.over.sensitivity.motion.variational import (
     transfers,
 )
 from robodyn_cli.record import record
-from robodyn_cli.solve.assembly import RANK_TOLERANCE
+from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
 BLOCKS = 3  # of samples in each step of the integrator, at first
