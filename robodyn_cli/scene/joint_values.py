@@ -54,7 +54,9 @@ def joint_values(
     joint = joint_types.get(reader.names.types.get(name, ""))
     items = {} if joint is None else _items(kind, joint)
     if joint is None or not items:
-        return {name: reader.value(kind.item, node, path, unit)}
+        slides = joint is not None and joint.units == ("m",)
+        item = _item(kind.item, "m") if slides and kind.coordinates == "q" else kind.item
+        return {name: reader.value(item, node, path, unit)}
     names = tuple(items)
     if isinstance(node, Sequence):
         if len(node.items) != len(names):

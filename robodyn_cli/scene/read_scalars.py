@@ -29,6 +29,9 @@ from robodyn_cli.schema.fields import (
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _IN_FORMULAS = ("joint", "parameter")
+_POSES = frozenset(
+    {"origin", "frames", "rpy", "angle", "alpha"}
+)  # keys at or below which angles place something
 # in place of a value that could not be read
 BROKEN: Any = object()
 
@@ -51,6 +54,7 @@ class ScalarReader:
     def __init__(self, names: Names, faults: Faults) -> None:
         self.names = names
         self.faults = faults
+        self.doubts: list[str] = []
         # looked up for each formula: as sets, but in the order of the scene
         self.joints = dict.fromkeys(names.joints)
         self.rates = dict.fromkeys(names.rates or names.joints)
@@ -100,7 +104,10 @@ class ScalarReader:
         if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
             raise self.wrong(kind, node, path, unit)
         if not isinstance(node.value, str):
-            return self.finite(node, path)
+            value = self.finite(node, path)
+            if angle:
+                self._doubt_degrees(value, node, path)
+            return value
         tree = self.parse(kind, node, path, unit)
         if tree.constant is None:
             name = sorted(tree.names)[0]
@@ -108,6 +115,16 @@ class ScalarReader:
         if tree.degrees and not angle:
             raise self.wrong(kind, node, path, unit, "'deg' does not fit: this is not an angle")
         return tree.constant
+
+    def _doubt_degrees(self, value: float, node: Scalar, path: Path) -> None:
+        """Note a plain number of more than a turn that places something: it is in radians, and looks like degrees."""
+        if abs(value) <= math.tau or not (path[:2] == ("initial", "q") or _POSES.intersection(path)):
+            return
+        text = (
+            f"the angle {node.text} is in radians, {abs(value) / math.tau:.3g} turns; for degrees write "
+            f"{node.text} deg, for radians put it in quotes"
+        )
+        self.doubts.append(located(node, dotted(path), text).message)
 
     def finite(self, node: Scalar, path: Path) -> float:
         value = float(node.value) if isinstance(node.value, (int, float)) else math.nan
