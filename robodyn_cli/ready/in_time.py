@@ -11,10 +11,11 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.fastest.resolve import timed_path
-from robodyn_cli.given.along_path import motion_along
+from robodyn_cli.given.along_path import Interpolated, motion_along
 from robodyn_cli.given.motion import led_by
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.base import Lacks, Trajectory
+from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.fastest import FastestTrajectory
 from robodyn_cli.trajectories.led import (
     follow_trajectory,
@@ -35,6 +36,8 @@ def motion_in_time(scene: Scene) -> Any:
     """
     if isinstance(scene.trajectory, SequenceTrajectory):
         return _joined(scene, scene.trajectory, None)
+    if len(parts := scene.trajectory.parts()) > 1 or parts[0][1]:
+        return _with_stops(scene, scene.trajectory, None)
     return timed_path(scene, scene.trajectory)
 
 
@@ -59,26 +62,50 @@ def with_motion_found(scene: Scene) -> Scene:
     return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
 
 
-def _of_joints(scene: Scene, trajectory: Any, columns: Sequence[str] | None) -> Any:
+def _of_joints(scene: Scene, trajectory: Any, columns: Sequence[str] | None, begin: float = 0.0) -> Any:
     """Return a trajectory of the scene in joint space, where a path leads joints with the motion of ``columns`` of q.
 
-    columns : None for all.
+    columns : None for all. begin : when it begins [s].
     """
     if isinstance(trajectory, SequenceTrajectory):
-        return _joined(scene, trajectory, columns)
+        return _joined(scene, trajectory, columns, begin)
     if isinstance(trajectory, FastestTrajectory):
+        if len(parts := trajectory.parts()) > 1 or parts[0][1]:
+            return _with_stops(scene, trajectory, columns, begin)
         if trajectory.way.lacks is Lacks.JOINTS:
             way = motion_along(Problem(led_by(scene, trajectory.way)), columns)
             jumps = trajectory.way.knots or ()
             trajectory = dataclasses.replace(trajectory, path=dataclasses.replace(way, jumps=jumps))
-        return timed_path(scene, trajectory)
+        return timed_path(scene, trajectory, begin)
     if trajectory.lacks is Lacks.JOINTS:
         return motion_along(Problem(led_by(scene, trajectory)), columns)
     return trajectory
 
 
-def _joined(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None) -> SequenceTrajectory:
-    """Return a sequence with the motion of the joints in each segment."""
+def _with_stops(
+    scene: Scene, trajectory: FastestTrajectory, columns: Sequence[str] | None, begin: float = 0.0
+) -> SequenceTrajectory:
+    """Return a path in the least time from each stop to the next, and at rest there as long as it stays."""
+    found: list[Any] = []
+    for part, dwell in trajectory.parts():
+        own = _begun(part, _end(found[-1], scene)) if found else part
+        found.append(_of_joints(scene, own, columns, begin + sum(x.duration for x in found)))
+        if dwell:
+            last = found[-1]
+            q = last.motion(np.array([last.duration]), position_columns(last.joints), scene.parameters).q
+            course = Course(np.array([0.0, dwell]), [q])
+            found.append(Interpolated(position_columns(last.joints), dwell, course))
+    return SequenceTrajectory("sequence", tuple(found))
+
+
+def _joined(
+    scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None, begin: float = 0.0
+) -> SequenceTrajectory:
+    """Return a sequence, which begins at a time [s], with the motion of the joints in each segment."""
+    if sequence.repeat > 1 and any(x.changes for x in scene.payloads) and sequence.least_time:
+        raise CapabilityError(
+            "a sequence in the least time that is repeated does not go with payloads that are gripped or released"
+        )
     found: list[Any] = []
     for k, segment in enumerate(sequence.segments):
         if (scene.loops or scene.couplers) and _leads_point(segment):
@@ -88,7 +115,7 @@ def _joined(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] |
             )
         own = _begun(segment, _end(found[-1], scene)) if found else segment
         try:
-            found.append(_of_joints(scene, own, columns))
+            found.append(_of_joints(scene, own, columns, begin + sum(x.duration for x in found)))
         except RobodynError as error:
             raise _within(f"trajectory.segments.{k}", error) from None
     joined = dataclasses.replace(sequence, segments=tuple(found))
