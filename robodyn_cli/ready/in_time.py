@@ -13,6 +13,7 @@ from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.fastest.resolve import timed_path
 from robodyn_cli.given.along_path import Interpolated, motion_along
 from robodyn_cli.given.motion import led_by
+from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.base import Lacks, Trajectory
 from robodyn_cli.trajectories.course import Course
@@ -23,6 +24,7 @@ from robodyn_cli.trajectories.led import (
     position_columns,
     velocity_columns,
 )
+from robodyn_cli.trajectories.legs import Scaling, one_after_another
 from robodyn_cli.trajectories.sequence import SequenceTrajectory
 
 
@@ -82,20 +84,30 @@ def _of_joints(scene: Scene, trajectory: Any, columns: Sequence[str] | None, beg
     return trajectory
 
 
+@record
+class _Stopping(SequenceTrajectory):
+    """A path in the least time that stops on the way."""
+
+    scaling: Scaling | None = None
+
+
 def _with_stops(
     scene: Scene, trajectory: FastestTrajectory, columns: Sequence[str] | None, begin: float = 0.0
 ) -> SequenceTrajectory:
     """Return a path in the least time from each stop to the next, and at rest there as long as it stays."""
     found: list[Any] = []
+    ways: list[Scaling | float] = []
     for part, dwell in trajectory.parts():
         own = _begun(part, _end(found[-1], scene)) if found else part
         found.append(_of_joints(scene, own, columns, begin + sum(x.duration for x in found)))
+        last = found[-1]
+        ways.append(last.scaling)
         if dwell:
-            last = found[-1]
+            ways.append(dwell)
             q = last.motion(np.array([last.duration]), position_columns(last.joints), scene.parameters).q
             course = Course(np.array([0.0, dwell]), [q])
             found.append(Interpolated(position_columns(last.joints), dwell, course))
-    return SequenceTrajectory("sequence", tuple(found))
+    return _Stopping("sequence", tuple(found), scaling=one_after_another(ways))
 
 
 def _joined(

@@ -245,6 +245,13 @@ def test_a_path_with_stops_is_its_ways_one_after_another() -> None:
     both = stopping("[1.4, 1.0, 0]", THERE.replace("}", ", dwell: 0.2}"), BACK)
     assert duration(both) == pytest.approx(first + 0.2 + second, rel=1e-6)
     result = inverse(both)
+    figures = result.summary["fastest"]
+    assert figures["duration"] == pytest.approx(first + 0.2 + second, rel=1e-6)
+    assert figures["largest_use"] == pytest.approx(1.0, abs=1e-6)
+    law = along(both).trajectory.scaling.law
+    assert np.all(np.diff(law(np.linspace(0.0, law.duration, 200))[:, 0]) >= -1e-12), (
+        "the path is not gone back"
+    )
     still = (result.time > first + 1e-6) & (result.time < first + 0.2 - 1e-6)
     assert still.any() and not result["qd"][still].any()
     assert (np.abs(result["tau"]).max(axis=0) <= np.array([250, 120]) * (1 + 1e-6)).all()
