@@ -19,7 +19,6 @@ import numpy as np
 
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.summaries.facts import ABSENT, key_of
-from robodyn_cli.version import __version__
 
 # Keys of the contract come first and in this order; a command's own results follow in the order given.
 LEADING_KEYS = (
@@ -101,11 +100,6 @@ def read_summary(path: str | Path) -> dict[str, Any]:
     except (OSError, ValueError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def robodyn_version() -> str:
-    """Return the version of robodyn."""
-    return __version__
 
 
 def versions() -> dict[str, str]:
