@@ -134,6 +134,12 @@ def cost_line(summary: Mapping[str, Any]) -> str:
     return f"  cost               {steps}ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"
 
 
+def holding_lines(torques: Mapping[str, float]) -> list[str]:
+    """Return a line about torques that keep a pose, beside those that the scene states."""
+    held = ", ".join(f"{name} {number(x)}" for name, x in torques.items())
+    return [f"  holding torques    {held} (N m or N)"] if held else []
+
+
 def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return a line about degrees of freedom."""
     found = summary.get("mobility")

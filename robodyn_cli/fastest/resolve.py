@@ -3,6 +3,7 @@ when."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -84,34 +85,61 @@ def figures(scaling: Scaling, model: Model, sampled: Sampled) -> FastestFigures:
     )
 
 
+SAME = 1e-6  # s, up to which a payload that changes at the end of a way counts as changing there
 STILL = 1e-6  # of the largest |dq/ds|: the path stands still
 CORNER = 1e-6  # of it: the direction jumps
 BISECTIONS = 45
 LOOKS = 200  # intervals in which corners and turns are looked for
 
 
-def timed_path(scene: Scene, trajectory: FastestTrajectory) -> TimedJoints | TimedPath:
+def timed_path(scene: Scene, trajectory: FastestTrajectory, begin: float = 0.0) -> TimedJoints | TimedPath:
     """Return a path in the least time as a motion in time of the scene's joints, or of a point.
+
+    begin : when it begins [s], which decides about the payloads that are carried.
 
     Raises
     ------
-    CapabilityError : forces depend on time or load. GeometryError : no motion on the path keeps to the limits, or it
-    stands still or turns a corner on the way. Others as the inverse kinematics and ``build_inverse`` raise.
+    CapabilityError : forces depend on time or load, or a payload comes or goes on the way. GeometryError : no motion on
+    the path keeps to the limits, or it stands still or turns a corner on the way. Others as the inverse kinematics and
+    ``build_inverse`` raise.
     """
-    changing = [payload.name for payload in scene.payloads if payload.changes]
-    if changing:
-        raise CapabilityError(
-            f"payload {changing[0]!r} is gripped or released at a time, and 'fastest' chooses the times; allowed "
-            "there: payloads without 'from' and 'until'"
-        )
-    program = build_inverse(led_by(scene, trajectory.way))
+    program = build_inverse(led_by(with_payloads_at(scene, begin), trajectory.way))
     path = limited_path(trajectory, program)
     fixed = special_points(trajectory, program, path)
     found = fastest_on(path, trajectory, fixed, program)
     limits = {name: dict(getattr(trajectory, name)) for name in BOUNDS}
     tolerance = trajectory.tolerance if trajectory.intervals is None else None
     scaling = Scaling(found.law, found.error, limits, len(found.s) - 1, tolerance)
-    return timed(trajectory.way, scaling)
+    result = timed(trajectory.way, scaling)
+    for payload in scene.payloads:
+        for key, instant in payload.instants.items():
+            if instant.time is not None and begin + SAME < instant.time < begin + result.duration - SAME:
+                raise CapabilityError(
+                    f"payload {payload.name!r} changes at {instant.time:.9g} s ({key!r}), on a way in the least time "
+                    f"from {begin:.9g} s to {begin + result.duration:.9g} s; allowed: times outside of it, while the "
+                    "motion rests or between two segments"
+                )
+    return result
+
+
+def with_payloads_at(scene: Scene, time: float) -> Scene:
+    """Return the scene with what is carried from a time on [s], as if it stayed so.
+
+    Raises
+    ------
+    CapabilityError : an event decides whether a payload is carried.
+    """
+    carried = []
+    for payload in scene.payloads:
+        times = {key: instant.time for key, instant in payload.instants.items()}
+        if None in times.values():
+            raise CapabilityError(
+                f"payload {payload.name!r} is gripped or released by an event, which the times that 'fastest' chooses "
+                "would move; allowed there: 'time'"
+            )
+        if (times.get("from") or 0.0) <= time + SAME and (times.get("until") or np.inf) > time + SAME:
+            carried.append(dataclasses.replace(payload, start=None, until=None))
+    return dataclasses.replace(scene, payloads=tuple(carried)) if scene.payloads else scene
 
 
 def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> LimitedPath:

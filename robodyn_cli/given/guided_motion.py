@@ -10,18 +10,19 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
-from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of
+from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of, leads_apart
 from robodyn_cli.given.motion import Planned, by_columns, plan_motion
 from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.observe.places import in_world
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import assemble
-from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.closure import Numbers, rank
 from robodyn_cli.solve.guided import Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course, interpolated
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
+from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.motion import JointMotion
 
 
@@ -34,6 +35,8 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     GeometryError : the loops cannot close at the start. SingularConfigurationError : the start is singular.
     CapabilityError : less is led than the mechanism has degrees of freedom.
     """
+    if leads_apart(problem):
+        return _apart(problem, times)
     conditions = LoopConditions(problem, lead, times)
     guide = Guide(conditions)
     q = _start(problem, lead, conditions)
@@ -61,6 +64,19 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     R = asked[:, 3:].reshape(-1, 3, 3) if lead.led.oriented else None
     target, axes = in_world(problem.model, lead.led.relative_to, asked[:, : lead.led.components], R, motion.q)
     return dataclasses.replace(found, point=lead.point, target=target, axes=axes, method="newton")
+
+
+def _apart(problem: Problem, times: Array) -> Planned:
+    """Return the motion of a chain that a point leads and loops do not touch; the joints that they tie rest, closed."""
+    scene, numbers = problem.scene, Numbers(problem, ())
+    check_prescribed(problem)
+    given = {**scene.initial.q, **scene.trajectory.ik.guess, **prescribed_starts(scene)}
+    closed = assemble(problem, given, {}, tuple(position_columns(scene.prescribed))).q
+    start = dict(zip(problem.model.q_names, closed.tolist()))
+    initial = dataclasses.replace(scene.initial, q=start)
+    found = plan_motion(Problem(dataclasses.replace(scene, loops=(), couplers=(), initial=initial)), times)
+    position = max(float(np.abs(numbers.eta(q, t)).max()) for q, t in zip(found.motion.q, found.times))
+    return dataclasses.replace(found, residuals={"position": position, "velocity": 0.0, "acceleration": 0.0})
 
 
 def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:

@@ -8,7 +8,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.graph import Expr, Scalar, count_operations
+from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.given.prescribed import refuse_both
 from robodyn_cli.model.manifold import Manifold
@@ -21,7 +21,7 @@ from robodyn_cli.solve.point_kinematics import Led, PointKinematics, what_is_lef
 from robodyn_cli.spatial.algebra import Array, dot
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.joint_space import JointSpaceTrajectory
-from robodyn_cli.trajectories.led import position_columns
+from robodyn_cli.trajectories.led import led_joints, position_columns
 from robodyn_cli.trajectories.motion import PoseMotion
 
 INTERPRETED = 2e-7  # seconds that an operation on plain numbers takes
@@ -96,6 +96,28 @@ def lead_of(problem: Problem) -> Lead:
         return found.q, found.qd, found.qdd
 
     return Lead.of_columns(problem.model, columns, joints)
+
+
+def leads_apart(problem: Problem) -> bool:
+    """Tell whether a point is led by joints that no loop or coupler ties, to each other or to others.
+
+    Then it moves as in an open chain, of which more joints than it needs may be led by criteria, and what is tied, a
+    gripper's fingers, rests. Not where a prescribed motion moves what is tied.
+    """
+    trajectory, model = problem.scene.trajectory, problem.model
+    if not isinstance(trajectory, TaskSpaceTrajectory) or not model.closures:
+        return False
+    moving = moving_reference(model, trajectory)
+    ends = [model.place(trajectory.point).body, *([] if moving is None else [moving.body])]
+    chain = {model.bodies[k].joint_name for end in ends for k in model.path_to(end)}
+    tied = {
+        model.joint_of(k)
+        for row in problem.constraints.loop_rows
+        for k, x in enumerate(row.psi)
+        if is_nonzero(x)
+    }
+    drives = any(is_nonzero(row.eta_t) for row in problem.constraints.loop_rows)
+    return not drives and not tied & {*chain, *led_joints(problem.scene.prescribed)}
 
 
 def refuse_quasi(model: Model, name: str) -> None:

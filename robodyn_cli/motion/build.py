@@ -16,6 +16,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.motion.method import choose
 from robodyn_cli.motion.motion import MethodChoice, Motion, Watcher
+from robodyn_cli.observe.observe import all_missing_data
 from robodyn_cli.ready.prepare import Setup, passive_coordinates, prepare
 from robodyn_cli.scene.types import Baumgarte, Ready, Scene
 from robodyn_cli.summaries.motion import Gains
@@ -101,7 +102,7 @@ def build_motion(
         passive = passive_coordinates(problem)
         watchers = (*follow(problem, passive), *half_turns(problem))
         system = watched_system(problem, scene.simulate.stabilisation, watchers, work)
-    with watch.stage("method"):
+    with watch.stage("method"), all_missing_data(problem, system, reactions):
         choice = _choice(scene, setup, system, plan)
     motion = Motion(
         scene,

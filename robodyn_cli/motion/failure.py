@@ -13,7 +13,8 @@ from robodyn_cli.integrators.runtime.stopped import rates_at
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.mass_matrix import nearly_singular
-from robodyn_cli.ready.singularity import driven_dead_point, is_dead_point
+from robodyn_cli.ready.singularity import driven_dead_point, is_dead_point, psi_at
+from robodyn_cli.solve.independent_rows import is_truss
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.led import led_joints
 
@@ -82,6 +83,12 @@ def start_warnings(problem: Problem, q: Array, passive: Sequence[int]) -> list[s
     simulation. But the loops may have closed there because ``initial.q`` left them the choice, and then the input moves
     nothing: the passive joints alone can move, the driven ones at rest.
     """
+    if is_truss(psi_at(problem, q)):
+        closures = ", ".join(dict.fromkeys(row.closure for row in problem.constraints.loop_rows))
+        return [
+            f"nothing can move: the loops ({closures}) leave none of the {problem.model.nv} coordinates a freedom, so "
+            "that this is a structure at rest"
+        ]
     if len(passive) == problem.model.nv or not is_dead_point(problem, q, passive, NEAR):
         return []
     pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(problem.model.q_names, q))

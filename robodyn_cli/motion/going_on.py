@@ -32,10 +32,11 @@ from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.result import Result
-from robodyn_cli.results.summary import robodyn_version, sha256
+from robodyn_cli.results.summary import sha256
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
+from robodyn_cli.version import code_digest
 
 DOUBLE = np.dtype("<f8")
 
@@ -67,7 +68,7 @@ class Journal:
 
     def __init__(self, path: Path, scene: Scene, resume: bool = False) -> None:
         self.path = path
-        self._head = {"scene": sha256(scene.text), "version": robodyn_version()}
+        self._head = {"scene": sha256(scene.text), "code": code_digest()}
         self._length = 0
         self.taken = resume and self._find(scene)
         self._file: BinaryIO | None = None
@@ -81,8 +82,8 @@ class Journal:
             head = _line(file)
             if head is not None and head != self._head:
                 raise SceneError(
-                    f"{scene.path}: the unfinished run in {self.path} is of another scene, other settings or another "
-                    "version of robodyn; allowed: the same ones, or a run from the start, without --resume",
+                    f"{scene.path}: the unfinished run in {self.path} is of another scene, other settings or other "
+                    "code of robodyn; allowed: the same ones, or a run from the start, without --resume",
                     file=scene.path,
                 )
             for _ in _blocks(file):

@@ -15,7 +15,7 @@ from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, Outcome
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.observe.observe import Observer
+from robodyn_cli.observe.observe import Observer, all_missing_data
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import Assembled
@@ -176,4 +176,5 @@ class Motion:
     @cached_property
     def observer(self) -> Observer:
         """What is evaluated at the samples."""
-        return Observer(self.problem, self.system, self.passive, self.reactions)
+        with all_missing_data(self.problem, self.system, self.reactions):
+            return Observer(self.problem, self.system, self.passive, self.reactions)

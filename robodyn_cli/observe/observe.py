@@ -3,12 +3,14 @@ have in common."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import contextlib
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import SceneError, unknown_data
 from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.formulations.system import System
 from robodyn_cli.kernels.samples import SampleKernel
@@ -145,6 +147,28 @@ def _reactions(problem: Problem) -> ReactionSamples:
     from robodyn_cli.observe.reactions import ReactionSamples
 
     return ReactionSamples(problem, problem.scene.simulate.samples)
+
+
+@contextlib.contextmanager
+def all_missing_data(problem: Problem, system: System, reactions: bool) -> Iterator[None]:
+    """Make an error about data that the scene does not give name all that the run needs, not only the first part's."""
+    try:
+        yield
+    except SceneError as error:
+        if "missing" not in error.details:
+            raise
+        rolled = system.dynamics.any_size
+        missing = set(error.details["missing"])
+        for entries in observed(problem, accelerations=not rolled).values():
+            missing.update(unknown_among(entries))
+        if not rolled:
+            missing.update(unknown_among(system.rates))
+        if reactions or problem.scene.outputs.reactions:
+            try:
+                _reactions(problem)
+            except SceneError as more:
+                missing.update(more.details.get("missing", ()))
+        raise unknown_data(sorted(missing)) from None
 
 
 class Observer:

@@ -11,10 +11,12 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError, SceneError
 from robodyn_cli.fastest.resolve import timed_path
-from robodyn_cli.given.guided_motion import motion_along
+from robodyn_cli.given.guided_motion import Interpolated, motion_along
 from robodyn_cli.given.motion import led_by
+from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.trajectories.base import Lacks, Trajectory
+from robodyn_cli.trajectories.course import Course
 from robodyn_cli.trajectories.fastest import FastestTrajectory
 from robodyn_cli.trajectories.led import (
     follow_trajectory,
@@ -22,6 +24,7 @@ from robodyn_cli.trajectories.led import (
     position_columns,
     velocity_columns,
 )
+from robodyn_cli.trajectories.legs import Scaling, one_after_another
 from robodyn_cli.trajectories.sequence import SequenceTrajectory
 
 
@@ -35,6 +38,8 @@ def motion_in_time(scene: Scene) -> Any:
     """
     if isinstance(scene.trajectory, SequenceTrajectory):
         return _joined(scene, scene.trajectory, None)
+    if len(parts := scene.trajectory.parts()) > 1 or parts[0][1]:
+        return _with_stops(scene, scene.trajectory, None)
     return timed_path(scene, scene.trajectory)
 
 
@@ -59,26 +64,60 @@ def with_motion_found(scene: Scene) -> Scene:
     return dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed, initial=initial)
 
 
-def _of_joints(scene: Scene, trajectory: Any, columns: Sequence[str] | None) -> Any:
+def _of_joints(scene: Scene, trajectory: Any, columns: Sequence[str] | None, begin: float = 0.0) -> Any:
     """Return a trajectory of the scene in joint space, where a path leads joints with the motion of ``columns`` of q.
 
-    columns : None for all.
+    columns : None for all. begin : when it begins [s].
     """
     if isinstance(trajectory, SequenceTrajectory):
-        return _joined(scene, trajectory, columns)
+        return _joined(scene, trajectory, columns, begin)
     if isinstance(trajectory, FastestTrajectory):
+        if len(parts := trajectory.parts()) > 1 or parts[0][1]:
+            return _with_stops(scene, trajectory, columns, begin)
         if trajectory.way.lacks is Lacks.JOINTS:
             way = motion_along(Problem(led_by(scene, trajectory.way)), columns)
             jumps = trajectory.way.knots or ()
             trajectory = dataclasses.replace(trajectory, path=dataclasses.replace(way, jumps=jumps))
-        return timed_path(scene, trajectory)
+        return timed_path(scene, trajectory, begin)
     if trajectory.lacks is Lacks.JOINTS:
         return motion_along(Problem(led_by(scene, trajectory)), columns)
     return trajectory
 
 
-def _joined(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None) -> SequenceTrajectory:
-    """Return a sequence with the motion of the joints in each segment."""
+@record
+class _Stopping(SequenceTrajectory):
+    """A path in the least time that stops on the way."""
+
+    scaling: Scaling | None = None
+
+
+def _with_stops(
+    scene: Scene, trajectory: FastestTrajectory, columns: Sequence[str] | None, begin: float = 0.0
+) -> SequenceTrajectory:
+    """Return a path in the least time from each stop to the next, and at rest there as long as it stays."""
+    found: list[Any] = []
+    ways: list[Scaling | float] = []
+    for part, dwell in trajectory.parts():
+        own = _begun(part, _end(found[-1], scene)) if found else part
+        found.append(_of_joints(scene, own, columns, begin + sum(x.duration for x in found)))
+        last = found[-1]
+        ways.append(last.scaling)
+        if dwell:
+            ways.append(dwell)
+            q = last.motion(np.array([last.duration]), position_columns(last.joints), scene.parameters).q
+            course = Course(np.array([0.0, dwell]), [q])
+            found.append(Interpolated(position_columns(last.joints), dwell, course))
+    return _Stopping("sequence", tuple(found), scaling=one_after_another(ways))
+
+
+def _joined(
+    scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] | None, begin: float = 0.0
+) -> SequenceTrajectory:
+    """Return a sequence, which begins at a time [s], with the motion of the joints in each segment."""
+    if sequence.repeat > 1 and any(x.changes for x in scene.payloads) and sequence.least_time:
+        raise CapabilityError(
+            "a sequence in the least time that is repeated does not go with payloads that are gripped or released"
+        )
     found: list[Any] = []
     for k, segment in enumerate(sequence.segments):
         if (scene.loops or scene.couplers) and _leads_point(segment):
@@ -88,7 +127,7 @@ def _joined(scene: Scene, sequence: SequenceTrajectory, columns: Sequence[str] |
             )
         own = _begun(segment, _end(found[-1], scene)) if found else segment
         try:
-            found.append(_of_joints(scene, own, columns))
+            found.append(_of_joints(scene, own, columns, begin + sum(x.duration for x in found)))
         except RobodynError as error:
             raise _within(f"trajectory.segments.{k}", error) from None
     joined = dataclasses.replace(sequence, segments=tuple(found))

@@ -246,6 +246,9 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     Attribute("filetype", "text", "always `robodyn.result`"),
     Attribute("format_version", "integer", "version of this format, 1"),
     Attribute("robodyn_version", "text", "version of robodyn that wrote the file"),
+    Attribute(
+        "robodyn_code_sha256", "text", "SHA-256 of the installed files of robodyn: its code at that version"
+    ),
     Attribute("command", "text", "command that was run: `inverse`, `simulate`, `deploy`, ..."),
     Attribute("title", "text", "title of the scene"),
     Attribute("status", "text", "`ok`, `locked`, `no_lock`, `overload`, `undersized` or `failed`"),

@@ -20,7 +20,6 @@ import numpy as np
 from robodyn_cli.foreign import contents
 from robodyn_cli.results.atomic import write_bytes
 from robodyn_cli.summaries.facts import ABSENT, key_of
-from robodyn_cli.version import __version__
 
 MOST_BYTES = 100_000_000  # of a summary
 # Keys of the contract come first and in this order; a command's own results follow in the order given.
@@ -103,11 +102,6 @@ def read_summary(path: str | Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
-
-
-def robodyn_version() -> str:
-    """Return the version of robodyn."""
-    return __version__
 
 
 def versions() -> dict[str, str]:

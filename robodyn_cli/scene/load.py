@@ -184,7 +184,12 @@ def _examine(open_root: Callable[[Includer], Node], path: str, overrides: Sequen
         sources=sources,
         notes=_notes(includer) if includer.descriptions or includer.undrawn else (),
         warnings=tuple(
-            dict.fromkeys(f"{one.file}: {x}" for one in includer.descriptions for x in one.warnings)
+            dict.fromkeys(
+                (
+                    *scene.warnings,
+                    *(f"{one.file}: {x}" for one in includer.descriptions for x in one.warnings),
+                )
+            )
         ),
     )
     return Examined((), scene, root)
@@ -232,8 +237,9 @@ def _checked(root: Node, faults: Faults) -> Scene | None:
     """Return the scene of a whole tree, read and checked; None where too little of it could be read."""
     reading = Faults()
     scene = BROKEN
+    reader = Reader(formula_names(root), reading, STAND_INS)
     with contextlib.suppress(TooMany):
-        scene = Reader(formula_names(root), reading, STAND_INS).value(Section(Scene), root, ())
+        scene = reader.value(Section(Scene), root, ())
     faults.add_unrelated(reading.found)
     if scene is BROKEN:
         return None
@@ -248,9 +254,8 @@ def _checked(root: Node, faults: Faults) -> Scene | None:
         errors = [
             e for e in errors if " drives." not in e.message
         ]  # what it lacks may be what is wrong in it
-    faults.add_unrelated(errors)
-    checked: Scene = scene
-    return checked
+    faults.add_unrelated(errors, sections=True)
+    return dataclasses.replace(scene, warnings=tuple(dict.fromkeys(reader.doubts)))
 
 
 def formula_names(root: Node) -> Names:

@@ -29,6 +29,7 @@ from robodyn_cli.scene.text.nodes import (
     dotted,
     located,
 )
+from robodyn_cli.scene.text.numbers import doubts_of_angle
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
@@ -68,6 +69,7 @@ class ScalarReader:
     def __init__(self, names: Names, faults: Faults) -> None:
         self.names = names
         self.faults = faults
+        self.doubts: list[str] = []
         # looked up for each formula: as sets, but in the order of the scene
         self.joints = dict.fromkeys(names.joints)
         self.rates = dict.fromkeys(names.rates or names.joints)
@@ -117,7 +119,10 @@ class ScalarReader:
         if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
             raise self.wrong(kind, node, path, unit)
         if not isinstance(node.value, str):
-            return self.finite(node, path)
+            value = self.finite(node, path)
+            if angle:
+                self.doubts += doubts_of_angle(value, node, path)
+            return value
         tree = self.parse(kind, node, path, unit)
         if tree.constant is None:
             name = sorted(tree.names)[0]
@@ -268,7 +273,9 @@ def joint_values(
     joint = joint_types.get(reader.names.types.get(name, ""))
     items = {} if joint is None else _items(kind, joint)
     if joint is None or not items:
-        return {name: reader.value(kind.item, node, path, unit)}
+        slides = joint is not None and joint.units == ("m",)
+        item = _item(kind.item, "m") if slides and kind.coordinates == "q" else kind.item
+        return {name: reader.value(item, node, path, unit)}
     names = tuple(items)
     if isinstance(node, Sequence):
         if len(node.items) != len(names):
@@ -306,16 +313,13 @@ def _item(item: Kind, unit: str) -> Kind:
 
 def _wanted(joint: Joint, kind: JointMap, name: str, names: tuple[str, ...]) -> str:
     text = (
-        f"joint {name!r} is {joint.type} and has {len(names)} coordinates here; allowed: a list or a map of "
+        f"joint {name!r} is {joint.type} and has {len(names)} coordinates here; allowed: a list or a map of"
     )
-    return text + ", ".join(names) + _forms(joint, kind)
-
-
-def _forms(joint: Joint, kind: JointMap) -> str:
-    if not joint.quasi or kind.coordinates != "q":
-        return ""
-    place = "xyz and " if "x" in joint.names else ""
-    return f"; or {place}one of {', '.join(ATTITUDES)}"
+    forms = ""
+    if joint.quasi and kind.coordinates == "q":
+        place = "xyz and " if "x" in joint.names else ""
+        forms = f"; or {place}one of {', '.join(ATTITUDES)}"
+    return f"{text} {', '.join(names)}{forms}"
 
 
 def _from_map(

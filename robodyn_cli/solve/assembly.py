@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import GeometryError, SingularConfigurationError
+from robodyn_cli.errors import GeometryError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import CLOSED, ClosureEquations, Numbers, newton, rank
+from robodyn_cli.solve.independent_rows import RANK_TOLERANCE, independent_rows, is_truss
 from robodyn_cli.spatial.algebra import Array
 
 ATTEMPTS = 24  # random starts
-RANK_TOLERANCE = 1e-7  # ratio of singular values below which a configuration counts as singular
-MOTION_SAMPLES = 80  # configurations on each side of the start at which choices of rows are compared
-MOTION_STEP = 0.1  # rad, or part of the size of the mechanism, between them
-MOST_CHOICES = 3000  # up to so many choices of rows are compared one by one
 
 
 @record
@@ -84,7 +79,7 @@ def assemble(
         held={name: q[place[name]] for name in hold},
     )
     q = _close(numbers, q, task)
-    independent, redundant = _independent_rows(numbers, q)
+    independent, redundant = independent_rows(numbers, q)
     v, remaining = _close_rates(numbers, q, v, [rate_place[n] for n in rates], held)
     return Assembled(
         q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
@@ -192,7 +187,52 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
     eta = numbers.eta(best[1])
     if np.abs(eta / numbers.sizes).max() <= CLOSED:
         return _closed_elsewhere(numbers, best[1])
-    return _smallest_gap(numbers, task, best[1], eta)
+    return _other_attitude(numbers, task, best[1]) or _smallest_gap(numbers, task, best[1], eta)
+
+
+def _other_attitude(numbers: Numbers, task: _Closing, q: Array) -> GeometryError | None:
+    """Return the error of loops that close but for attitudes, None where their points do not meet either."""
+    rows = [k for k, row in enumerate(numbers.rows) if row.kind in ("force", "m")]
+    turns = [k for k in range(len(numbers.rows)) if k not in rows]
+    if not turns:
+        return None
+    meeting = _Some(numbers, rows)
+    starts = [q, *_starts(numbers, q, task.free, 1.0, 5)] if rows else [q]
+    closed = [
+        there for there, left in (newton(meeting, start, task.free) for start in starts) if left <= CLOSED
+    ]
+    if not closed:
+        return None
+    nearest = min(closed, key=lambda there: float(np.abs(numbers.eta(there)[turns]).max()))
+    eta = numbers.eta(nearest)
+    worst = max(turns, key=lambda k: abs(eta[k]))
+    row, angle = numbers.rows[worst], float(np.arcsin(min(1.0, abs(eta[worst]))))
+    return GeometryError(
+        f"the loop {row.closure!r} cannot close: its points meet, but not in the attitude asked for: axes stay "
+        f"at least {angle:.6g} rad apart (row {row.name}) {_condition(task)}; check the axis, "
+        "the rpy and the kind of closure",
+        loop=row.closure, angle=angle, row=row.name, q=nearest.tolist(),
+    )  # fmt: skip
+
+
+class _Some:
+    """The conditions of some rows (see ``Conditions``)."""
+
+    def __init__(self, numbers: Numbers, rows: list[int]) -> None:
+        self._numbers, self._rows = numbers, rows
+        self.lengths, self.sizes = numbers.lengths, numbers.sizes[rows]
+
+    def at(self, q: Array, t: float) -> tuple[Array, Array]:
+        F, J = self._numbers.at(q, t)
+        return F[self._rows], J[self._rows]
+
+    def step(self, q: Array, dq: Array) -> Array:
+        return self._numbers.step(q, dq)
+
+
+def _condition(task: _Closing) -> str:
+    held = ", ".join(f"{name} = {value:.6g}" for name, value in task.held.items())
+    return f"with {held} held" if held else "whatever the joints do"
 
 
 def _closed_elsewhere(numbers: Numbers, q: Array) -> GeometryError:
@@ -208,6 +248,19 @@ def _closed_elsewhere(numbers: Numbers, q: Array) -> GeometryError:
     return GeometryError(text, loop=names, gap=0.0, q=q.tolist())
 
 
+def _where_free(numbers: Numbers, task: _Closing, q: Array) -> str:
+    """Return words about where the loops close with nothing held."""
+    if not task.held:
+        return ""
+    free, residual = newton(numbers, q, range(numbers.nv))
+    if residual > CLOSED or numbers.turned(free):
+        return ""
+    pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(numbers.q_names, free))
+    loops = ", ".join(dict.fromkeys(row.closure for row in numbers.rows))
+    stuck = f", where nothing can move: {loops} make a truss" if is_truss(numbers.psi(free)) else ""
+    return f"; with nothing held the loops close at {pose}{stuck}"
+
+
 def _smallest_gap(numbers: Numbers, task: _Closing, q: Array, eta: Array) -> GeometryError:
     """Return the error of the loop with the largest gap at q, where the loops come nearest to closing."""
     gaps: dict[str, float] = {}
@@ -215,8 +268,7 @@ def _smallest_gap(numbers: Numbers, task: _Closing, q: Array, eta: Array) -> Geo
         if row.kind == "force":
             loop = row.closure
             gaps[loop] = float(np.hypot(gaps.get(loop, 0.0), value))
-    held = ", ".join(f"{name} = {value:.6g}" for name, value in task.held.items())
-    condition = f"with {held} held" if held else "whatever the joints do"
+    condition = _condition(task) + _where_free(numbers, task, q)
     worst = int(np.abs(eta / numbers.sizes).argmax())
     row, apart = numbers.rows[worst], float(abs(eta[worst]))
     loop = max(gaps, key=lambda name: gaps[name]) if gaps else ""
@@ -260,74 +312,3 @@ def _close_rates(
                 key="initial.qd", row=row.name, residual=remaining,
             )  # fmt: skip
     return new, remaining
-
-
-def _independent_rows(numbers: Numbers, q: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return independent rows and redundant ones, which depend on the others in every configuration.
-
-    Raises
-    ------
-    SingularConfigurationError : rows depend on each other at this configuration alone.
-    """
-    psi = numbers.psi(q)
-    here = rank(psi, RANK_TOLERANCE)
-    m = len(numbers.rows)
-    if here == m:
-        return tuple(range(m)), ()
-    # the rank at nearby closed configurations is that of the mechanism itself
-    rng = np.random.default_rng(7)
-    generic, example = here, psi
-    for _ in range(6):
-        start = numbers.manifold.integrate(q, 0.05 * rng.normal(size=numbers.nv) * numbers.lengths)
-        moved, residual = newton(numbers, start, range(numbers.nv))
-        if residual < 1e-9:
-            there = rank(numbers.psi(moved), RANK_TOLERANCE)
-            if there > generic:
-                generic, example = there, numbers.psi(moved)
-    if here < generic:
-        raise SingularConfigurationError(
-            "the start is a singular configuration: the constraints lose rank there "
-            f"({here} of {generic} independent rows), so multipliers are not unique; start away from it",
-            rank=here, generic_rank=generic, kind="bifurcation",
-        )  # fmt: skip
-    return _best_rows([example, *_along_the_motion(numbers, q)], generic, m)
-
-
-def _along_the_motion(numbers: Numbers, q: Array) -> list[Array]:
-    """Return Psi at closed configurations on both sides of q along the mechanism's motion."""
-    rng, lengths = np.random.default_rng(11), numbers.lengths
-    found = []
-    for way in (1.0, -1.0):
-        here = q.copy()
-        last = way * rng.normal(size=numbers.nv)
-        for _ in range(MOTION_SAMPLES):
-            psi = numbers.psi(here) * lengths
-            free = np.linalg.svd(psi)[2][rank(psi, RANK_TOLERANCE) :]
-            step = free.T @ (free @ last)
-            if not np.any(step):
-                break
-            last = step / np.abs(step).max()
-            ahead = numbers.manifold.integrate(here, MOTION_STEP * last * lengths)
-            here, residual = newton(numbers, ahead, range(numbers.nv))
-            if residual > CLOSED:
-                break
-            found.append(numbers.psi(here))
-    return found
-
-
-def _best_rows(samples: list[Array], rank: int, m: int) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the rows with the largest worst ratio of singular values over all samples of Psi, and the others."""
-    psi = np.stack(samples)
-    largest = np.linalg.svd(psi, compute_uv=False)[:, 0]
-
-    def worth(rows: Sequence[int]) -> float:
-        return float((np.linalg.svd(psi[:, list(rows)], compute_uv=False)[:, -1] / largest).min())
-
-    if math.comb(m, rank) <= MOST_CHOICES:
-        keep = max(itertools.combinations(range(m), rank), key=worth)
-    else:
-        chosen: list[int] = []
-        while len(chosen) < rank:
-            chosen.append(max((i for i in range(m) if i not in chosen), key=lambda i: worth([*chosen, i])))
-        keep = tuple(sorted(chosen))
-    return keep, tuple(i for i in range(m) if i not in keep)

@@ -29,6 +29,9 @@ class Mode:
         "rounding only",
         "1/s",
     )
+    multiplicity: int = fact(
+        "how many poles it stands for: 2 at 0 of a free motion, of position and rate, which goes on at its rate"
+    )
     frequency: float = fact("|s| / 2 pi, of the undamped oscillation", "Hz")
     damping: float | None = fact(
         "-Re s / |s|, the damping ratio: 1 of a decay without oscillation; `null` at 0"
@@ -71,7 +74,9 @@ class LinearSummary:
     configuration: dict[str, float] | Absent = fact("joint positions of the state; not along a motion", OWN)
     rates: dict[str, float] | Absent = fact("their rates; not along a motion", RATE)
     holding_torques: dict[str, float] | Absent = fact(
-        "with `--hold`: the constant torques of the inputs", LOAD
+        "with `--hold`: the constant torques of the inputs; at a balance: of joints in `initial.hold` and prescribed "
+        "ones, which keep them there",
+        LOAD,
     )
     largest_acceleration: float | Absent = fact(
         "of an independent coordinate at the state; 0, but for rounding, at an equilibrium", ACCELERATION

@@ -244,6 +244,11 @@ class Balanced:
     )
     residual: float = fact("force that is left", LOAD)
     iterations: int = fact("of the search")
+    holding: dict[str, float] | Absent = fact(
+        "torques that keep joints in `initial.hold` and prescribed ones where they are, beside those of the scene: the "
+        "pose is a balance with these alone",
+        LOAD,
+    )
 
 
 @record

@@ -15,7 +15,7 @@ from robodyn_cli.equations.torque_terms import Outputs
 from robodyn_cli.errors import CapabilityError, SceneError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.guided_motion import guided_motion
-from robodyn_cli.given.loop_conditions import Lead, lead_of, velocity_places
+from robodyn_cli.given.loop_conditions import Lead, lead_of, leads_apart, velocity_places
 from robodyn_cli.given.motion import Planned, motion_duration
 from robodyn_cli.loops.base import Row
 from robodyn_cli.observe.evaluation import SampleFunction
@@ -241,6 +241,8 @@ def _duration(scene: Scene) -> float:
 def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
     """Return the joints that have an actuator: ``actuated``, else those that are led or have torques.
 
+    Where a point is led by joints that no loop ties: all but the joint that each coupler names first, its follower.
+
     Raises
     ------
     SceneError : a point is led and 'actuated' is missing.
@@ -248,6 +250,9 @@ def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
     scene = problem.scene
     if scene.actuated is not None:
         return scene.actuated
+    if leads_apart(problem) and not scene.loops:
+        followers = {next(iter(coupler.terms)) for coupler in (*scene.couplers, *scene.robot.couplers)}
+        return tuple(name for name in problem.model.joint_names if name not in followers)
     led = (*lead.joints, *led_joints(scene.prescribed))
     found = tuple(dict.fromkeys(led if led else scene.torques))
     if not found:

@@ -35,6 +35,7 @@ from robodyn_cli.trajectories.joint_space import CourseTrajectory, JointSpaceTra
 from robodyn_cli.trajectories.led import position_columns
 from robodyn_cli.trajectories.legs import Scaling
 from robodyn_cli.trajectories.motion import PointMotion, PoseMotion
+from robodyn_cli.trajectories.path import PathTrajectory
 from robodyn_cli.trajectories.registry import PACKAGE, PLACES
 
 # whose path can be taken; `fastest` has that of another one itself
@@ -156,6 +157,12 @@ class FastestTrajectory(Trajectory):
     @property
     def _limits(self) -> dict[str, dict[str, float]]:
         return {name: getattr(self, name) for name in BOUNDS}
+
+    def parts(self) -> list[tuple[FastestTrajectory, float]]:
+        """Return the trajectory from each stop of its path to the next, and the time at rest behind it [s]."""
+        if not isinstance(self.path, PathTrajectory):
+            return [(self, 0.0)]
+        return [(dataclasses.replace(self, path=way), dwell) for way, dwell in self.path.ways()]
 
     @cached_property
     def way(self) -> Any:

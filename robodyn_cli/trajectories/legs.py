@@ -48,6 +48,28 @@ class Scaling:
     tolerance: float | None
 
 
+def one_after_another(ways: Sequence[Scaling | float]) -> Scaling:
+    """Return the time laws of ways from stop to stop as one; a number is a time at rest [s]."""
+    laws = [way.law if isinstance(way, Scaling) else Course([0.0, way], [[[0.0]]]) for way in ways]
+    degree = max(len(law.c) for law in laws)
+    knots, pieces, s = [0.0], [], 0.0
+    for law in laws:
+        c = np.zeros((degree, *law.c.shape[1:]))
+        c[: len(law.c)] = law.c
+        c[0] += s
+        pieces.append(c)
+        s = float(c[0, 0, 0]) + float((law(law.knots[-1:]) - law(law.knots[:1]))[0, 0])
+        knots += (knots[-1] + law.knots[1:] - law.knots[0]).tolist()
+    timed = [way for way in ways if isinstance(way, Scaling)]
+    return Scaling(
+        Course(knots, np.concatenate(pieces, axis=1)),
+        sum(way.error for way in timed),
+        timed[0].limits,
+        sum(way.intervals for way in timed),
+        timed[0].tolerance,
+    )
+
+
 def fastest(speed: float, acceleration: float, jerk: float = math.inf) -> TimeLaw:
     """Return the law of least duration under limits [1/s, 1/s^2, 1/s^3]; an infinite one does not limit.
 

@@ -171,6 +171,26 @@ class PathTrajectory(TaskSpaceTrajectory):
             stretch.law = dataclasses.replace(polynomial((0.0, 1.0), stretch.duration), rests=False)
         return found
 
+    def ways(self) -> list[tuple[PathTrajectory, float]]:
+        """Return the path from each stop to the next, and the time at rest behind it [s].
+
+        Inverse kinematics of a later one begins where the one before it ends, not on a branch that ``ik`` names.
+        """
+        found: list[tuple[PathTrajectory, float]] = []
+        start, ik, first = self.start, self.ik, 0
+        for last, segment in enumerate(self.segments):
+            if segment.blend is not None and last < len(self.segments) - 1:
+                continue
+            own = (*self.segments[first:last], dataclasses.replace(segment, dwell=0.0))
+            found.append((dataclasses.replace(self, start=start, segments=own, ik=ik), segment.dwell))
+            stretch = self.plan.stretches[len(found) - 1]
+            end = stretch.motion(np.array([stretch.duration]))
+            R = end.R[0].tolist() if isinstance(end, PoseMotion) and self.facing is None else None
+            turned = None if R is None else Orientation(matrix=tuple(tuple(row) for row in R))
+            start = PathStart(tuple(end.p[0].tolist()), turned)
+            ik, first = dataclasses.replace(self.ik, branch=None, guess={}), last + 1
+        return found
+
     @property
     def duration(self) -> float:
         """Time of the whole path [s]."""

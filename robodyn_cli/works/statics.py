@@ -171,6 +171,12 @@ def staying(problem: Problem, q: Array) -> Lead:
     return Lead.staying(model, held, q[[model.q_names.index(name) for name in held]].tolist())
 
 
+def staying_places(problem: Problem) -> list[int]:
+    """Return the places in v of the coordinates that stay where they are: of held joints and prescribed ones."""
+    scene = problem.scene
+    return velocity_places(problem.model, [*scene.initial.hold, *led_joints(scene.prescribed)])
+
+
 def balanced(problem: Problem, q: Array) -> AtRest:
     """Return the balance that is reached downhill from a closed configuration q (nq,).
 
@@ -190,14 +196,17 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     tau = problem.numbers(problem.actuator_torques, found.q)
     _, J = conditions.at(found.q, 0.0)
     holding = [i for i in range(len(conditions.names)) if i not in loops]
-    tau += J[holding].T @ found.lam[holding]
-    return AtRest(problem, found.q, tau, found.lam[loops], _described(found), {})
+    needed = J[holding].T @ found.lam[holding]
+    facts = _described(found, {problem.model.v_names[k]: float(needed[k]) for k in staying_places(problem)})
+    return AtRest(problem, found.q, tau + needed, found.lam[loops], facts, {})
 
 
-def _described(found: Balance) -> Balanced:
+def _described(found: Balance, holding: Mapping[str, float]) -> Balanced:
     real = bool(np.all(np.abs(found.stiffness.imag) <= 1e-9 * np.abs(found.stiffness).max(initial=1.0)))
     stiffness = found.stiffness.real.tolist() if real else [[x.real, x.imag] for x in found.stiffness]
-    return Balanced(found.stability, stiffness, found.residual, found.iterations)
+    return Balanced(
+        found.stability, stiffness, found.residual, found.iterations, dict(holding) if holding else ABSENT
+    )
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -19,6 +20,7 @@ from robodyn_cli.over.batch.batch import Batch
 from robodyn_cli.over.batch.entries import BatchEntry, unique_names
 from robodyn_cli.over.batch.reports import junit, markdown, tally
 from robodyn_cli.over.batch.stored import gather
+from robodyn_cli.version import digest_of
 from tests.cli.batch_scenes import ROOT, arm, loaded, robodyn, run
 from tests.cli.tool import environment, invoke
 
@@ -94,14 +96,28 @@ def test_what_is_run_again(tmp_path: Path) -> None:
     assert unchanged()
 
 
-def test_another_version_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_code_runs_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path, out = arm(tmp_path / "a.yaml", PASSES), tmp_path / "out"
     assert run(path, "--out", out)[0] == 0
     (entry,) = loaded([path], out)
     assert batch_entries.finished(entry, drawn=[])
     assert batch_entries.finished(entry, drawn=[".png"]) is None, "drawings were not made"
-    monkeypatch.setattr(batch_entries, "__version__", "999")
-    assert batch_entries.finished(entry, drawn=[]) is None
+    monkeypatch.setattr(batch_entries, "code_digest", lambda: "0" * 64)
+    assert batch_entries.finished(entry, drawn=[]) is None, "the same version with other code"
+
+
+def test_the_digest_of_code_knows_each_file_and_its_name(tmp_path: Path) -> None:
+    package = tmp_path / "package"
+    shutil.copytree(ROOT / "robodyn_cli" / "motors", package, ignore=shutil.ignore_patterns("__pycache__"))
+    whole = digest_of(str(package))
+    (package / "__pycache__").mkdir()
+    (package / "__pycache__" / "heat.pyc").write_text("")
+    assert digest_of(str(package)) == whole, "bytecode is made anew by whoever imports it"
+    (package / "heat.py").rename(package / "warmth.py")
+    renamed = digest_of(str(package))
+    with open(package / "drive.py", "a") as stream:
+        stream.write("\n")
+    assert len({whole, renamed, digest_of(str(package))}) == 3
 
 
 def test_failures_that_are_expected(tmp_path: Path) -> None:

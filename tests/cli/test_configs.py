@@ -50,7 +50,7 @@ DATASETS = {
     | {"singularity/psi", "singularity/passive", "singularity/determinant"},
 }
 ATTRIBUTES = {
-    "filetype", "format_version", "robodyn_version", "command", "title", "status", "scene", "scene_sha256",
+    "filetype", "format_version", "robodyn_version", "robodyn_code_sha256", "command", "title", "status", "scene", "scene_sha256",
     "versions", "cpu", "seed", "integrator", "termination", "counters", "wall_time_s", "summary",
 }  # fmt: skip
 

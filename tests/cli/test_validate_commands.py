@@ -191,3 +191,23 @@ def test_validate_tells_what_each_command_tells(
         else:
             assert [(f.exit_code, f.message) for f in found] == [(told.exit_code, told.message)], command
     assert bool(refused) == (fault != "branches")
+
+
+def test_missing_data_are_named_all_at_once(tmp_path: Path) -> None:
+    """The choice of the method needs one moment of inertia; the torque of the led joint the centre of mass too."""
+    path = tmp_path / "led.yaml"
+    path.write_text(
+        "schema: 1\ncommand: simulate\ngravity: [0, 0, -9.81]\nrobot:\n  joints:\n"
+        "    - {name: slew, type: revolute, parent: base, link: tower, axis: [0, 0, 1]}\n"
+        "    - {name: trolley, type: prismatic, parent: tower, link: cart, axis: [1, 0, 0]}\n"
+        "    - {name: load, type: floating, parent: base, link: ball, origin: {xyz: [10, 0, 8]}}\n"
+        "  links:\n    - {name: tower, mass: 5, com: [0, 0, 15], inertia: {xx: 1, yy: 1, zz: 1}}\n"
+        "    - {name: cart, mass: 3}\n    - {name: ball, mass: 2, com: [0, 0, 0], inertia: {xx: 3, yy: 3, zz: 3}}\n"
+        "  points: {sheave: {link: cart, at: [0, 0, 0]}, hook: {link: ball, at: [0, 0, 0.5]}}\n"
+        "forces: [{name: rope, type: nonlinear_spring, between: [sheave, hook], tension: 20*length + rate}]\n"
+        'prescribed: {slew: "0.05*t^2", trolley: "10"}\n'
+        "initial: {q: {load: {xyz: [0, 0, 0], rpy: [0, 0, 0]}}}\nsimulate: {duration: 0.1}\n"
+    )
+    (finding,) = findings(path)
+    for name in ("com[0]", "com[1]", "inertia.zz"):
+        assert name in finding.message

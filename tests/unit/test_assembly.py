@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli import load_scene, load_scene_text
+from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError, SingularConfigurationError
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.solve.assembly import Assembled
@@ -241,3 +241,66 @@ simulate: {duration: 1}
 """
     with pytest.raises(GeometryError, match=r"only far from 'initial.q', at a.theta1 .*, d 48\.98"):
         assembled(text)
+
+
+# -- why it does not close or move ---------------------------------------------------------------------------
+def bars(
+    closures: str, pivot: str = "0.3", start: str = "initial: {q: {crank: 30 deg}, hold: [crank]}"
+) -> str:
+    """Return a four-bar with crank 0.1 m, coupler 0.3 m, rocker 0.2 m and its second pivot at ``pivot`` [m]."""
+    return (
+        "gravity: [0, -9.81, 0]\nrobot:\n  joints:\n"
+        "    - {name: crank, type: revolute, parent: base, link: c, axis: [0, 0, 1]}\n"
+        "    - {name: coup, type: revolute, parent: c, link: k, axis: [0, 0, 1], origin: {xyz: [0.1, 0, 0]}}\n"
+        f"    - {{name: rock, type: revolute, parent: base, link: r, axis: [0, 0, 1], origin: {{xyz: [{pivot}, 0, 0]}}}}\n"
+        "  links:\n"
+        "    - {name: c, mass: 1, com: [0.05, 0, 0], inertia: {zz: 1e-3}}\n"
+        "    - {name: k, mass: 1, com: [0.15, 0, 0], inertia: {zz: 8e-3}}\n"
+        "    - {name: r, mass: 1, com: [0.1, 0, 0], inertia: {zz: 4e-3}}\n"
+        "  points: {kp: {link: k, at: [0.3, 0, 0]}, rp: {link: r, at: [0.2, 0, 0]}}\n"
+        f"loops: [{closures}]\n{start}\nsimulate: {{duration: 0.1, samples: 3}}\n"
+    )
+
+
+PIN = "{name: pin, type: revolute, between: [kp, rp]}"
+BRACE = "{name: brace, type: distance, between: [c.origin, rp], length: 0.35}"
+
+
+@pytest.mark.parametrize(
+    "closure",
+    [
+        "{name: pin, type: fixed, between: [kp, rp]}",
+        "{name: pin, type: revolute, between: [kp, rp], axis: [1, 0, 0]}",
+    ],
+)
+def test_an_attitude_that_cannot_be_met_is_no_gap(closure: str) -> None:
+    """The points meet where the pin joint alone closes; the angle there is that of coupler and rocker."""
+    closed = [assembled(bars(PIN), f"initial.q.coup={side}").q for side in (1.5, -1.5)]
+    with pytest.raises(GeometryError, match="its points meet, but not in the attitude") as caught:
+        assembled(bars(closure))
+    turned = min(abs(np.sin(crank + coup - rock)) for crank, coup, rock in closed)
+    assert np.sin(caught.value.details["angle"]) == pytest.approx(turned, rel=1e-8)
+    assert "gap" not in caught.value.details and " m " not in caught.value.message
+
+
+def test_a_truss_is_named() -> None:
+    with pytest.raises(GeometryError, match="nothing held the loops close at .*: pin, brace make a truss"):
+        assembled(bars(f"{PIN}, {BRACE}"))
+    result = simulate(
+        load_scene_text("schema: 1\n" + bars(f"{PIN}, {BRACE}", start="initial: {q: {crank: 30 deg}}"))
+    )
+    assert any(
+        text.startswith("nothing can move: the loops (pin, brace)") for text in result.summary["warnings"]
+    )
+    assert "nothing can move" not in str(
+        simulate(load_scene_text("schema: 1\n" + bars(PIN))).summary.get("warnings")
+    )
+
+
+def test_freedoms_of_first_order_that_are_no_motions() -> None:
+    """A flat triangle of bars turns about its pivot; its middle corner moves across at first order only."""
+    with pytest.raises(
+        SingularConfigurationError, match=r"the start \(crank 0.523599, .*\) is a singular"
+    ) as caught:
+        assembled(bars(PIN, pivot="0"))
+    assert caught.value.exit_code == 4 and len(caught.value.details["q"]) == 3

@@ -223,6 +223,52 @@ def _least_time(scene: Scene, circle: object, s: np.ndarray) -> float:
     return high
 
 
+STOPS = (
+    "{{type: fastest, effort: {{theta1: 250, theta2: 120}}, path: {{type: path, point: tip, law: quintic, speed: 1, "
+    "start: {{position: {}}}, ik: {{branch: elbow_up}}, segments: [{}]}}}}"
+)
+THERE, BACK = "{type: line, to: [1.0, 1.2, 0]}", "{type: line, to: [0.6, 1.5, 0]}"
+
+
+def stopping(start: str, *segments: str, payload: str = "") -> Scene:
+    """Return the scene of an arm that goes along lines in the least time; payload : instants of a mass at the tip."""
+    path = ROOT / "configs" / "trajectories" / "fastest_2r.yaml"
+    before = path.read_text().split("trajectory:")[0]
+    mass = f"payloads: [{{name: part, at: tip, mass: 5, inertia: {{zz: 0}}, {payload}}}]\n" if payload else ""
+    return load_scene_text(
+        f"{before}trajectory: {STOPS.format(start, ', '.join(segments))}\n{mass}", str(path)
+    )
+
+
+def test_a_path_with_stops_is_its_ways_one_after_another() -> None:
+    first, second = duration(stopping("[1.4, 1.0, 0]", THERE)), duration(stopping("[1.0, 1.2, 0]", BACK))
+    both = stopping("[1.4, 1.0, 0]", THERE.replace("}", ", dwell: 0.2}"), BACK)
+    assert duration(both) == pytest.approx(first + 0.2 + second, rel=1e-6)
+    result = inverse(both)
+    figures = result.summary["fastest"]
+    assert figures["duration"] == pytest.approx(first + 0.2 + second, rel=1e-6)
+    assert figures["largest_use"] == pytest.approx(1.0, abs=1e-6)
+    law = along(both).trajectory.scaling.law
+    assert np.all(np.diff(law(np.linspace(0.0, law.duration, 200))[:, 0]) >= -1e-12), (
+        "the path is not gone back"
+    )
+    still = (result.time > first + 1e-6) & (result.time < first + 0.2 - 1e-6)
+    assert still.any() and not result["qd"][still].any()
+    assert (np.abs(result["tau"]).max(axis=0) <= np.array([250, 120]) * (1 + 1e-6)).all()
+
+
+def test_payloads_change_where_the_motion_rests() -> None:
+    """Behind the stop the arm carries more, which takes longer; limits hold with what is carried."""
+    lines = THERE.replace("}", ", dwell: 0.2}"), BACK
+    first = duration(stopping("[1.4, 1.0, 0]", THERE))
+    loaded = stopping("[1.4, 1.0, 0]", *lines, payload=f"from: {{time: {first + 0.1}}}")
+    assert duration(loaded) > duration(stopping("[1.4, 1.0, 0]", *lines)) + 1e-3
+    tau = np.abs(inverse(loaded)["tau"]).max(axis=0)
+    assert (tau <= np.array([250, 120]) * (1 + 1e-6)).all() and (tau / [250, 120]).max() > 0.999
+    with pytest.raises(CapabilityError, match="payload 'part' changes at .* on a way in the least time"):
+        duration(stopping("[1.4, 1.0, 0]", *lines, payload=f"from: {{time: {0.5 * first}}}"))
+
+
 def test_the_time_law_of_a_path_is_dropped() -> None:
     scene = load_scene(ROOT / "configs" / "trajectories" / "fastest_2r.yaml")
     text = (ROOT / "configs" / "trajectories" / "fastest_2r.yaml").read_text()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from robodyn_cli import Mechanism, linearise, load_scene, load_scene_text, simulate
+from robodyn_cli import Mechanism, linearise, load_scene, load_scene_text, simulate, statics
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.scene.types import Scene
@@ -298,6 +298,21 @@ def test_holding_torques() -> None:
         linearise(load_scene_text(PASSIVE.replace("b: 0}", "b: 0.5}")), about="hold")
 
 
+def test_what_holds_a_pose_beside_the_scene_is_told() -> None:
+    start = "initial={q: {theta1: 1.2, phi1: 1.4}, hold: [theta1]}"
+    changes = ["torques.theta1=5 - 4*theta1", "statics={find: balance}", start]
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml", changes)
+    # the scene's own torque is 5 - 4*1.2 = 0.2 N m there, and nothing else acts
+    result = linearise(scene, about="balance")
+    assert_close(result.summary["holding_torques"]["theta1"], -0.2, 1e-12)
+    assert_close(statics(scene).summary["equilibrium"]["holding"]["theta1"], -0.2, 1e-12)
+    free = linearise(
+        load_scene(CONFIGS / "four_bar_deploy.yaml", [*changes, "initial.hold=[]"]), about="balance"
+    )
+    assert "holding_torques" not in free.summary
+    assert_close(free.summary["configuration"]["theta1"], 1.25, 1e-9)
+
+
 def test_along_an_inverse_motion() -> None:
     """The torques along a given motion are inputs, not feedback: A is that of forward dynamics there."""
     scene = load_scene(CONFIGS / "2r_circle.yaml")
@@ -338,7 +353,7 @@ def test_a_free_motion_is_one_mode_at_zero(angle: float, about: str) -> None:
     result = linearise(load_scene(CONFIGS / "parallelogram.yaml", [start]), about=about)
     (mode,) = result.summary["modes"]
     assert (mode["real"], mode["imaginary"], mode["frequency"]) == (0.0, 0.0, 0.0)
-    assert mode["damping"] is None and 0.0 < mode["error"] < 1e-5
+    assert mode["damping"] is None and 0.0 < mode["error"] < 1e-5 and mode["multiplicity"] == 2
     assert result.summary["stability"] == "marginal"
     assert not result["linear/poles_real"].any() and not result["linear/poles_imaginary"].any()
 

@@ -50,6 +50,7 @@ KEEPERS = {
     "solve/quadrature.py: _weights",
     "summaries/keys.py: fields_at",
     "summaries/keys.py: leaf_of",
+    "version.py: code_digest",
 }
 # functions of libraries that change the process
 PROCESS = frozenset({

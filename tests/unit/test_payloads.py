@@ -450,3 +450,16 @@ def test_refusals() -> None:
     event = DISC.replace("from: {time: 1}", 'from: {when: "q.spin - 1"}')
     with pytest.raises(SceneError, match=r"payloads\.0\.from\.when.*'time'"):
         inverse(load_scene_text(event.replace("initial:", motion)))
+
+
+def test_an_event_of_release_before_the_gripping_warns() -> None:
+    """The slide falls past -0.1 m at 0.14 s; it grips at 0.3 s."""
+    text = (
+        "schema: 1\ngravity: [-9.81, 0, 0]\nrobot:\n  joints: [{name: s, type: prismatic, axis: [1, 0, 0]}]\n"
+        "  links: [{name: one, mass: 1, com: [0, 0, 0]}]\ninitial: {q: {s: 0}}\nsimulate: {duration: 0.5}\n"
+        "payloads: [{name: part, at: one.origin, mass: 1, from: {time: 0.3}, until: {when: -s - 0.1}}]\n"
+    )
+    result = simulate(load_scene_text(text))
+    (warning,) = result.summary["warnings"]
+    assert "'part': its event of release happened at 0.142784 s, before it was gripped" in warning
+    assert "released" not in result.summary["payloads"]["part"]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from robodyn_cli.scene import load_scene_text
-from tests.unit.scene_text import refusals, spoiled
+from tests.unit.scene_text import complaint, refusals, spoiled
 
 PIN = "loops: [{{name: pin, type: revolute, between: [{}]}}]"
 
@@ -267,3 +267,34 @@ def test_accepted(name: str) -> None:
     if name == "modified needs no com_frame":  # the far end of a link is a matter of the standard convention
         text = text.replace("at: end", "at: [1, 0, 0]")
     load_scene_text(text)
+
+
+# -- doubts, and errors that follow from others ----------------------------------------------------------------
+TURNS = (
+    "schema: 1\ngravity: [0, 0, -9.81]\nrobot:\n  joints:\n"
+    "    - {name: a, type: revolute, axis: [0, 0, 1], origin: {rpy: [0, 0, ANGLE]}}\n"
+    "    - {name: s, type: prismatic, axis: [1, 0, 0]}\n"
+    "  links: [{name: one, mass: 1}, {name: two, mass: 1}]\n"
+    "initial: {q: {a: START, s: 60}}\n"
+)
+
+
+@pytest.mark.parametrize(("angle", "start"), [("-60", "0"), ("0", "-60"), ("90", "45")])
+def test_degrees_without_their_unit_are_doubted(angle: str, start: str) -> None:
+    doubts = load_scene_text(TURNS.replace("ANGLE", angle).replace("START", start)).warnings
+    assert len(doubts) == (angle != "0") + (start != "0")
+    assert all("is in radians" in text and " deg" in text for text in doubts)
+
+
+@pytest.mark.parametrize("angle", ["6.28", "-60 deg", "'-60'", "3*pi"])
+def test_angles_that_are_meant_are_not_doubted(angle: str) -> None:
+    assert not load_scene_text(TURNS.replace("ANGLE", angle).replace("START", angle)).warnings
+
+
+def test_a_section_with_an_unreadable_key_is_not_checked_further() -> None:
+    """Without its latch ``criterion: latch`` would seem to lack one."""
+    latches = "deploy: {criterion: latch, after: continue, latch: [{between: [l1, l2], at: {j1: 1}}]}"
+    refusal = complaint(
+        TURNS.replace("ANGLE", "0").replace("START", "0") + f"command: deploy\n{latches}\n"
+    ).message
+    assert "deploy.latch: is not a map" in refusal

@@ -21,7 +21,7 @@ from robodyn_cli.motion.build import projected_motion
 from robodyn_cli.over.stability import energy_growth
 from robodyn_cli.over.stability.energy_growth import growth, growths, period
 from robodyn_cli.over.stability.scenes import arm, slider
-from robodyn_cli.over.stability.spectrum import reach
+from robodyn_cli.over.stability.spectrum import Spectrum, reach
 from robodyn_cli.over.stability.stability import along, at_start, stability, step_limits
 from robodyn_cli.over.stability.trial import Budget, attempt, reference
 from robodyn_cli.over.work_precision.work_precision import formulations
@@ -327,3 +327,15 @@ def test_gains_are_not_chosen_where_rows_depend_on_each_other() -> None:
     plain = load_scene(CONFIGS / "benchmarks" / "bennett.yaml")
     systems, gains = formulations(projected_motion(plain), plain.simulate.stabilisation)
     assert list(systems) == ["projection", "none"] and gains is None
+
+
+def test_an_oscillation_slower_than_the_scene_is_that_of_the_spectrum() -> None:
+    """i omega = 0.1 rad/s in a scene of 5 s; rounding of a free motion is none."""
+
+    def told(omega: float) -> tuple[float, str]:
+        poles = np.array([[1j * omega, -1j * omega]])
+        found = period(None, Spectrum(np.zeros(1), poles, np.ones(1), 1, True, 5.0), 5.0)
+        return found.seconds, found.source
+
+    assert told(0.1)[0] == pytest.approx(2 * np.pi / 0.1) and "longer than the scene" in told(0.1)[1]
+    assert told(1e-8)[0] == 5.0 and "nothing in it oscillates" in told(1e-8)[1]

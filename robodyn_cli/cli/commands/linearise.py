@@ -11,7 +11,7 @@ import typer
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import number, table
+from robodyn_cli.cli.words import holding_lines, number, table
 from robodyn_cli.errors import SceneError
 
 BALANCE = "balance"
@@ -132,16 +132,17 @@ def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary for the terminal."""
     freedoms = summary["freedoms"]
     inputs, outputs = (", ".join(x["name"] for x in summary[key]) or "none" for key in ("inputs", "measured"))
+    about = ABOUT[summary["about"]]
+    if summary["about"] == BALANCE and "holding_torques" in summary:
+        about = "about a pose that is a balance with the holding torques alone"
     lines = [
         f"{summary['title']}",
-        f"  linear model       {ABOUT[summary['about']]}; {freedoms} degree{'s' if freedoms != 1 else ''} of freedom",
+        f"  linear model       {about}; {freedoms} degree{'s' if freedoms != 1 else ''} of freedom",
         f"  states             {', '.join(x['name'] for x in summary['states'])}",
         f"  inputs             {inputs}",
         f"  outputs            {outputs}",
     ]
-    if "holding_torques" in summary:
-        held = ", ".join(f"{name} {number(x)}" for name, x in summary["holding_torques"].items())
-        lines.append(f"  holding torques    {held}")
+    lines += holding_lines(summary.get("holding_torques", {}))
     if "growth" in summary:
         growth = summary["growth"]
         lines.append(
@@ -159,17 +160,33 @@ def _modes(of: Mapping[str, Any], when: str = "") -> list[str]:
     rows = [["pole 1/s", "error", "frequency Hz", "damping", "decay s"], *map(_row, of["modes"])]
     moves = ["moves", *map(_moves, of["modes"])]
     lines = [f"{row}   {text}" for row, text in zip(table(rows, columns=WIDE).split("\n"), moves)]
-    return [f"  {of['stability']:<18} modes{when}, slowest first:", *lines]
+    return [f"  stability{when:<10} {_stability(of)}", "  modes, slowest first:", *lines]
+
+
+def _stability(of: Mapping[str, Any]) -> str:
+    """Return whether a system is stable, and by which mode if it is not."""
+    word: str = of["stability"]
+    fastest = max(of["modes"], key=lambda mode: mode["real"])
+    if word == "unstable":
+        return (
+            f"unstable: what pole {_pole(fastest)} 1/s moves grows e times in {number(fastest['time'], 4)} s"
+        )
+    if any(mode["multiplicity"] > 1 for mode in of["modes"]):
+        return f"{word}; what a double pole at 0 moves goes on at the rate that it has"
+    return word
 
 
 def _row(mode: Mapping[str, Any]) -> list[str]:
-    real, imaginary = mode["real"], mode["imaginary"]
-    pole = number(real) if not imaginary else f"{number(real)} +- {number(imaginary)}i" if real else (
-        f"+- {number(imaginary)}i"
-    )  # fmt: skip
     note = "" if mode["reached"] and mode["shown"] else " *"
     figures = (number(mode[key], digits) for key, digits in (("frequency", 5), ("damping", 4), ("time", 4)))
-    return [pole + note, f"{mode['error']:.1e}", *figures]
+    return [_pole(mode) + note, f"{mode['error']:.1e}", *figures]
+
+
+def _pole(mode: Mapping[str, Any]) -> str:
+    real, imaginary = mode["real"], mode["imaginary"]
+    if imaginary:
+        return f"{number(real)} +- {number(imaginary)}i" if real else f"+- {number(imaginary)}i"
+    return number(real) + (f" ({mode['multiplicity']} poles)" if mode["multiplicity"] > 1 else "")
 
 
 def _moves(mode: Mapping[str, Any]) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import mobility_lines, multiplier_lines, number, table
+from robodyn_cli.cli.words import holding_lines, mobility_lines, multiplier_lines, number, table
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -20,6 +20,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         )
         spread = f"; reduced stiffness {stiffness} N m/rad or N/m" if stiffness else ""
         lines.append(f"  balanced           {facts['stability']}{spread}")
+        lines += holding_lines(facts.get("holding", {}))
     else:
         lines.append(f"  held               by {', '.join(facts['actuated'])}; torques {facts['torques']}")
     rows = [["coordinate", "position", "torque or force"]]

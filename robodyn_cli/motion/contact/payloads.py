@@ -76,6 +76,17 @@ class Payloads(Watcher):
     def _clear(self) -> None:
         self.phase = [WAITING if x.spec.start is not None else CARRIED for x in self.payloads]
         self._log: list[dict[str, Any]] = []
+        self._early: dict[
+            int, float
+        ] = {}  # times of events of release before gripping, by number of the payload
+
+    @property
+    def warnings(self) -> list[str]:
+        return [
+            f"payload {self.payloads[k].name!r}: its event of release happened at {time:.6g} s, before it was gripped, "
+            "and does not count; it is let go when the event happens again"
+            for k, time in self._early.items()
+        ]
 
     def follow(self, motion: Motion) -> None:
         self.system = motion.system
@@ -143,6 +154,8 @@ class Payloads(Watcher):
         change = event.function
         assert isinstance(change, Change)
         if self.phase[change.number] != (WAITING if change.grips else CARRIED):
+            if not change.grips and self.phase[change.number] == WAITING:
+                self._early.setdefault(change.number, event.time)
             return GO_ON
         return self._go_on(event.time, event.state, {change.number: CARRIED if change.grips else RELEASED})
 

@@ -20,7 +20,7 @@ from robodyn_cli.results.summary import read_summary, sha256
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.checks import BaselineReport, JudgedCriterion
-from robodyn_cli.version import __version__
+from robodyn_cli.version import code_digest
 
 
 @mutable_record
@@ -112,7 +112,7 @@ def unique_names(paths: Sequence[Path]) -> list[str]:
 
 
 def finished(entry: BatchEntry, drawn: Sequence[str]) -> dict[str, Any] | None:
-    """Return the summary of an earlier, whole result of the same scene and version, None if there is none.
+    """Return the summary of an earlier, whole result of the same scene and code, None if there is none.
 
     drawn : ends of names of drawings that it must have (``.png``, ``torques.svg``). A failed run is not finished,
     unless the scene expects its exit code.
@@ -137,7 +137,7 @@ def finished(entry: BatchEntry, drawn: Sequence[str]) -> dict[str, Any] | None:
         return None
     same = (
         sha256(result.scene_text) == sha256(entry.scene.text)
-        and result.attributes.get("robodyn_version") == __version__
+        and result.attributes.get("robodyn_code_sha256") == code_digest()
         and result.status == summary.get("status")
         and same_run(summary, result.attributes)
     )

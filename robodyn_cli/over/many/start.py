@@ -15,8 +15,8 @@ from robodyn_cli.expr.many import Expressions, ManyNumbers
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
-from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.solve.closure import CLOSED, MOST_STEP, Numbers, has_full_rank
+from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
 ROUNDS = 20  # Newton steps; from a pose nearby five do

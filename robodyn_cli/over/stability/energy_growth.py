@@ -19,6 +19,7 @@ from robodyn_cli.summaries.stability import EnergyKeys, GrowthKeys, Period
 PERIODS = 1000
 PATIENCE = 5.0  # times the fastest method's time: what a slower one may take for its long run
 LEAST_SECONDS = 2.0
+LONGEST = 100.0  # times the duration that a period of the linearised equations may last
 CROSSINGS = 4  # passes through the middle that make a motion an oscillation
 
 
@@ -40,6 +41,12 @@ def period(ref: TrialReference | None, spectrum: Spectrum | None, duration: floa
             return Period(
                 float(2 * math.pi / rates.min()), "the slowest oscillation of the linearised equations"
             )
+        # the fastest one alone may be told from rounding where all take longer than the run
+        fastest = float(np.abs(spectrum.eigenvalues.imag).max(initial=0.0))
+        if fastest * LONGEST * duration > 2 * math.pi:
+            long = 2 * math.pi / fastest
+            words = "an oscillation" if long < duration else "an oscillation, longer than the scene,"
+            return Period(long, f"{words} of the linearised equations on the way")
     return Period(duration, "the duration of the scene: nothing in it oscillates")
 
 

@@ -21,7 +21,7 @@ from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.over.study.rows import Points, RowFile, RunRows, Task, killed
 from robodyn_cli.over.study.runs import LARGEST_BLOCK, Compiled, SceneSource, Waiting, run_points, suits
 from robodyn_cli.record import record
-from robodyn_cli.version import __version__
+from robodyn_cli.version import __version__, code_digest
 
 EXTRA = "--scheduler needs the package distributed: pip install 'robodyn[cluster]'"
 CONNECT = 10.0  # s to wait for the scheduler and for a first worker
@@ -84,8 +84,8 @@ def _code_of(study: str, task: Task, threads: int) -> Compiled | None:
     return _code[study]
 
 
-def _version() -> str:
-    return __version__
+def _version() -> tuple[str, str]:
+    return __version__, code_digest()
 
 
 # -- where the study is ---------------------------------------------------------------------------------
@@ -137,8 +137,11 @@ class Cluster:
                 f"--scheduler {self.address}: it has no workers; start one: dask worker {self.address}"
             ) from error
         for worker, found in self._client.run(_version, on_error="return").items():
-            if found != __version__:
-                what = "does not have robodyn" if isinstance(found, Exception) else f"has robodyn {found}"
+            if found != _version():
+                what = "does not have robodyn"
+                if isinstance(found, tuple):
+                    same = found[0] == __version__
+                    what = f"has robodyn {found[0]}" + (" with other code" if same else "")
                 raise CapabilityError(
                     f"--scheduler {self.address}: the worker {worker} {what}; needed on all of them: {__version__}"
                 )

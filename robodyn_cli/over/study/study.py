@@ -27,7 +27,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles, unit_of
 from robodyn_cli.summaries.keys import leaf_of, refusal
-from robodyn_cli.version import __version__
+from robodyn_cli.version import code_digest
 
 NO_NUMBERS = ("wall_time_s", "counters", "run_id")
 
@@ -68,7 +68,9 @@ class Study:
     def digest(self) -> str:
         """What rows of an earlier study must share with this one to stand for its own."""
         task = self.task
-        return sha256("\n".join([__version__, self.scene.text, task.command, *task.keys, "", *task.outputs]))
+        return sha256(
+            "\n".join([code_digest(), self.scene.text, task.command, *task.keys, "", *task.outputs])
+        )
 
     @property
     def rows_head(self) -> dict[str, str]:

@@ -241,6 +241,7 @@ def provenance_table(summary: Mapping[str, Any], attributes: Mapping[str, Any]) 
         ("scene file", summary.get("scene_file")),
         ("run", attributes.get("run_id")),
         ("robodyn", attributes.get("robodyn_version")),
+        ("code of robodyn (SHA-256)", attributes.get("robodyn_code_sha256")),
         ("processor", attributes.get("cpu")),
         *((versions or {}).items() if isinstance(versions, Mapping) else ()),
     ]

@@ -126,7 +126,7 @@ BYTES_PER_SECOND = 5e6
 T = TypeVar("T")
 
 _FIELDS = ("filetype", "format_version", "command", "title", "status", "scene", "scene_sha256", "summary")
-_TEXT_ATTRIBUTES = ("robodyn_version", "cpu", "integrator")
+_TEXT_ATTRIBUTES = ("robodyn_version", "robodyn_code_sha256", "cpu", "integrator")
 
 
 def read(path: str | Path, select: Callable[[str], bool] | None = None) -> Result:

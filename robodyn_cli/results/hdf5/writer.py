@@ -24,6 +24,7 @@ from robodyn_cli.results.atomic import discard, output_errors, temporary_path, u
 from robodyn_cli.results.hdf5 import low
 from robodyn_cli.results.result import Meta, Result, Variable, make_variable
 from robodyn_cli.results.summary import dumps, jsonable
+from robodyn_cli.version import __version__, code_digest
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -319,7 +320,8 @@ class ResultWriter:
         attributes: dict[str, Any] = {
             "filetype": FILETYPE,
             "format_version": FORMAT_VERSION,
-            "robodyn_version": provenance.robodyn_version(),
+            "robodyn_version": __version__,
+            "robodyn_code_sha256": code_digest(),
             **self._head,
             "scene_sha256": provenance.sha256(self._head["scene"]),
             "status": status,

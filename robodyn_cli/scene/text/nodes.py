@@ -287,10 +287,22 @@ class Faults:
         """Return the keys with faults."""
         return [key for key in (*map(key_of, self.found), *self.lost) if key]
 
-    def add_unrelated(self, errors: Iterable[SceneError]) -> None:
-        """Add the errors that do not follow from those found: about the same key, or a key above or below it."""
+    def add_unrelated(self, errors: Iterable[SceneError], sections: bool = False) -> None:
+        """Add the errors that do not follow from those found: about the same key, or a key above or below it.
+
+        sections : errors about other keys of a section follow too, since they may miss the one that could not be read.
+        """
         known = self.keys
-        self.found += [e for e in errors if not any(_related(key_of(e), key) for key in known)]
+        within = {
+            above for above, _, last in (key.rpartition(".") for key in known) if above and not last.isdigit()
+        }
+        within = within if sections else set()
+        self.found += [
+            e
+            for e in errors
+            if key_of(e).rpartition(".")[0] not in within
+            and not any(_related(key_of(e), key) for key in known)
+        ]
 
     def in_order(self) -> list[SceneError]:
         """Return the errors file by file and line by line, each once."""

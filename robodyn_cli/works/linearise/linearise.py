@@ -3,6 +3,7 @@ modes, what its inputs reach and its outputs show, and all of it as datasets."""
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Sequence
 
@@ -76,24 +77,28 @@ def poles_along(linear: Linear) -> tuple[Array, Array]:
 def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> list[Mode]:
     """Return the modes of the system at a sample, slowest first; C (outputs, 2n), names : of all coordinates.
 
-    A free motion, of position and rate, is one mode at 0.
+    A free motion, of position and rate, is one mode at 0, of multiplicity 2.
     """
     A, B, dq = linear.A[sample], linear.B[sample], linear.dq[sample]
     raw, vectors = np.linalg.eig(A)
     errors = pole_errors(A, linear.rounding[sample], raw)
     poles = without_rounding(raw, errors)
     found: list[Mode] = []
-    free: list[Array] = []
+    free: list[tuple[int, Array]] = []  # modes at 0 by their place among those found
     for k in sorted(range(len(poles)), key=lambda k: (abs(poles[k]), poles[k].real)):
         s, motion = complex(poles[k]), dq @ vectors[: dq.shape[1], k]
-        if s.imag < 0.0 or (not s and any(_parallel(motion, other) for other in free)):
+        if s.imag < 0.0:
             continue
         if not s:
-            free.append(motion)
+            same = next((place for place, other in free if _parallel(motion, other)), None)
+            if same is not None:
+                found[same] = dataclasses.replace(found[same], multiplicity=found[same].multiplicity + 1)
+                continue
+            free.append((len(found), motion))
         size = abs(s)
         found.append(
             Mode(
-                s.real, s.imag, float(errors[k]), size / math.tau, 0.0 - s.real / size if size else None,
+                s.real, s.imag, float(errors[k]), 1, size / math.tau, 0.0 - s.real / size if size else None,
                 1.0 / abs(s.real) if abs(s.real) > BLIND * size else None,
                 _shape(motion, names), reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
             )
@@ -327,7 +332,7 @@ def _summary(
     growth = result["linear/poles_real"].max(axis=-1, keepdims=one)
     k = int(np.argmax(growth))
     acceleration = float(np.abs(linear.a[0][list(linear.places)]).max(initial=0.0))
-    held = {model.v_names[i]: float(states.tau[0, i]) for i in given.inputs}
+    held = _holding(given)
     chosen = [
         LinearInstant(float(states.times[k]), stability_of(each), each)
         for k, each in zip(samples, modes)
@@ -340,7 +345,7 @@ def _summary(
         freedoms=len(given.places),
         configuration=dict(zip(model.q_names, states.q[0].tolist())) if one else ABSENT,
         rates=dict(zip(model.v_names, states.v[0].tolist())) if one else ABSENT,
-        holding_torques=held if given.about == "hold" else ABSENT,
+        holding_torques=held or ABSENT,
         largest_acceleration=acceleration if one else ABSENT,
         states=state_signals(model, given.places),
         inputs=input_signals(model, given.inputs),
@@ -351,6 +356,16 @@ def _summary(
         instants=chosen or ABSENT,
         warnings=(_warnings(given, linear, modes[0], acceleration) if one else []) or ABSENT,
     )
+
+
+def _holding(given: Nominal) -> dict[str, float]:
+    """Return the constant torques that keep the pose, by coordinate: of inputs, or of joints that stay at a balance."""
+    from robodyn_cli.works.statics import staying_places
+
+    if given.about not in ("hold", "balance"):
+        return {}
+    places = given.inputs if given.about == "hold" else staying_places(given.problem)
+    return {given.problem.model.v_names[k]: float(given.states.tau[0, k]) for k in places}
 
 
 def _warnings(given: Nominal, linear: Linear, modes: list[Mode], acceleration: float) -> list[str]:

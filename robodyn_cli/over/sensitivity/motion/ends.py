@@ -36,8 +36,8 @@ from robodyn_cli.over.sensitivity.motion.variational import (
 )
 from robodyn_cli.ready.prepare import held_columns, initial_positions
 from robodyn_cli.record import record
-from robodyn_cli.solve.assembly import RANK_TOLERANCE
 from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.led import position_columns, velocity_columns
 
