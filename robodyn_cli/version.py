@@ -5,7 +5,6 @@ from __future__ import annotations
 import functools
 import hashlib
 import os
-from collections.abc import Iterator
 
 __version__ = "0.1.0"
 
@@ -20,21 +19,14 @@ def code_digest() -> str:
 
 
 def digest_of(root: str) -> str:
-    """Return the SHA-256 of the files below a folder and of their names in it, hexadecimal."""
+    """Return the SHA-256 of the files below a folder and of their names in it, without bytecode, hexadecimal."""
     hasher = hashlib.sha256()
-    for path in _files(root):
-        with open(path, "rb", buffering=0) as stream:
-            data = stream.read()
-        name = os.path.relpath(path, root).replace(os.sep, "/")
-        hasher.update(f"{name}\0{len(data)}\0".encode() + data)
+    for folder, folders, names in os.walk(root):
+        folders[:] = sorted(set(folders) - {"__pycache__"})
+        for name in sorted(names):
+            path = os.path.join(folder, name)
+            with open(path, "rb", buffering=0) as stream:
+                data = stream.read()
+            place = os.path.relpath(path, root).replace(os.sep, "/")
+            hasher.update(f"{place}\0{len(data)}\0".encode() + data)
     return hasher.hexdigest()
-
-
-def _files(folder: str) -> Iterator[str]:
-    """Yield the files of a folder and of those in it, in an order of their names alone, without bytecode."""
-    for entry in sorted(os.scandir(folder), key=lambda entry: entry.name):
-        if entry.is_dir():
-            if entry.name != "__pycache__":
-                yield from _files(entry.path)
-        else:
-            yield entry.path

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,15 +24,18 @@ from robodyn_cli.solve.extremes import spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT
-from robodyn_cli.torques.checks import breaks_of, breaks_of_joint
-from robodyn_cli.trajectories.motion import JointMotion
+from robodyn_cli.torques.checks import breaks_of_joint
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
 
-def with_drives(records: list[Any], result: Result, scene: Scene, problem: Problem) -> list[Any]:
+def with_drives(
+    records: list[Any], result: Result, scene: Scene, problem: Problem, breaks: Sequence[float] | None = None
+) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
+
+    breaks : where torques jump or bend, in steps from the first sample; by default at the events of the motion.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """
@@ -42,7 +45,7 @@ def with_drives(records: list[Any], result: Result, scene: Scene, problem: Probl
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
     q, qd, qdd, tau = (result[name] for name in ("q", "qd", "qdd", "tau"))
-    moved = Moved(times, q, qd, qdd, tau, _breaks(result, scene, problem))
+    moved = Moved(times, q, qd, qdd, tau, tuple(_at_events(result) if breaks is None else breaks))
     drives = Drives.of(scene, problem, moved)
     drives.add_to(result)
     figures = drives.figures()
@@ -74,15 +77,11 @@ def _warned(summary: Any, more: list[str]) -> Any:
     return dataclasses.replace(summary, warnings=[*own, *more]) if more else summary
 
 
-def _breaks(result: Result, scene: Scene, problem: Problem) -> tuple[float, ...]:
-    """Return where the torques of a motion jump or bend, in steps from the first sample: at events, and where the
-    trajectory of inverse dynamics does."""
+def _at_events(result: Result) -> list[float]:
+    """Return where the torques of a simulated motion jump, in steps from the first sample."""
     times = result.time
     step = float(times[-1] - times[0]) / (len(times) - 1)
-    if result.command == "inverse":
-        q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
-        return tuple(breaks_of(problem, times, JointMotion(q, qd, qdd)))
-    return tuple(spaced([(float(event["time"]) - times[0]) / step for event in result.events], len(times)))
+    return spaced([(float(event["time"]) - times[0]) / step for event in result.events], len(times))
 
 
 @record

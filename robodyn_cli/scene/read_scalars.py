@@ -27,9 +27,9 @@ from robodyn_cli.scene.text.nodes import (
     Sequence,
     describe_node,
     dotted,
+    doubts_of_angle,
     located,
 )
-from robodyn_cli.scene.text.numbers import doubts_of_angle
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
@@ -120,7 +120,7 @@ class ScalarReader:
             raise self.wrong(kind, node, path, unit)
         if not isinstance(node.value, str):
             value = self.finite(node, path)
-            if angle:
+            if angle and abs(value) > math.tau:
                 self.doubts += doubts_of_angle(value, node, path)
             return value
         tree = self.parse(kind, node, path, unit)
@@ -393,9 +393,6 @@ def _quaternion(form: str, values: tuple[float, ...], node: Node, path: Path) ->
         return tuple(quaternion.from_rotation_vector(values))
     length = math.sqrt(sum(x * x for x in values))
     if abs(length - 1.0) > LENGTH:
-        raise located(
-            node,
-            dotted(path),
-            f"the quaternion (w, x, y, z) has length {length:.6g}; needed: length 1, to three digits",
-        )
+        message = f"the quaternion (w, x, y, z) has length {length:.6g}; needed: length 1, to three digits"
+        raise located(node, dotted(path), message)
     return tuple(x / length for x in values)

@@ -25,6 +25,7 @@ from robodyn_cli.summaries.inverse import (
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
+    breaks_of,
     error_estimate,
     half_turns,
     joint_figures,
@@ -90,7 +91,8 @@ def inverse(
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            records = with_drives(records, result, scene, program.problem)
+            breaks = breaks_of(program.problem, sampled.times, sampled.motion)
+            records = with_drives(records, result, scene, program.problem, breaks)
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result

@@ -47,6 +47,7 @@ KEEPERS = {
     "results/summary.py: cpu_name",
     "fastest/profile.py: _passes",
     "over/sensitivity/motion/variational.py: integrals",
+    "solve/extremes.py: _to_powers",
     "solve/quadrature.py: _weights",
     "summaries/keys.py: fields_at",
     "summaries/keys.py: leaf_of",

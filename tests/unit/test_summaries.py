@@ -173,11 +173,11 @@ def test_refusals_say_what_is_allowed() -> None:
 
 def test_errors_name_what_was_passed_on_the_way() -> None:
     leaf = leaf_of("inverse", "drives.ball.wx.shaft.rms_torque")
-    assert leaf is not None and leaf.errors == ("drives.ball.wx.errors.rms_torque",)
+    assert leaf is not None and leaf.errors == ("drives.ball.wx.shaft.errors.rms_torque",)
     torque = leaf_of("inverse", "rms_torque.theta1")
     assert torque is not None and set(torque.errors) == {
         "error_estimate.torque_rounding",
-        "error_estimate.rms_quadrature",
+        "joints.theta1.errors.rms_torque",
     }
     pole = leaf_of("linearise", "instants.2.modes.0.real")
     assert pole is not None and pole.errors == ("instants.2.modes.0.error",)
@@ -232,8 +232,9 @@ def test_names_of_points_and_rows_are_those_of_the_scene(name: str, key: str, ne
 
 
 def test_errors_are_read_from_declarations() -> None:
-    summary = {"command": "inverse", "error_estimate": {"torque_rounding": 1e-14, "rms_quadrature": 3e-9}}
-    summary["joints"] = {"a": {"rms_torque": 1.0, "peak_torque": 2.0, "peak_speed": 3.0}}
+    summary = {"command": "inverse", "error_estimate": {"torque_rounding": 1e-14}}
+    errors = {"rms_torque": 3e-9, "peak_torque": 1e-15}
+    summary["joints"] = {"a": {"rms_torque": 1.0, "peak_torque": 2.0, "peak_speed": 3.0, "errors": errors}}
     assert error_of(summary, "rms_torque.a") == error_of(summary, "joints.a.rms_torque") == 3e-9
     assert error_of(summary, "peak_torque.a") == 1e-14 and math.isnan(error_of(summary, "peak_speed.a"))
     lock = {"command": "deploy", "lock": {"time": 1.0, "time_error": 1e-9}}

@@ -322,3 +322,18 @@ def key_of(error: SceneError) -> str:
 
 def _related(a: str, b: str) -> bool:
     return a == b or (a != "" and b.startswith(a + ".")) or a.startswith(b + ".")
+
+
+# angles at or below these keys place something
+POSES = frozenset({"origin", "frames", "rpy", "angle", "alpha"})
+
+
+def doubts_of_angle(value: float, node: Scalar, path: Path) -> list[str]:
+    """Return a doubt about a plain number of more than a turn that places something: radians that look like degrees."""
+    if not (path[:2] == ("initial", "q") or POSES.intersection(path)):
+        return []
+    text = (
+        f"the angle {node.text} is in radians, {abs(value) / math.tau:.3g} turns; for degrees write "
+        f"{node.text} deg, for radians put it in quotes"
+    )
+    return [located(node, dotted(path), text).message]

@@ -7,7 +7,6 @@ A number of YAML is one, and so is each number in the text of a formula or a con
 from __future__ import annotations
 
 import itertools
-import math
 import re
 from collections.abc import Iterator
 
@@ -20,18 +19,13 @@ from robodyn_cli.scene.text.nodes import (
     Path,
     Scalar,
     Sequence,
-    dotted,
     index_of,
-    located,
     sequence,
 )
 from robodyn_cli.schema.fields import Either, Formula, Kind, Number, Vector
 
 _COUNTED = re.compile(r"(.+)#([1-9][0-9]{0,5})")
 SHOWN = 8  # numbers that a refusal lists
-POSES = frozenset(
-    {"origin", "frames", "rpy", "angle", "alpha"}
-)  # angles at or below these keys place something
 
 
 @record
@@ -161,14 +155,3 @@ def at_key(root: Node, kind: Kind, key: str) -> tuple[Node | None, Kind | None, 
         else:
             node = node.items[index] if isinstance(node, Sequence) and index is not None else None
     return node, found, tuple(path)
-
-
-def doubts_of_angle(value: float, node: Scalar, path: Path) -> list[str]:
-    """Return a doubt about a plain number of more than a turn that places something: radians that look like degrees."""
-    if abs(value) <= math.tau or not (path[:2] == ("initial", "q") or POSES.intersection(path)):
-        return []
-    text = (
-        f"the angle {node.text} is in radians, {abs(value) / math.tau:.3g} turns; for degrees write "
-        f"{node.text} deg, for radians put it in quotes"
-    )
-    return [located(node, dotted(path), text).message]
