@@ -38,7 +38,7 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     if problem.model.switched:
         found += payload_watchers(problem)
     own = [watcher for watcher in found if watcher.functions or watcher.changes_motion]
-    return [*own, *limit_watchers(problem)]
+    return [*own, *limit_watchers(problem)] if problem.scene.robot.limited else own
 
 
 def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:

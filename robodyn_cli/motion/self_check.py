@@ -98,7 +98,7 @@ class Judgement:
 
 def judge(run: Run, stopped: RobodynError | None) -> Judgement:
     """Judge a simulation by its samples; ``stopped`` is what ended it before its time."""
-    redundant = redundant_rows(run)
+    redundant = redundant_rows(run) if run.motion.assembled.redundant else None
     warnings = motion_warnings(run)
     failure = (redundant and redundant.violated) or stopped or run.recorder.not_finite
     lost = energy_out_of_balance(run) if failure is None else None
@@ -132,7 +132,9 @@ def motion_warnings(run: Run) -> list[str]:
         from robodyn_cli.motion.failure import start_warnings
 
         warnings += start_warnings(motion.problem, motion.assembled.q, motion.passive)
-    return [*warnings, *beyond_limits(run), *shortened_steps(run)]
+    if motion.scene.robot.limited:
+        warnings += beyond_limits(run)
+    return [*warnings, *shortened_steps(run)]
 
 
 def beyond_limits(run: Run) -> list[str]:

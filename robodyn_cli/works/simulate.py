@@ -149,7 +149,8 @@ def _report(run: Run, judgement: Judgement, estimate: MotionErrors | None, watch
     result = Result.of("simulate", run.motion.scene, "ok" if failure is None else "failed")
     result.events = run.driver.log
     run.recorder.fill(result)
-    add_joint_limits(result, run.motion.scene, run.motion.problem.model)
+    if run.motion.scene.robot.limited:
+        add_joint_limits(result, run.motion.scene, run.motion.problem.model)
     records = motion_records(run, judgement, estimate)
     if run.motion.scene.drives and failure is None:
         from robodyn_cli.drives.report import with_drives
