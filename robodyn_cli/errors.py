@@ -156,11 +156,11 @@ def did_you_mean(word: str, options: Iterable[str]) -> str:
     return f" (did you mean {near!r}?)" if near is not None else ""
 
 
-def unknown_name(what: str, name: str, options: Iterable[str]) -> str:
+def unknown_name(kind: str, name: str, options: Iterable[str]) -> str:
     """Return the message about a name that there is not."""
     options = list(options)
     allowed = listed(options) or "none is defined"
-    return f"unknown {what} {shown(name)}{did_you_mean(name, options)}; allowed: {allowed}"
+    return f"unknown {kind} {shown(name)}{did_you_mean(name, options)}; allowed: {allowed}"
 
 
 def nearest_word(word: str, options: Iterable[str]) -> str | None:

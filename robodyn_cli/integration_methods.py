@@ -64,10 +64,10 @@ FIXED_STEP = tuple(name for name, method in METHODS.items() if method.fixed_step
 
 def _by_family() -> list[list[IntegrationMethod]]:
     """Return the methods of each family, those with a fixed step apart, in the order of the table."""
-    found: dict[tuple[str, bool], list[IntegrationMethod]] = {}
+    families: dict[tuple[str, bool], list[IntegrationMethod]] = {}
     for method in _TABLE:
-        found.setdefault((method.family, method.fixed_step), []).append(method)
-    return list(found.values())
+        families.setdefault((method.family, method.fixed_step), []).append(method)
+    return list(families.values())
 
 
 def _representative(members: list[IntegrationMethod]) -> str:

@@ -33,14 +33,14 @@ class Registry(MutableMapping[str, T]):
     def __getitem__(self, name: str) -> T:
         if name not in self._members:
             module, _, member = self._places[name].partition(":")
-            found: Any = getattr(importlib.import_module(f"{self._package}.{module}"), member)
+            named: Any = getattr(importlib.import_module(f"{self._package}.{module}"), member)
             # of two threads that ask first, both get the same instance
-            return self._members.setdefault(name, self.make(name, found) if self._made else found)
+            return self._members.setdefault(name, self.make(name, named) if self._made else named)
         return self._members[name]
 
-    def make(self, name: str, found: Any) -> T:
-        """Return the member that a registry with ``made`` holds; ``found`` : what its line names."""
-        return found()
+    def make(self, name: str, named: Any) -> T:
+        """Return the member that a registry with ``made`` holds; ``named`` : what its line names."""
+        return named()
 
     def __setitem__(self, name: str, member: T) -> None:
         self._places.setdefault(name, "")

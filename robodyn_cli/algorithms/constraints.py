@@ -59,12 +59,12 @@ class LoopRows:
         model, rest = self.model, zeros(self.model.nv)
         if root == BASE:
             return motions(model, self.X, self.q, self.qd, rest, self.gravity)
-        found = {root: BodyMotion.at_rest()}
+        by_body = {root: BodyMotion.at_rest()}
         for k, body in enumerate(model.bodies):
-            if k != root and body.parent in found:
+            if k != root and body.parent in by_body:
                 rates = slice_v(body, self.qd), slice_v(body, rest)
-                found[k] = step_motion(body, self.X[k], slice_q(body, self.q), *rates, found[body.parent])
-        return found
+                by_body[k] = step_motion(body, self.X[k], slice_q(body, self.q), *rates, by_body[body.parent])
+        return by_body
 
     def _end(self, frame: FixedFrame, root: int) -> LoopFrame:
         pose, motion = self._kinematics(root)
@@ -275,11 +275,11 @@ class DrivenJoints:
         return C @ normal.solve(K @ normal.solve(C.T @ vector(accelerations)))
 
     def _products(self, some: Sequence[Vector], others: Sequence[Vector]) -> Matrix:
-        found = zeros(len(some), len(others))
+        products = zeros(len(some), len(others))
         for i, x in enumerate(some):
             for k, y in enumerate(others):
-                found[i, k] = self._weighted(self.factor, x, y)
-        return found
+                products[i, k] = self._weighted(self.factor, x, y)
+        return products
 
     @staticmethod
     def _weighted(factor: LdlFactor, x: Values, y: Values) -> Any:

@@ -66,10 +66,10 @@ def position_rates(model: Model, q: Values, v: Values) -> list[Any]:
 
 def moved(model: Model, q: Values, dq: Values) -> list[Any]:
     """Return q (nq,) after a step dq (nv,) along the joints' manifolds."""
-    found = list(q)
+    positions = list(q)
     for body in model.bodies:
-        found[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, q), slice_v(body, dq))
-    return found
+        positions[body.q : body.q + body.joint.nq] = body.joint.integrate(slice_q(body, q), slice_v(body, dq))
+    return positions
 
 
 def step_transform(body: Body, q: Vector) -> Transform:
@@ -84,11 +84,11 @@ def transforms(model: Model, q: Values) -> list[Transform]:
 
 def poses(model: Model, X: Sequence[Transform], root: int = BASE) -> dict[int, Pose]:
     """Return the pose of each body that hangs on ``root``, in the coordinates of ``root``."""
-    found: dict[int, Pose] = {root: Pose.identity()}
+    by_body: dict[int, Pose] = {root: Pose.identity()}
     for k, body in enumerate(model.bodies):
-        if k != root and body.parent in found:
-            found[k] = found[body.parent].after(X[k])
-    return found
+        if k != root and body.parent in by_body:
+            by_body[k] = by_body[body.parent].after(X[k])
+    return by_body
 
 
 def point_jacobian(
@@ -136,10 +136,10 @@ def step_velocity(body: Body, X: Transform, q: Vector, qd: Vector, parent: Twist
 
 def velocities(model: Model, X: Sequence[Transform], q: Values, qd: Values) -> dict[int, Twist]:
     """Return the spatial velocity of each body in its own coordinates, the base (at rest) included."""
-    found = {BASE: Twist.zero()}
+    by_body = {BASE: Twist.zero()}
     for k, body in enumerate(model.bodies):
-        found[k] = step_velocity(body, X[k], slice_q(body, q), slice_v(body, qd), found[body.parent])
-    return found
+        by_body[k] = step_velocity(body, X[k], slice_q(body, q), slice_v(body, qd), by_body[body.parent])
+    return by_body
 
 
 @record
@@ -208,12 +208,12 @@ def motions(
     gravity: Vector | None = None,
 ) -> dict[int, BodyMotion]:
     """Return the motion of each body, the base included."""
-    found = {BASE: BodyMotion.at_rest(gravity)}
+    by_body = {BASE: BodyMotion.at_rest(gravity)}
     for k, body in enumerate(model.bodies):
-        found[k] = step_motion(
-            body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), found[body.parent]
+        by_body[k] = step_motion(
+            body, X[k], slice_q(body, q), slice_v(body, qd), slice_v(body, qdd), by_body[body.parent]
         )
-    return found
+    return by_body
 
 
 def prescribed_motion(model: Model, frame: FixedFrame) -> tuple[Vector, Vector]:

@@ -86,14 +86,14 @@ def reactions(
     needed[BASE] = Wrench.zero()
     for k, exerted in (applied or {}).items():
         needed[k] = needed[k] - exerted
-    found = []
+    closures = []
     for loop in model.loops:
         wrench = loop_wrench(model, loop, X, lam)
-        found.append(wrench)
+        closures.append(wrench)
         pose = poses(model, X, wrench.root)
         for frame, exerted in ((loop.first, wrench.on_first), (loop.second, wrench.on_second)):
             R = pose[frame.body].R
             about_origin = exerted.shifted(R @ frame.p).rotated(R.T)
             needed[frame.body] = needed[frame.body] - about_origin
     joints, base = carry_down(model, X, [needed[k] for k in range(len(model.bodies))], needed[BASE])
-    return Reactions(joints, found, base)
+    return Reactions(joints, closures, base)

@@ -102,13 +102,13 @@ class Console:
             wait = QUIET_SECONDS if self._on_terminal else LONG_SECONDS
             while not ended.wait(wait):
                 wait = 0.5 if self._on_terminal else LONGEST_SECONDS
-                now, what = time.monotonic(), doing()
+                now, activity = time.monotonic(), doing()
                 shown = now - self._shown <= QUIET_SECONDS
                 if not self._on_terminal:
-                    parts = [text for text in (what, self._reached if shown else "") if text]
+                    parts = [text for text in (activity, self._reached if shown else "") if text]
                     self.note(f"robodyn: after {now - start:.0f} s: {', '.join(parts) or 'still at it'}")
-                elif what and not shown:
-                    self._write_over(f"{what} ... {now - start:.0f} s")
+                elif activity and not shown:
+                    self._write_over(f"{activity} ... {now - start:.0f} s")
 
         if not self.quiet:
             threading.Thread(target=tell, daemon=True).start()
@@ -277,8 +277,8 @@ def _plain(details: dict[str, object]) -> dict[str, object]:
         return {}
     from robodyn_cli.results.summary import jsonable
 
-    found = {k: v for k, v in details.items() if k not in ("kind", "message", "exit_code")}
+    facts = {k: v for k, v in details.items() if k not in ("kind", "message", "exit_code")}
     if "kind" in details:
-        found["singularity"] = details["kind"]
-    plain: dict[str, object] = jsonable(found)
+        facts["singularity"] = details["kind"]
+    plain: dict[str, object] = jsonable(facts)
     return plain

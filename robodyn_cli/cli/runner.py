@@ -265,8 +265,8 @@ def warn(scene: Scene, strict: bool, console: Console) -> None:
     for text in warnings:
         console.note(f"robodyn: warning: {text}")
     if warnings and strict:
-        what = "; ".join(warnings)
-        raise SceneError(f"{scene.path}: {what} (errors because of --strict)", warnings=warnings)
+        message = "; ".join(warnings)
+        raise SceneError(f"{scene.path}: {message} (errors because of --strict)", warnings=warnings)
 
 
 def _failed(command: str, title: str, error: RobodynError) -> dict[str, Any]:

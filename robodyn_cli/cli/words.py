@@ -103,15 +103,15 @@ def error_lines(summary: Mapping[str, Any]) -> list[str]:
 
 def multiplier_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about loads that loops, or actuators, could share in another way."""
-    found, shared = summary.get("multipliers", {}), summary.get("mechanism", {})
+    multipliers, shared = summary.get("multipliers", {}), summary.get("mechanism", {})
     lines = []
     if shared.get("torques", "unique") != "unique":
         lines.append(f"  not unique         torques are those of {shared['torques']}")
     dependent = shared.get("multipliers", "unique") != "unique" or (
         "equilibrium" in summary and summary.get("mobility", {}).get("redundant_rows", 0) > 0
     )
-    if dependent or found.get("unique") is False:
-        loops = sorted({loop for group in found.get("dependent", ()) for loop in group["loops"]})
+    if dependent or multipliers.get("unique") is False:
+        loops = sorted({loop for group in multipliers.get("dependent", ()) for loop in group["loops"]})
         where = f" of {', '.join(loops)}" if loops else ""
         lines.append(
             f"  not unique         rows{where} depend on each other: multipliers, and reactions that follow from them, "
@@ -142,12 +142,12 @@ def holding_lines(torques: Mapping[str, float]) -> list[str]:
 
 def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return a line about degrees of freedom."""
-    found = summary.get("mobility")
-    if not found:
+    facts = summary.get("mobility")
+    if not facts:
         return []
     return [
-        f"  mobility           {found['actual']} (rank {found['rank']} of {found['rows']} rows over "
-        f"{found['coordinates']} coordinates); Gruebler's count {found['count']} in space, {found['planar_count']} "
+        f"  mobility           {facts['actual']} (rank {facts['rank']} of {facts['rows']} rows over "
+        f"{facts['coordinates']} coordinates); Gruebler's count {facts['count']} in space, {facts['planar_count']} "
         "without vanishing rows"
     ]
 
@@ -185,13 +185,13 @@ def drive_lines(summary: Mapping[str, Any]) -> list[str]:
             for heading, path, digits in DRIVE_FIGURES
         ),
     ]
-    found = [table(list(zip(*columns)))]
+    lines = [table(list(zip(*columns)))]
     off = max((_below(one, ("errors", "margin")) or 0.0 for one in every), default=0.0)
     if off > 0.0:
-        found.append(f"  sampling           margins off by some {100.0 * off:.1g} %")
+        lines.append(f"  sampling           margins off by some {100.0 * off:.1g} %")
     if "catalogue" in summary:
-        found.append(f"  catalogue          {summary['catalogue']}")
-    return found
+        lines.append(f"  catalogue          {summary['catalogue']}")
+    return lines
 
 
 def margin_text(margin: float) -> str:

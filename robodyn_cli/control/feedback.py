@@ -128,8 +128,8 @@ class ComputedTorque(Follower):
 
     def torques(self, at: Situation) -> list[Any]:
         _, _, a = at.reference
-        asked = [x + y for x, y in zip(a, tracking(at, self.gains.kp, self.gains.kd))]
-        return at.inverse_dynamics(asked)
+        qdd = [x + y for x, y in zip(a, tracking(at, self.gains.kp, self.gains.kd))]
+        return at.inverse_dynamics(qdd)
 
 
 @record

@@ -99,15 +99,15 @@ class InPython(Follower):
             )
         where, driven = f"at t = {time:.6g} s", len(self.joints or ())
         try:
-            found = np.asarray(self.function(time, q, v), dtype=float)
+            tau = np.asarray(self.function(time, q, v), dtype=float)
         except (RobodynError, KeyboardInterrupt, SystemExit):
             raise
         except Exception as error:
-            what = f"the controller's function failed {where}: {type(error).__name__}: {error}"
-            raise NumericalError(what, time=time, status="controller") from error
-        if found.shape != (driven,) or not np.isfinite(found).all():
-            what = (
-                f"the controller's function gave {found.tolist()!r} {where}; allowed: {driven} finite torques"
+            message = f"the controller's function failed {where}: {type(error).__name__}: {error}"
+            raise NumericalError(message, time=time, status="controller") from error
+        if tau.shape != (driven,) or not np.isfinite(tau).all():
+            message = (
+                f"the controller's function gave {tau.tolist()!r} {where}; allowed: {driven} finite torques"
             )
-            raise NumericalError(what, time=time, status="controller")
-        return found
+            raise NumericalError(message, time=time, status="controller")
+        return tau

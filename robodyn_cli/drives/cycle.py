@@ -30,8 +30,8 @@ class CycleSamples:
     def mean(self, y: Array) -> Array:
         """Return the time averages (...,) of y (..., T)."""
         flat = y.reshape(-1, y.shape[-1]).T
-        found: Array = integrate(flat, 1.0 / (len(flat) - 1), self.breaks).reshape(y.shape[:-1])
-        return found
+        means: Array = integrate(flat, 1.0 / (len(flat) - 1), self.breaks).reshape(y.shape[:-1])
+        return means
 
     def rms(self, y: Array) -> Array:
         """Return the roots of the time averages of y^2."""
@@ -134,14 +134,14 @@ class MotorCycle:
         """Power at the terminals [W]."""
         if self.friction is None or self.copper is None:
             return None
-        found: Array = self.power + self.friction + self.copper
-        return found
+        total: Array = self.power + self.friction + self.copper
+        return total
 
 
-def motor_cycle(motor: Motor, supply: Supply, asked: ShaftDuty, samples: CycleSamples) -> MotorCycle:
+def motor_cycle(motor: Motor, supply: Supply, shaft: ShaftDuty, samples: CycleSamples) -> MotorCycle:
     """Return what a motor does in a cycle."""
-    speed = asked.speed
-    torque = asked.torque + (motor.rotor_inertia + asked.inertia) * asked.acceleration
+    speed = shaft.speed
+    torque = shaft.torque + (motor.rotor_inertia + shaft.inertia) * shaft.acceleration
     if isinstance(motor, Electric):
         current = motor.current(torque, speed)
         return _heated(
@@ -204,10 +204,10 @@ def peak_use(curves: Curves, cycle: MotorCycle) -> Array:
     """Return how much of its envelope a motor uses, (..., T): while it brakes, of that for braking."""
     if curves.braking is curves.driving:
         return curves.driving.use(cycle.speed, cycle.torque)
-    found, brakes = np.empty_like(cycle.torque), cycle.power < 0.0
+    use, brakes = np.empty_like(cycle.torque), cycle.power < 0.0
     for curve, where in ((curves.driving, ~brakes), (curves.braking, brakes)):
-        found[where] = curve.use(cycle.speed[where], cycle.torque[where])
-    return found
+        use[where] = curve.use(cycle.speed[where], cycle.torque[where])
+    return use
 
 
 def motor_limits(
@@ -218,19 +218,19 @@ def motor_limits(
     ``peak`` : of its envelope. ``continuous`` : of its rated current, or of its continuous envelope at the rms
     speed. ``winding`` : of the warming that its winding bears.
     """
-    found = {"peak": Use.most(peak_use(curves, cycle))}
+    uses = {"peak": Use.most(peak_use(curves, cycle))}
     thermal = motor.thermal
     if isinstance(motor, Electric) and motor.rated_current is not None:
         assert cycle.current is not None
-        found["continuous"] = Use(samples.rms(cycle.current) / motor.rated_current)
+        uses["continuous"] = Use(samples.rms(cycle.current) / motor.rated_current)
     elif curves.continuous is not None and thermal is None:
-        found["continuous"] = Use(curves.continuous.use(samples.rms(cycle.speed), samples.rms(cycle.torque)))
+        uses["continuous"] = Use(curves.continuous.use(samples.rms(cycle.speed), samples.rms(cycle.torque)))
     if thermal is not None and cycle.temperature is not None:
         bears = thermal.max_temperature - supply.ambient
         part = (cycle.temperature - supply.ambient) / bears
         # the losses of a stepper are always the same
-        found["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part)
-    return found
+        uses["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part)
+    return uses
 
 
 def gear_limits(
@@ -245,28 +245,28 @@ def gear_limits(
     (the largest torque where nothing turns). ``gear_speed`` : of its largest speed. load, speed : (..., T) of one gear
     at the joint.
     """
-    found: dict[str, Use] = {}
+    uses: dict[str, Use] = {}
     size, rate = np.abs(load), np.abs(speed)
     if gear.peak_torque is not None:
-        found["gear_peak"] = Use.most(size / gear.peak_torque)
+        uses["gear_peak"] = Use.most(size / gear.peak_torque)
     if gear.rated_torque is not None:
         turned = samples.mean(rate)
         cube = samples.mean(rate * size**3)
         with np.errstate(divide="ignore", invalid="ignore"):
             mean = np.cbrt(np.maximum(cube, 0.0) / turned)
-        found["gear_rated"] = Use(np.where(turned > 0.0, mean, size.max(axis=-1)) / gear.rated_torque)
+        uses["gear_rated"] = Use(np.where(turned > 0.0, mean, size.max(axis=-1)) / gear.rated_torque)
     if gear.max_speed is not None:
-        found["gear_speed"] = Use.most(rate * turns / gear.max_speed)
-    return found
+        uses["gear_speed"] = Use.most(rate * turns / gear.max_speed)
+    return uses
 
 
 def other_limits(train: Train, duty: Duty) -> dict[str, Use]:
     """Return how much of each limit of gear and brake is used, by name; ``brake`` : of the torque that it holds."""
-    found: dict[str, Use] = {}
+    uses: dict[str, Use] = {}
     if train.gear is not None:
         share = duty.load / train.drive.count
-        found |= gear_limits(train.gear, share, duty.speed, train.turns, duty.samples)
+        uses |= gear_limits(train.gear, share, duty.speed, train.turns, duty.samples)
     if train.brake is not None and duty.hold is not None:
         held = train.brake.holding_torque * train.turns * train.drive.count
-        found["brake"] = Use.most(np.abs(duty.hold) / held)
-    return found
+        uses["brake"] = Use.most(np.abs(duty.hold) / held)
+    return uses

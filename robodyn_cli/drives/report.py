@@ -108,7 +108,7 @@ class Drives:
     def of(scene: Scene, problem: Problem, moved: Moved) -> Drives:
         """Return the drives of a scene along a motion."""
         rest = Standstill.of(problem, moved)
-        found = {}
+        drives = {}
         for name, train in trains(scene).items():
             k = problem.model.v_names.index(name)
             reflected = float(train.reflected)
@@ -117,8 +117,8 @@ class Drives:
             hold = None if rest.hold is None else rest.hold[:, k]
             breaks = breaks_of_joint(moved.times, moved.qd[:, k], moved.qdd[:, k], moved.breaks)
             duty = Duty(moved.times, moved.qd[:, k], moved.qdd[:, k], load, hold, inertia, breaks)
-            found[name] = Evaluated.of(train, duty)
-        return Drives(problem, found)
+            drives[name] = Evaluated.of(train, duty)
+        return Drives(problem, drives)
 
     def figures(self) -> dict[str, DriveFigures]:
         """Return the figures by joint."""

@@ -151,7 +151,7 @@ def combinations(
     graph: Graph, groups: Sequence[Dependence], names: Sequence[str], first: int
 ) -> list[Combination]:
     """Return the combinations of the rows called ``names``, their parameters numbered from ``first``."""
-    found = []
+    mixes = []
     for group in groups:
         rows = tuple(names.index(name) for name in group.rows if name in names)
         if len(rows) <= group.rank:  # variants of the equations may lack rows
@@ -163,14 +163,14 @@ def combinations(
                 place = first + i * len(group.rows) + k
                 W[i, k] = graph.symbol(f"W[{place}]", PARAMETER_GROUP, place)
         last = first + group.numbers - 1
-        found.append(Combination(rows, W, graph.symbol(f"W[{last}]", PARAMETER_GROUP, last), first))
+        mixes.append(Combination(rows, W, graph.symbol(f"W[{last}]", PARAMETER_GROUP, last), first))
         first += group.numbers
-    return found
+    return mixes
 
 
 def combined(rows: Sequence[Row], W: Matrix, name: str) -> list[Row]:
     """Return the rows W eta, W Psi, W gamma, W eta_t."""
-    found = []
+    mixed = []
     for i in range(W.shape[0]):
         psi = zeros(len(rows[0].psi))
         eta: Any = 0.0
@@ -179,36 +179,36 @@ def combined(rows: Sequence[Row], W: Matrix, name: str) -> list[Row]:
         for w, row in zip(W[i], rows):
             psi = psi + w * row.psi
             eta, gamma, eta_t = eta + w * row.eta, gamma + w * row.gamma, eta_t + w * row.eta_t
-        found.append(Row(f"{name}.{i + 1}", eta, psi, gamma, eta_t))
-    return found
+        mixed.append(Row(f"{name}.{i + 1}", eta, psi, gamma, eta_t))
+    return mixed
 
 
-def _uncombined(every: Constraints, found: Sequence[Combination]) -> list[int]:
+def _uncombined(every: Constraints, mixes: Sequence[Combination]) -> list[int]:
     """Return the rows that depend on no others, prescribed ones last."""
-    mixed = {i for c in found for i in c.rows}
+    mixed = {i for c in mixes for i in c.rows}
     return [i for i in range(len(every.rows)) if i not in mixed]
 
 
-def independent_rows(every: Constraints, found: Sequence[Combination]) -> Constraints:
+def independent_rows(every: Constraints, mixes: Sequence[Combination]) -> Constraints:
     """Return rows with the rank of all: the combinations, then the rows that depend on no others."""
     rows: list[Row] = []
-    for k, c in enumerate(found, start=1):
+    for k, c in enumerate(mixes, start=1):
         rows += combined([every.rows[i] for i in c.rows], c.W, f"combination{k}")
-    rows += [every.rows[i] for i in _uncombined(every, found)]
+    rows += [every.rows[i] for i in _uncombined(every, mixes)]
     first = len(rows) - len(every.prescribed)
     return Constraints(tuple(rows), every.dropped, tuple(range(first, len(rows))))
 
 
-def multipliers_of_rows(every: Constraints, found: Sequence[Combination], lam: Vector) -> Vector:
+def multipliers_of_rows(every: Constraints, mixes: Sequence[Combination], lam: Vector) -> Vector:
     """Return the multipliers of all rows (m,) from those of ``independent_rows``: W^T lambda."""
     out = zeros(len(every.rows))
     place = 0
-    for c in found:
+    for c in mixes:
         for k, i in enumerate(c.rows):
             for w, x in zip(c.W[:, k], lam[place:]):
                 out[i] = out[i] + w * x
         place += c.W.shape[0]
-    for i, x in zip(_uncombined(every, found), lam[place:]):
+    for i, x in zip(_uncombined(every, mixes), lam[place:]):
         out[i] = x
     return out
 

@@ -65,24 +65,24 @@ class ContactJoint:
 
 def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
     """Return the joints with a contact state, in the order of the tree; their parameters follow the model's own."""
-    found: list[ContactJoint] = []
+    joints: list[ContactJoint] = []
     for forces in (forces for body in model.bodies if body.forces for forces in _by_coordinate(body)):
         friction, limits = _contacts(forces)
         if friction is None and limits is None:
             continue
         first = forces[0]
-        place = len(model.parameters) + len(FIELDS) * len(found)
+        place = len(model.parameters) + len(FIELDS) * len(joints)
         hold, direction, low, high = (
             model.graph.symbol(f"{first.name}.{name}", PARAMETER_GROUP, place + k)
             for k, name in enumerate(FIELDS)
         )
-        found.append(
+        joints.append(
             ContactJoint(
                 first.name, first.q, first.v, place, hold, direction, low, high,
                 first.gear_ratio, friction, limits,
             )
         )  # fmt: skip
-    return tuple(found)
+    return tuple(joints)
 
 
 def is_contact(force: JointForce) -> bool:
@@ -92,10 +92,10 @@ def is_contact(force: JointForce) -> bool:
 
 def _by_coordinate(body: Body) -> list[list[JointForce]]:
     """Return the forces in a joint by the coordinate that they act on."""
-    found: dict[str, list[JointForce]] = {}
+    forces: dict[str, list[JointForce]] = {}
     for force in body.forces:
-        found.setdefault(force.name, []).append(force)
-    return list(found.values())
+        forces.setdefault(force.name, []).append(force)
+    return list(forces.values())
 
 
 def _contacts(forces: Sequence[JointForce]) -> tuple[Friction | None, Limits | None]:

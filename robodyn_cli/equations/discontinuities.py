@@ -21,7 +21,7 @@ GRID = 65_537  # times at which the sign of a switch that is not linear in time 
 
 def switches(outputs: Iterable[Scalar]) -> list[Expr]:
     """Return the expressions at whose sign changes the outputs are not smooth, each once."""
-    found: dict[int, Expr] = {}
+    by_index: dict[int, Expr] = {}
     for node in reachable(outputs):
         value: Scalar | None = None
         if node.op in ("abs", "sign", "where"):
@@ -32,8 +32,8 @@ def switches(outputs: Iterable[Scalar]) -> list[Expr]:
         while isinstance(value, Expr) and value.op == "neg":
             value = value.args[0]
         if isinstance(value, Expr) and value.op != "const":
-            found[value.index] = value
-    return list(found.values())
+            by_index[value.index] = value
+    return list(by_index.values())
 
 
 def is_of_time(switch: Expr, t: Expr) -> bool:
@@ -46,8 +46,8 @@ def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
 
     def values(times: Array) -> Array:
         with np.errstate(all="ignore"):
-            found: Array = np.broadcast_to(evaluate([switch], {"t": [times]})[0], times.shape)
-        return found
+            y: Array = np.broadcast_to(evaluate([switch], {"t": [times]})[0], times.shape)
+        return y
 
     slope = jacobian([switch], [t])[0].get(0, 0.0)
     if not isinstance(slope, Expr):
@@ -55,7 +55,7 @@ def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
         return [root] if 0.0 <= root <= duration else []
     times = np.linspace(0.0, duration, GRID)
     side = np.sign(values(times))
-    found = set(times[side == 0.0].tolist())
+    roots = set(times[side == 0.0].tolist())
     (crossing,) = np.nonzero(side[:-1] * side[1:] < 0.0)
     low, high = times[crossing], times[crossing + 1]
     while True:
@@ -66,5 +66,5 @@ def switching_times(switch: Expr, t: Expr, duration: float) -> list[float]:
         before = values(middle) * side[crossing] > 0.0
         low = np.where(inside & before, middle, low)
         high = np.where(inside & ~before, middle, high)
-    found.update(high.tolist())
-    return sorted(found)
+    roots.update(high.tolist())
+    return sorted(roots)

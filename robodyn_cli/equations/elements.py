@@ -103,13 +103,13 @@ class Elements:
     @cached_property
     def wrenches(self) -> dict[int, Wrench]:
         """The wrenches of all elements on each body and on the base, about its origin in its coordinates."""
-        found: dict[int, Wrench] = {}
+        by_body: dict[int, Wrench] = {}
         for force, effect in zip(self.model.forces, self.effects):
             for action in effect.actions:
                 end = force.ends[action.end]
                 exerted = self._on_body(end, self.root(force), action)
-                found[end.body] = found.get(end.body, Wrench.zero()) + exerted
-        return found
+                by_body[end.body] = by_body.get(end.body, Wrench.zero()) + exerted
+        return by_body
 
     def _on_body(self, end: FixedFrame, root: int, action: Action) -> Wrench:
         """Return an action's wrench about the body's origin, in body coordinates."""
@@ -135,10 +135,10 @@ class Elements:
     def half_turns(self) -> list[tuple[str, HalfTurn]]:
         """Where the angle of an element jumps, with the element's name."""
         return [
-            (force.name, found)
+            (force.name, turn)
             for force, effect in zip(self.model.forces, self.effects)
-            for found in effect.half_turns
-            if isinstance(found.switch, Expr)
+            for turn in effect.half_turns
+            if isinstance(turn.switch, Expr)
         ]
 
     @cached_property
@@ -153,27 +153,27 @@ class Elements:
     @cached_property
     def moving(self) -> list[tuple[str, Vector, Vector]]:
         """Ends on the ground that move by formulas: key, place [m] and velocity [m/s] along the axes of the base."""
-        found = []
+        places = []
         for force in self.model.forces:
             for reference, frame in zip(force.element.references, force.ends):
                 if frame.body == BASE and any(symbol is self.time for symbol in free_symbols(list(frame.p))):
                     end = self._from(BASE).end(frame)
-                    found.append((f"forces.{force.name}.{reference}", end.p, end.v))
-        return found
+                    places.append((f"forces.{force.name}.{reference}", end.p, end.v))
+        return places
 
 
 def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[str, Scalar]:
     """Return the distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give."""
-    found: dict[str, Scalar] = {}
+    by_name: dict[str, Scalar] = {}
     if not model.spans:
-        return found
+        return by_name
     from robodyn_cli.forces.element import LineOfAction
 
     for name, ends in model.spans.items():
         kinematics = PathKinematics(model, X, q, v, model.common_ancestor(ends[0].body, ends[1].body))
         line = LineOfAction.of(tuple(kinematics.end(end) for end in ends))
-        found[name] = line.length if name.startswith("length(") else line.rate
-    return found
+        by_name[name] = line.length if name.startswith("length(") else line.rate
+    return by_name
 
 
 def given_torques(
@@ -227,26 +227,28 @@ class JointForces:
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
         """Return the torques that are not the gradient of a potential, with their velocity index."""
-        found: list[tuple[int, Scalar]] = []
+        losses: list[tuple[int, Scalar]] = []
         for body in self.model.bodies:
             for force in body.forces:
                 if depends_on_load(force):
                     continue
                 if force.element.dissipative:
                     lost = self.torque(force, smooth)
-                    found += zip(range(self.model.nv)[force.v], lost) if force.in_space else [(force.v, lost)]
+                    losses += (
+                        zip(range(self.model.nv)[force.v], lost) if force.in_space else [(force.v, lost)]
+                    )
                     continue
                 loss = force.element.loss(self.q[force.q], self.v[force.v], force.gear_ratio, smooth)
                 if loss is not None:
-                    found.append((force.v, loss))
-        return found
+                    losses.append((force.v, loss))
+        return losses
 
     def switches(self) -> list[tuple[str, Expr]]:
         """Return the expressions that change sign where an element engages or releases, with the key of the
         element."""
-        found: list[tuple[str, Expr]] = []
+        crossings: list[tuple[str, Expr]] = []
         for body in self.model.bodies:
             for force in body.forces:
                 entries = force.element.switches(self.q[force.q], self.v[force.v])
-                found += [(f"{force.name}.{force.kind}", switch) for switch in entries]
-        return found
+                crossings += [(f"{force.name}.{force.kind}", switch) for switch in entries]
+        return crossings

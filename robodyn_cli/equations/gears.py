@@ -47,7 +47,7 @@ def losses_of_load(
     needed : M a + C v + G (nv,), rotors included. terms, elements : torques of everything else on the joints: of what
     is in them, and of forces on bodies.
     """
-    found = {}
+    losses = {}
     others = [*terms.items(), *((f"forces {name}", x) for name, x in elements.items())]
     for body, gear in geared(model):
         k = gear.v
@@ -55,8 +55,8 @@ def losses_of_load(
         for name, term in others:
             if not (name == "friction" and _on_motor(body, k)):
                 load = load - term[k]
-        found[k] = gear.element.torque_of_load(load, v[k])
-    return found
+        losses[k] = gear.element.torque_of_load(load, v[k])
+    return losses
 
 
 def losses_along(model: Model, tau: Array, friction: Array, a: Array, v: Array) -> Array:
@@ -88,13 +88,13 @@ def losses_of_drive(
     CapabilityError : the rotor has inertia, or the motion is prescribed: the torque through the gear then depends on
     the accelerations.
     """
-    found = {}
+    losses = {}
     for body, gear in geared(model):
         k = gear.v
         if is_nonzero(body.rotors[k - body.v]) or gear.name in prescribed:
-            what = "rotor_inertia" if gear.name not in prescribed else "prescribed motion"
+            cause = "rotor_inertia" if gear.name not in prescribed else "prescribed motion"
             raise CapabilityError(
-                f"joint {gear.name}: gear losses together with {what} are done by `inverse` only; allowed in "
+                f"joint {gear.name}: gear losses together with {cause} are done by `inverse` only; allowed in "
                 "simulations: gear losses without rotor inertia, of joints driven by torques",
                 joint=gear.name,
             )
@@ -102,7 +102,7 @@ def losses_of_drive(
         if "friction" in terms and _on_motor(body, k):
             torque = torque + terms["friction"][k]
         try:
-            found[k] = gear.element.torque_of_drive(torque, v[k])
+            losses[k] = gear.element.torque_of_drive(torque, v[k])
         except CapabilityError as error:
             raise CapabilityError(f"joint {gear.name}: {error.message}", joint=gear.name) from error
-    return found
+    return losses

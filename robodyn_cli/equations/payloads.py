@@ -32,16 +32,16 @@ def own_motion(problem: Problem, payload: CarriedMass) -> tuple[Vector, Scalar]:
 def relative_energies(problem: Problem) -> list[Scalar]:
     """Return the kinetic energy of each payload's motion against what holds it, before it is gripped [J]."""
     kinematics = PathKinematics(problem.model, problem.X, problem.q, problem.v, BASE)
-    found: list[Scalar] = []
+    energies: list[Scalar] = []
     for payload in problem.model.payloads:
         if payload.part is None or payload.spec.start is None:
-            found.append(0.0)
+            energies.append(0.0)
             continue
         origin = FixedFrame(payload.body, zeros(3), problem.model.base.E)
         held = kinematics.end(origin).velocity.rotated(problem.pose[payload.body].R.T)
         own = _own_velocity(problem, payload, payload.part)
-        found.append(body_kinetic_energy(payload.part.inertia, Twist(held.w - own.w, held.v - own.v)))
-    return found
+        energies.append(body_kinetic_energy(payload.part.inertia, Twist(held.w - own.w, held.v - own.v)))
+    return energies
 
 
 def _own_velocity(problem: Problem, payload: CarriedMass, part: RigidPart) -> Twist:

@@ -54,15 +54,15 @@ def attitude_functions(
     """
     env = {"t": t, **{f"p.{name}": value for name, value in parameters.items()}}
     given = evaluated(prescribed, env)
-    found: dict[str, list[Scalar]] = {}
+    functions: dict[str, list[Scalar]] = {}
     for joint in (name for name in led_joints(given) if name not in given):
         entries: list[Scalar] = []
         for name, value in given.items():
             if name.rpartition(".")[0] == joint:
                 entries += value if isinstance(value, list) else [value]
         rates = directional(entries, [t], [1.0])
-        found[f"prescribed.{joint}"] = [*entries, *rates, *directional(rates, [t], [1.0])]
-    return found
+        functions[f"prescribed.{joint}"] = [*entries, *rates, *directional(rates, [t], [1.0])]
+    return functions
 
 
 def _rows_of_body(
@@ -88,13 +88,13 @@ def _rows_of_body(
     return rows + _attitude_rows(body, nv, (attitude, w), (motion.q[-4:], motion.v[-3:], motion.a[-3:]))
 
 
-def _attitude_rows(body: Body, nv: int, state: tuple[Any, Any], asked: tuple[Any, Any, Any]) -> list[Row]:
+def _attitude_rows(body: Body, nv: int, state: tuple[Any, Any], target: tuple[Any, Any, Any]) -> list[Row]:
     """Return the rows of an attitude: with p = Q* q the turn left from the one that is asked for, eta = 2 vec(p).
 
     From p-dot = (p (0, w) - (0, W) p) / 2, w and W in body coordinates: Psi = p_0 1 + [p], eta_t = p x W - p_0 W,
     gamma = p_0-dot (w - W) + p-dot x (w + W) + p x W-dot - p_0 W-dot. A full turn, p = (-1, 0), is none.
     """
-    (q, w), (Q, W, Wd) = state, (vector(x) for x in asked)
+    (q, w), (Q, W, Wd) = state, (vector(x) for x in target)
     p = quaternion.product(quaternion.conjugate(Q), q)
     p0, x = p[0], p[1:]
     eta_t = cross(x, W) - p0 * W

@@ -353,18 +353,18 @@ class Problem:
         for k, joint in enumerate(held):
             units[k, joint.v] = 1.0
         psi = np.concatenate([self.independent_rows.psi(self.model.nv), units])
-        found = solve_with_multipliers(
+        solved = solve_with_multipliers(
             factor, f, psi, [*gamma, *(0.0 for _ in held)], [joint.hold for joint in held]
         )
         for joint in held:
             # rounding must not set a held joint in motion
-            found.qdd[joint.v] = found.qdd[joint.v] * (1.0 - joint.hold)
-        lam, holding = found.lam[: len(gamma)], list(found.lam[len(gamma) :])
+            solved.qdd[joint.v] = solved.qdd[joint.v] * (1.0 - joint.hold)
+        lam, holding = solved.lam[: len(gamma)], list(solved.lam[len(gamma) :])
         if self.combinations:
             from robodyn_cli.equations.constraints import multipliers_of_rows
 
             lam = multipliers_of_rows(self.constraints, self.combinations, lam)
-        return Multipliers(found.qdd, lam), holding
+        return Multipliers(solved.qdd, lam), holding
 
     def ways_to_accelerations(self, f: Values) -> dict[str, Vector]:
         """Return M^-1 f (nv,) of the open tree by the ways that may suit its size."""

@@ -48,10 +48,10 @@ class Switching:
     def formulas(self) -> list[tuple[str, list[Scalar]]]:
         """Values of the scene's formulas in the equations, with the key of each."""
         e = self.equations
-        found: list[tuple[str, list[Scalar]]] = []
+        pairs: list[tuple[str, list[Scalar]]] = []
         for name, torque in e.scene.torques.items():
             if not isinstance(torque, sc.Torque):
-                found.append((f"torques.{name}", [torque.evaluate(e.environment)]))
+                pairs.append((f"torques.{name}", [torque.evaluate(e.environment)]))
         known: set[str] = set()
         if e.scene.prescribed:
             from robodyn_cli.equations.prescribed import attitude_functions
@@ -59,32 +59,34 @@ class Switching:
             prescribed = e.scene.prescribed
             given = prescribed if self.followed is None else given_by_formulas(prescribed)
             attitudes = attitude_functions(given, e.scene.parameters, e.t)
-            found += attitudes.items()
+            pairs += attitudes.items()
             names = [e.constraints.rows[i].name for i in e.constraints.prescribed]
             formulas = {f"prescribed.{name}" for name in given}
             known = {x for x in names if x not in formulas or x.rpartition(".")[0] in attitudes}
         rows = [e.constraints.rows[i] for i in e.constraints.rheonomic]
         for row in (row for row in rows if row.name not in known):
-            found.append((row.name, [row.eta, row.eta_t, row.gamma]))
+            pairs.append((row.name, [row.eta, row.eta_t, row.gamma]))
         if e.model.forces:
-            found += [(key, [*place, *rate]) for key, place, rate in e.elements.moving]
-            found += e.elements.formulas
-        return found
+            pairs += [(key, [*place, *rate]) for key, place, rate in e.elements.moving]
+            pairs += e.elements.formulas
+        return pairs
 
     @property
     def followed(self) -> tuple[float, ...] | None:
         """Times at which the trajectory that prescribed joints follow is not smooth, where it knows them itself."""
-        found = followed_by(self.equations.scene.prescribed)
-        return None if found is None else found.breakpoints
+        followed = followed_by(self.equations.scene.prescribed)
+        return None if followed is None else followed.breakpoints
 
     @cached_property
     def switches(self) -> list[tuple[str, Expr]]:
         """Expressions at whose sign changes the equations switch, with their keys (see ``discontinuities``)."""
         e = self.equations
         gears = [("gear", [torque]) for torque in e.gear_losses(smooth=True).values()]
-        found = [(key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)]
+        of_formulas = [
+            (key, switch) for key, entries in [*self.formulas, *gears] for switch in switches(entries)
+        ]
         own = [] if e.control is None else e.control.switches
-        return [*found, *own, *e.forces_in_joints.switches()]
+        return [*of_formulas, *own, *e.forces_in_joints.switches()]
 
     @property
     def with_state(self) -> list[tuple[str, Expr]]:
@@ -124,5 +126,5 @@ class Switching:
         if self.time_structures:
             from robodyn_cli.equations.time_structure import beside
 
-            times.update(*(beside(found, times, duration) for _, found in self.time_structures))
+            times.update(*(beside(structure, times, duration) for _, structure in self.time_structures))
         return tuple(sorted(times))

@@ -90,14 +90,14 @@ def structure(function: Expr, t: Expr, duration: float) -> TimeStructure:
         low, high = np.concatenate([low, middle]), np.concatenate([middle, high])
         rough_before = np.concatenate([rough, rough])
     doubtful = points[0].tolist() if points and resolved else []
-    found = [x for x in doubtful if _is_rough(function, slope, x, duration)]
+    unsmooth = [x for x in doubtful if _is_rough(function, slope, x, duration)]
     ends = np.concatenate(leaves, axis=1)
     ends = ends[:, np.argsort(ends[0])]
     bent = _really_bent(function, ends[0], ends[1], span.widened(ends[0]))
     edges = np.array(_edges(ends, bent, doubtful, duration))
     # a step must not end where a quotient of two zeros has no value
     (there,) = _values([function], edges)
-    return TimeStructure(tuple(found), tuple(edges[np.isfinite(there)].tolist()), resolved)
+    return TimeStructure(tuple(unsmooth), tuple(edges[np.isfinite(there)].tolist()), resolved)
 
 
 def _really_bent(function: Expr, low: Array, high: Array, span: float) -> Flags:
@@ -110,8 +110,8 @@ def _really_bent(function: Expr, low: Array, high: Array, span: float) -> Flags:
         steepest = np.abs(slopes[np.isfinite(slopes)]).max(initial=0.0)
         turn = np.abs(slopes[1] - slopes[0])
         seen = bend > ROUNDING * np.abs(y).max(axis=0)
-        found: Flags = (bend > BENT * span) | ((turn > TURNED * steepest) & seen)
-    return found
+        bent: Flags = (bend > BENT * span) | ((turn > TURNED * steepest) & seen)
+    return bent
 
 
 def _nearly_straight(value: Bounds, rate: Bounds, length: Array, span: float) -> Flags:
@@ -119,10 +119,10 @@ def _nearly_straight(value: Bounds, rate: Bounds, length: Array, span: float) ->
     with np.errstate(all="ignore"):
         bend = (rate.high - rate.low) * length
         steepest = np.maximum(np.abs(rate.low), np.abs(rate.high)) * length
-        found: Flags = (bend <= STRAIGHT * span) & (
+        straight: Flags = (bend <= STRAIGHT * span) & (
             value.high - value.low <= STRAIGHT * span + 4.0 * steepest
         )
-    return found
+    return straight
 
 
 class _Span:
@@ -143,11 +143,11 @@ class _Span:
         return max(self.high - self.low, 1e-9 * size, 1e-300) if np.isfinite(size) else 1.0
 
 
-def beside(found: TimeStructure, known: Collection[float], duration: float) -> list[float]:
+def beside(corners: TimeStructure, known: Collection[float], duration: float) -> list[float]:
     """Return the times at which a step has to end for a structure, without those that are ``known`` more exactly."""
     near = FOUND_TO * duration
-    points = [x for x in found.points if not any(abs(x - other) < near for other in known)]
-    return [*points, *found.edges]
+    points = [x for x in corners.points if not any(abs(x - other) < near for other in known)]
+    return [*points, *corners.edges]
 
 
 def _switches_inside(function: Expr) -> bool:
@@ -158,8 +158,8 @@ def _switches_inside(function: Expr) -> bool:
 
 def _values(entries: list[Scalar], times: Array) -> list[Array]:
     with np.errstate(all="ignore"):
-        found = evaluate(entries, {"t": [times]})
-    return [np.asarray(x, dtype=float) * np.ones(len(times)) for x in found]
+        arrays = evaluate(entries, {"t": [times]})
+    return [np.asarray(x, dtype=float) * np.ones(len(times)) for x in arrays]
 
 
 def _centres(low: Array, high: Array, duration: float) -> Array:
@@ -199,7 +199,7 @@ def _edges(leaves: Array, bent: Flags, points: Sequence[float], duration: float)
     for x in points:
         near |= np.abs(0.5 * (low + high) - x) < BESIDE_POINTS * (high - low)
     length = np.where((beside > 0.0) | near, np.inf, high - low)
-    found: set[float] = set()
+    edges: set[float] = set()
     limit = SHORT * duration
     while limit > FINEST * duration:
         short = np.concatenate([[False], length < limit, [False]])
@@ -209,6 +209,6 @@ def _edges(leaves: Array, bent: Flags, points: Sequence[float], duration: float)
         (ends,) = np.nonzero(short[1:-1] & ~short[2:])
         for first, last in zip(begins.tolist(), ends.tolist()):
             if bent[first : last + 1].any():
-                found.update((float(low[first]), float(high[last])))
+                edges.update((float(low[first]), float(high[last])))
         limit /= FINER
-    return tuple(sorted(x for x in found if 0.0 < x < duration))
+    return tuple(sorted(x for x in edges if 0.0 < x < duration))

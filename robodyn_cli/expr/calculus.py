@@ -91,13 +91,13 @@ def _slopes_of_table(rows: Sequence[tuple[float, ...]]) -> tuple[tuple[float, ..
 
 
 def _partials_of_power(result: Any, base: Any, exponent: Any) -> list[tuple[int, Any]]:
-    found = []
+    slopes = []
     if isinstance(base, (Expr, Fixed)):
-        found.append((0, exponent * power(base, exponent - 1.0)))
+        slopes.append((0, exponent * power(base, exponent - 1.0)))
     if isinstance(exponent, Expr):
         # 0 ** x is 0 where it is differentiable
-        found.append((1, result * log(base) if is_nonzero(base) else 0.0))
-    return found
+        slopes.append((1, result * log(base) if is_nonzero(base) else 0.0))
+    return slopes
 
 
 def branches(node: Expr) -> tuple[Scalar, Expr, Expr] | None:
@@ -174,7 +174,7 @@ def _of_table(node: Expr, slopes: NumberSlopes) -> SparseRow:
     of_held = None if held is None else [slopes(x) for x in held]
     columns = {k for each in (of_knots, *of_rows, of_held or []) for row in each for k in row}
     rates = _slopes_of_table(rows)
-    found: SparseRow = {}
+    entries: SparseRow = {}
     for k in columns:
         changed = [
             tuple(
@@ -184,8 +184,8 @@ def _of_table(node: Expr, slopes: NumberSlopes) -> SparseRow:
             for i, row in enumerate(of_rows)
         ]
         ends = None if of_held is None else (of_held[0].get(k, 0.0), of_held[1].get(k, 0.0))
-        found[k] = node.graph.piecewise(node.args[0], knots, tuple(changed), ends)  # type: ignore[arg-type]
-    return found
+        entries[k] = node.graph.piecewise(node.args[0], knots, tuple(changed), ends)  # type: ignore[arg-type]
+    return entries
 
 
 def directional(

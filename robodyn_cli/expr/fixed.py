@@ -112,19 +112,19 @@ def _value_with_array(name: str, reflected: str) -> Callable[[Any, Any], Any]:
     def method(self: Fixed, other: Any) -> Any:
         if hasattr(other, "dtype"):
             return getattr(other, reflected)(float(self))
-        found = own(self, other)
-        if (witnesses := _witnesses.get()) is not None and isinstance(found, bool):
-            witnesses.append((name.strip("_"), self, other, found))
-        return found
+        outcome = own(self, other)
+        if (witnesses := _witnesses.get()) is not None and isinstance(outcome, bool):
+            witnesses.append((name.strip("_"), self, other, outcome))
+        return outcome
 
     return method
 
 
 def _is_true(x: Fixed) -> bool:
-    found = float(x) != 0.0
+    outcome = float(x) != 0.0
     if (witnesses := _witnesses.get()) is not None:
-        witnesses.append(("ne", x, 0.0, found))
-    return found
+        witnesses.append(("ne", x, 0.0, outcome))
+    return outcome
 
 
 _MIRRORED = [
@@ -170,12 +170,12 @@ def derived(function: Callable[[Sequence[float]], Sequence[float]], inputs: Sequ
     """Return what a function of numbers gives, each entry as a number that is computed from the inputs."""
     shared = _Inputs(inputs)
     shared.function, shared.rank = function, _rank("derived", inputs)
-    found, kept = derive(shared, [float(x) for x in inputs])
+    entries, kept = derive(shared, [float(x) for x in inputs])
     if (witnesses := _witnesses.get()) is not None:
         witnesses.extend(("kept", (shared, k), None, keeps) for k, keeps in enumerate(kept))
     return [
         _made("entry", (shared, k), float(x)) if keeps else 0.0
-        for k, (x, keeps) in enumerate(zip(found, kept))
+        for k, (x, keeps) in enumerate(zip(entries, kept))
     ]
 
 
@@ -184,15 +184,15 @@ def derive(inputs: _Inputs, values: Sequence[float]) -> tuple[Sequence[float], l
 
     A zero that other numbers do not share is no structure, such as the difference of two equal moments of inertia.
     """
-    found = inputs.function(values)
+    entries = inputs.function(values)
     others = inputs.function(
         [
             value * (1.0 + 0.1 * math.sin(k + 1)) if isinstance(x, Fixed) else value
             for k, (x, value) in enumerate(zip(inputs, values))
         ]
     )
-    least = ROUNDED * max([abs(x) for x in (*found, *others)], default=0.0)
-    return found, [abs(x) > least or abs(y) > least for x, y in zip(found, others)]
+    least = ROUNDED * max([abs(x) for x in (*entries, *others)], default=0.0)
+    return entries, [abs(x) > least or abs(y) > least for x, y in zip(entries, others)]
 
 
 def is_plain(x: Any, value: float) -> bool:
@@ -202,7 +202,7 @@ def is_plain(x: Any, value: float) -> bool:
 
 def places(numbers: Iterable[object]) -> list[str]:
     """Return the places in the scene of all numbers that these are computed from, in order."""
-    found: set[str] = set()
+    keys: set[str] = set()
     seen: set[int] = set()
     pending: list[object] = list(numbers)
     while pending:
@@ -213,10 +213,10 @@ def places(numbers: Iterable[object]) -> list[str]:
         if isinstance(x, _Inputs):
             pending.extend(x)
         elif x.op == "literal":
-            found.add(x.args[0])
+            keys.add(x.args[0])
         else:
             pending.extend(x.args)
-    return sorted(found)
+    return sorted(keys)
 
 
 def is_negated(x: Any) -> TypeGuard[Fixed]:
@@ -231,9 +231,9 @@ def applied(op: str, function: Callable[..., float], *args: float) -> float:
 
 def _made(op: str, args: tuple[Any, ...], value: float) -> Fixed:
     key = (op, *[id(x) if isinstance(x, (Fixed, _Inputs)) else ("plain", x) for x in args])
-    found = _known.get(key)
-    if found is not None:
-        return found
+    known = _known.get(key)
+    if known is not None:
+        return known
     made = Fixed(value)
     made.op, made.args, made.rank = op, args, _rank(op, args)
     with _making:  # another thread may have made it since

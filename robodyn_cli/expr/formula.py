@@ -120,9 +120,9 @@ class FormulaTree:
                 continue
             options = [x for x in ("t",) if x in variables] + [*parameters]
             options += [f"{x}.{name}" for x in QUALIFIERS if x in variables for name in known[x]]
-            what = f"{name!r} is not allowed here" if name in canonical else f"unknown name {name!r}"
+            fault = f"{name!r} is not allowed here" if name in canonical else f"unknown name {name!r}"
             hint = did_you_mean(name, [*options, *(joints if "q" in variables else ())])
-            fail(self.text, column, f"{what}{hint}; allowed: {_listed(options)}", self.where)
+            fail(self.text, column, f"{fault}{hint}; allowed: {_listed(options)}", self.where)
 
         def renamed(node: FormulaNode) -> FormulaNode:
             return Identifier(canonical.get(node.name, node.name)) if isinstance(node, Identifier) else node

@@ -246,10 +246,10 @@ class Parser:
             return
         self.switches += count
         if self.switches > MAX_SWITCHES:
-            what = (
+            fault = (
                 f"the formula switches at more than {MAX_SWITCHES} places ({', '.join(tree.SWITCHING)}, if)"
             )
-            self.fail(token, f"{what}; give a course of many pieces as a table")
+            self.fail(token, f"{fault}; give a course of many pieces as a table")
 
     def conditional(self, name: Token, depth: int) -> tree.FormulaNode:
         left = self.expression(0, depth)

@@ -343,16 +343,16 @@ def reachable(outputs: Iterable[Scalar]) -> list[Expr]:
     """Return the nodes that the outputs need, arguments before results."""
     seen: set[int] = set()
     stack = [e for e in outputs if isinstance(e, Expr)]
-    found: list[Expr] = []
+    nodes: list[Expr] = []
     while stack:
         node = stack.pop()
         if node.index in seen:
             continue
         seen.add(node.index)
-        found.append(node)
+        nodes.append(node)
         stack.extend(node.args)
-    found.sort(key=lambda e: e.index)
-    return found
+    nodes.sort(key=lambda e: e.index)
+    return nodes
 
 
 def free_symbols(outputs: Iterable[Scalar]) -> list[Expr]:

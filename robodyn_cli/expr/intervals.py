@@ -40,12 +40,12 @@ def bounds(output: Scalar, symbol: Expr, low: Array, high: Array) -> Bounds:
     with np.errstate(all="ignore"):
         for node in reachable([output]):
             if node is symbol:
-                found = Bounds(low, high, none)
+                bound = Bounds(low, high, none)
             elif node.op == "const":
-                found = Bounds(np.full(len(low), node.value), np.full(len(low), node.value), none)
+                bound = Bounds(np.full(len(low), node.value), np.full(len(low), node.value), none)
             else:
-                found = _operation(node, [known[a.index] for a in node.args])
-            known[node.index] = found
+                bound = _operation(node, [known[a.index] for a in node.args])
+            known[node.index] = bound
     return known[output.index]
 
 

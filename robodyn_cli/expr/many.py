@@ -102,17 +102,17 @@ class Recipe:
 
     def deciding(self, witnesses: Sequence[Witness]) -> list[Decision]:
         """Return the comparisons that may turn out otherwise in other runs, each once."""
-        found: dict[tuple[Any, ...], Decision] = {}
+        decisions: dict[tuple[Any, ...], Decision] = {}
         for name, a, b, outcome in witnesses:
             if name == "kept":
                 shared, k = a
                 if any(self.varies(x) for x in shared):
                     value = self.derived(shared)
-                    found[name, value, k] = partial(_kept, k), value, value, outcome
+                    decisions[name, value, k] = partial(_kept, k), value, value, outcome
             elif self.varies(a) or self.varies(b):
                 one, two = self.value_of(a), self.value_of(b)
-                found[name, one, two] = COMPARE[name], one, two, outcome
-        return list(found.values())
+                decisions[name, one, two] = COMPARE[name], one, two, outcome
+        return list(decisions.values())
 
 
 def _kept(k: int, derived: tuple[Array, Array], _: Any) -> Any:
@@ -177,9 +177,9 @@ class ManyNumbers:
         values = self._computed()
         alike = np.ones(self.runs, dtype=bool)
         for compare, a, b, outcome in decisions:
-            found = compare(values[a], values[b]) == outcome
-            if found is not True:
-                alike &= found
+            same = compare(values[a], values[b]) == outcome
+            if same is not True:
+                alike &= same
         return alike
 
     def _take(self, places: Sequence[int]) -> list[Any]:
@@ -239,7 +239,7 @@ class Expressions:
     def __init__(self, outputs: Sequence[Scalar]) -> None:
         nodes = reachable(list(outputs))
         leaves = {op: [node for node in nodes if node.op == op] for op in ("const", "sym")}
-        self.constants, self.symbols = ([node.value for node in found] for found in leaves.values())
+        self.constants, self.symbols = ([node.value for node in group] for group in leaves.values())
         inner = [node for node in nodes if node.op not in leaves]
         place = {node.index: k for k, node in enumerate([*leaves["const"], *leaves["sym"], *inner])}
         self.code = [(node.op, [place[a.index] for a in node.args], node.value) for node in inner]
@@ -272,16 +272,16 @@ def _summed(add: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Return a sum of numbers of the scene: what cancels is zero, as in the arithmetic of one of them."""
 
     def function(a: float, b: float) -> float:
-        found: float = add(a, b)
-        return 0.0 if abs(found) <= CANCELLED * max(abs(a), abs(b)) else found
+        total: float = add(a, b)
+        return 0.0 if abs(total) <= CANCELLED * max(abs(a), abs(b)) else total
 
     return function
 
 
 def _summed_together(add: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     def function(a: Any, b: Any) -> Array:
-        found = add(a, b)
-        return np.where(np.abs(found) <= CANCELLED * np.maximum(np.abs(a), np.abs(b)), 0.0, found)
+        total = add(a, b)
+        return np.where(np.abs(total) <= CANCELLED * np.maximum(np.abs(a), np.abs(b)), 0.0, total)
 
     return function
 
@@ -333,10 +333,10 @@ class ByKeys:
                 raise CapabilityError("a base inertial parameter has no derivative by its numbers")
             return {}
         inner = [self(a) for a in x.args]
-        found: SparseRow = {}
+        row: SparseRow = {}
         if not any(inner):
-            return found
+            return row
         for k, slope in rules(x.op, x.args, x):
             for column, entry in inner[k].items():
-                found[column] = found.get(column, 0.0) + slope * entry
-        return {column: e for column, e in found.items() if is_nonzero(e)}
+                row[column] = row.get(column, 0.0) + slope * entry
+        return {column: e for column, e in row.items() if is_nonzero(e)}

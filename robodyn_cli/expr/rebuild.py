@@ -19,13 +19,13 @@ def piecewise(x: Any, value: tuple[Any, ...]) -> Any:
         return x.graph.piecewise(x, knots, rows, held)
     place = np.clip(np.searchsorted(knots, x, side="right") - 1, 0, len(knots) - 2)
     s = x - np.take(knots, place)
-    found = np.take(rows[-1], place)
+    y = np.take(rows[-1], place)
     with np.errstate(invalid="ignore"):  # far beyond the ends, where values are held
         for row in reversed(rows[:-1]):
-            found = found * s + np.take(row, place)
+            y = y * s + np.take(row, place)
     if held is not None:
-        found = np.where(x < knots[0], held[0], np.where(x >= knots[-1], held[1], found))
-    return found if np.ndim(x) else float(found)
+        y = np.where(x < knots[0], held[0], np.where(x >= knots[-1], held[1], y))
+    return y if np.ndim(x) else float(y)
 
 
 APPLY: dict[str, Callable[..., Any]] = {
@@ -78,8 +78,8 @@ class Evaluator:
         except (ArithmeticError, ValueError):
             # plain numbers raise where arrays have an infinity or no value, which another branch may not use
             with np.errstate(all="ignore"):
-                found = self._values(inputs, np.atleast_1d)
-            return [float(x[0]) if isinstance(x, np.ndarray) else x for x in found]
+                arrays = self._values(inputs, np.atleast_1d)
+            return [float(x[0]) if isinstance(x, np.ndarray) else x for x in arrays]
 
     def _values(self, inputs: Mapping[str, Any], taken: Callable[[Any], Any]) -> list[Any]:
         value: dict[int, Any] = {}
@@ -210,5 +210,5 @@ class Interpreter:
 def numbers(entries: Any, inputs: Mapping[str, Any]) -> NDArray[np.float64]:
     """Return the values of an array or list of expressions as numbers in its shape; ``inputs`` as for ``evaluate``."""
     array = np.asarray(entries, dtype=object)
-    found = np.array(evaluate(list(array.ravel()), inputs), dtype=float)
-    return found.reshape(array.shape)
+    flat = np.array(evaluate(list(array.ravel()), inputs), dtype=float)
+    return flat.reshape(array.shape)

@@ -28,15 +28,15 @@ class Expectation:
     value: bool | str | None = None
     numeric: bool = False
 
-    def holds(self, found: Any) -> bool:
+    def holds(self, actual: Any) -> bool:
         """Tell whether a value is as expected."""
         if not self.numeric:
-            return type(found) is type(self.value) and found == self.value
-        if isinstance(found, bool) or not isinstance(found, (int, float)):
+            return type(actual) is type(self.value) and actual == self.value
+        if isinstance(actual, bool) or not isinstance(actual, (int, float)):
             return False
         if self.strict:
-            return self.low < found < self.high
-        return self.low <= found <= self.high
+            return self.low < actual < self.high
+        return self.low <= actual <= self.high
 
 
 def parse_expectation(value: bool | int | float | str | None) -> Expectation:
@@ -63,10 +63,10 @@ def parse_expectation(value: bool | int | float | str | None) -> Expectation:
         return _around(text)
     if ".." in text:
         low, _, high = text.partition("..")
-        found = Expectation(text, _number(low, text), _number(high, text), numeric=True)
-        if found.low > found.high:
+        expectation = Expectation(text, _number(low, text), _number(high, text), numeric=True)
+        if expectation.low > expectation.high:
             raise SceneError(f"{text!r}: the first number is the larger one; {FORMS}")
-        return found
+        return expectation
     exact = _constant(text) if any(c.isdigit() for c in text) else None
     return Expectation(text, value=text) if exact is None else Expectation(text, exact, exact, numeric=True)
 
@@ -84,10 +84,10 @@ def _around(text: str) -> Expectation:
 
 
 def _number(part: str, text: str) -> float:
-    found = _constant(part.strip())
-    if found is None:
+    constant = _constant(part.strip())
+    if constant is None:
         raise SceneError(f"{text!r}: {part.strip()!r} is not a number; {FORMS}")
-    return found
+    return constant
 
 
 def _constant(text: str) -> float | None:

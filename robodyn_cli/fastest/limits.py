@@ -41,8 +41,8 @@ class Rows:
 
     def values(self, u: Array, x: Array) -> Array:
         """Return A u + B x + C (K, 3, n) for u and x (K, 3)."""
-        found: Array = self.A * u[..., None] + self.B * x[..., None] + self.C
-        return found
+        values: Array = self.A * u[..., None] + self.B * x[..., None] + self.C
+        return values
 
     def passed(self, u: Array, x: Array) -> Passed:
         """Return by how much the limits are passed for u and x (K, 3)."""

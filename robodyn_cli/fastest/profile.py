@@ -272,8 +272,8 @@ class _Ends:
         above, below = 1.0 - margin[0], 1.0 - margin[1]
         above, below = np.where(sign > 0.0, above, below), np.where(sign > 0.0, below, above)
         with np.errstate(over="ignore"):
-            found = (-below - sign * C) / size, (above - sign * C) / size, sign * B / size
-        return _Ends(*(np.clip(x, -FAR, FAR) for x in found))
+            lines = (-below - sign * C) / size, (above - sign * C) / size, sign * B / size
+        return _Ends(*(np.clip(x, -FAR, FAR) for x in lines))
 
     def range(self, x: Array) -> tuple[Array, Array]:
         """Return the least and the largest u (K,) at x (K,)."""

@@ -106,10 +106,10 @@ def timed_path(scene: Scene, trajectory: FastestTrajectory, begin: float = 0.0) 
     program = build_inverse(led_by(with_payloads_at(scene, begin), trajectory.way))
     path = limited_path(trajectory, program)
     fixed = special_points(trajectory, program, path)
-    found = fastest_on(path, trajectory, fixed, program)
+    timing = fastest_on(path, trajectory, fixed, program)
     limits = {name: dict(getattr(trajectory, name)) for name in BOUNDS}
     tolerance = trajectory.tolerance if trajectory.intervals is None else None
-    scaling = Scaling(found.law, found.error, limits, len(found.s) - 1, tolerance)
+    scaling = Scaling(timing.law, timing.error, limits, len(timing.s) - 1, tolerance)
     result = timed(trajectory.way, scaling)
     for payload in scene.payloads:
         for key, instant in payload.instants.items():
@@ -199,11 +199,11 @@ def special_points(trajectory: FastestTrajectory, program: InverseProgram, path:
     way = trajectory.way
     fixed = np.array([x for x in way.knots or () if 0.0 < x < way.duration])
     s = merged(np.linspace(0.0, way.duration, LOOKS + 1), fixed)
-    found = path.at(s)
+    points = path.at(s)
     problem = program.problem
-    _check_path(found, s, problem.model)
+    _check_path(points, s, problem.model)
     if any(body.forces for body in problem.model.bodies):
-        fixed = np.append(fixed, _turns(path, s, found))
+        fixed = np.append(fixed, _turns(path, s, points))
     return fixed
 
 

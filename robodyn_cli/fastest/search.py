@@ -183,13 +183,13 @@ def fastest(
     NoProfile : there is none.
     """
     most = intervals or MOST
-    found = _on(merged(np.linspace(0.0, length, min(FIRST, most // 2) + 1), fixed), limits, None)
+    least = _on(merged(np.linspace(0.0, length, min(FIRST, most // 2) + 1), fixed), limits, None)
     count, before, growth = min(EVEN, most // 2), np.inf, GROWTH[1]
-    s = even_in_time(found.s, found.profile, count)
+    s = even_in_time(least.s, least.profile, count)
     while True:
-        s = merged(s, np.append(fixed, switches(found)))
-        found = _on(s, limits, found)
-        margins = Margins(s, found.rows, found.profile, limits)
+        s = merged(s, np.append(fixed, switches(least)))
+        least = _on(s, limits, least)
+        margins = Margins(s, least.rows, least.profile, limits)
         margins.by_rows()
         duration = float(durations(s, margins.profile).sum())
         error = abs(before - duration) / (growth**ORDER - 1.0)
@@ -201,7 +201,7 @@ def fastest(
             growth = float(np.clip(wanted, *GROWTH))
         finer = min(int(np.ceil(growth * count)), most)
         count, before, growth = finer, duration, finer / count
-        s = refined(s, margins.rows, margins.profile, count + LAST, found.passes.even)
+        s = refined(s, margins.rows, margins.profile, count + LAST, least.passes.even)
 
 
 def _finished(margins: Margins, error: float, left: float) -> Fastest:
@@ -224,9 +224,9 @@ def _finished(margins: Margins, error: float, left: float) -> Fastest:
 def _on(s: Array, limits: GridLimits, before: LeastTime | None) -> LeastTime:
     """Return the profile that keeps to the limits at the points of a grid; ``before`` : found on a coarser one."""
     if before is None:
-        found = _under(s, limits(s, None), np.full((len(s) - 1, len(PLACES)), np.inf))
-        x = found.profile.between(s)[1]
-        return _under(s, found.rows if limits.linear else limits(s, x), x)
+        trial = _under(s, limits(s, None), np.full((len(s) - 1, len(PLACES)), np.inf))
+        x = trial.profile.between(s)[1]
+        return _under(s, trial.rows if limits.linear else limits(s, x), x)
     places = s[:-1, None] + np.diff(s)[:, None] * np.array(PLACES)
     x = np.interp(places, before.s, before.profile.x)
     return _under(s, limits(s, x), x)
@@ -244,9 +244,9 @@ def _under(s: Array, rows: Rows, x: Array) -> LeastTime:
     return LeastTime(s, rows, passes, profile)
 
 
-def switches(found: LeastTime) -> Array:
+def switches(least: LeastTime) -> Array:
     """Return where, inside of segments, speeding up goes over into braking."""
-    s, passes, profile = found.s, found.passes, found.profile
+    s, passes, profile = least.s, least.passes, least.profile
     (a0, b0), (a1, b1) = passes.first.range(profile.x[:-1]), passes.last.range(profile.x[1:])
     wide0, wide1 = NEAR * (b0 - a0), NEAR * (b1 - a1)
     up = (profile.u0 >= b0 - wide0) & (profile.u1 >= b1 - wide1)

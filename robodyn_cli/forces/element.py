@@ -159,8 +159,8 @@ class InJoint:
     def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit a coordinate, or a rotation or translation in space, as ``problems`` does."""
         if in_space:
-            what = "acts on one coordinate, and this joint turns or moves in any direction"
-            yield (), f"{what}; allowed: joints of one axis, and single coordinates of others"
+            reason = "acts on one coordinate, and this joint turns or moves in any direction"
+            yield (), f"{reason}; allowed: joints of one axis, and single coordinates of others"
 
     def potential(self, q: Any) -> Any:
         """Return the potential energy [J] at position ``q``."""

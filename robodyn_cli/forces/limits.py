@@ -123,12 +123,12 @@ class Limits(InJoint):
         """Return (direction of the push, depth, its rate) of each compliant stop."""
         if self.stop is None or self.rigid:
             return []
-        found: list[tuple[float, Any, Any]] = []
+        sides: list[tuple[float, Any, Any]] = []
         if self.lower is not None:
-            found.append((1.0, self.lower - q, -qd))
+            sides.append((1.0, self.lower - q, -qd))
         if self.upper is not None:
-            found.append((-1.0, q - self.upper, qd))
-        return found
+            sides.append((-1.0, q - self.upper, qd))
+        return sides
 
     def _law(self, depth: Any, rate: Any) -> Any:
         """Return the force beyond the stop, as if it could also pull."""
@@ -168,11 +168,11 @@ class Limits(InJoint):
 
     def switches(self, q: Any, qd: Any) -> list[Expr]:
         """Return what changes its sign where a stop engages or lets go."""
-        found = []
+        values = []
         for _, depth, rate in self._sides(q, qd):
             assert self.stop is not None
-            found.append(depth)
+            values.append(depth)
             if self.stop.damping != 0.0:
                 beyond = self.stop.stiffness + self.stop.damping * rate  # sign of Hunt and Crossley's law
-                found.append(self._law(depth, rate) if self.stop.law == "spring_damper" else beyond)
-        return [x for x in found if isinstance(x, Expr)]
+                values.append(self._law(depth, rate) if self.stop.law == "spring_damper" else beyond)
+        return [x for x in values if isinstance(x, Expr)]

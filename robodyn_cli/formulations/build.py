@@ -52,21 +52,21 @@ def build_system(
     doers, z_rate = _work(problem) if work else ((), ())
     if problem.control is not None:
         z_rate = (*problem.control.rates, *z_rate)
-    found = FORMULATIONS[name](problem, z_rate, stabilisation)
-    partition = found.partition or _row_combinations(problem)
+    formulated = FORMULATIONS[name](problem, z_rate, stabilisation)
+    partition = formulated.partition or _row_combinations(problem)
     own = (*discontinuities(problem), *(partition.functions if partition is not None else ()))
     system = System(
         nq=problem.model.nq,
         nv=problem.model.nv,
-        dynamics=found.dynamics,
+        dynamics=formulated.dynamics,
         nz=len(z_rate),
-        corrections=found.corrections,
+        corrections=formulated.corrections,
         events=tuple(sorted((*events, *own), key=lambda e: ORDER[e.kind])),
         breakpoints=problem.switching.breakpoints,
         partition=partition,
         parameters=problem.model.switched or moving_freely(problem.contact_joints),
         work_done_by=doers,
-        forms=found.forms,
+        forms=formulated.forms,
     )
     layout = Layout.of(problem.model, len(z_rate))
     if layout is not None:
@@ -90,12 +90,12 @@ def formulation_of(problem: Problem, stabilisation: str | Baumgarte, expanded: b
 
 def _work(problem: Problem) -> tuple[tuple[str, ...], tuple[Scalar, ...]]:
     """Return what does work or takes energy, but for gravity and springs, and its power; none where nothing does."""
-    found = {name: power for name, power in powers(problem).items() if is_nonzero(power)}
+    by_name = {name: power for name, power in powers(problem).items() if is_nonzero(power)}
     if any(joint.stops for joint in problem.contact_joints):
-        found["impacts on rigid stops"] = 0.0  # they take energy at once
+        by_name["impacts on rigid stops"] = 0.0  # they take energy at once
     if problem.model.switched:
-        found["payloads, gripped and released"] = 0.0  # they bring and take energy at once
-    return tuple(found), (total(found.values()),) if found else ()
+        by_name["payloads, gripped and released"] = 0.0  # they bring and take energy at once
+    return tuple(by_name), (total(by_name.values()),) if by_name else ()
 
 
 def is_rolled(problem: Problem) -> bool:

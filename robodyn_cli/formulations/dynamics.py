@@ -131,11 +131,11 @@ class Expanded:
         return np.zeros(0), np.zeros(0)
 
     def emit(self, w: Emission, t: Value, x: Array, rates: Array) -> None:
-        found = w.evaluate(self.program, t, x)
-        for k, value in enumerate([*found.get("a", []), *found.get("z", [])]):
+        outputs = w.evaluate(self.program, t, x)
+        for k, value in enumerate([*outputs.get("a", []), *outputs.get("z", [])]):
             rates[k] = value
 
     def values(self, groups: Groups) -> Numbers:
         with np.errstate(all="ignore"):
-            found = evaluate([*self.acceleration, *self.z_rate], groups)
-        return np.array([np.broadcast_to(x, 1)[0] for x in found])
+            values = evaluate([*self.acceleration, *self.z_rate], groups)
+        return np.array([np.broadcast_to(x, 1)[0] for x in values])

@@ -151,7 +151,7 @@ class RowCombinations(Partition):
         """
         values = {"q": q.tolist(), "t": [t], "p": [0.0] * self.first}
         psi = np.array(self.psi(values), dtype=float).reshape(self.shape)
-        found = []
+        parts = []
         for combination, rank in self.groups:
             rows = psi[list(combination.rows)]
             if not np.all(np.isfinite(rows)):
@@ -165,14 +165,14 @@ class RowCombinations(Partition):
                     W = W * np.append(-1.0, np.ones(rank - 1))[:, None]
             s = s[:rank]
             # rows that vanish but for rounding (rank 0) have no rank to lose
-            found += [W.ravel(), [threshold(float((s**2).sum()), s, WORN_ROWS) if rank else WORN_ROWS]]
-        return np.concatenate(found)
+            parts += [W.ravel(), [threshold(float((s**2).sum()), s, WORN_ROWS) if rank else WORN_ROWS]]
+        return np.concatenate(parts)
 
     @property
     def functions(self) -> tuple[EventFunction, ...]:
         """The events at which W is chosen anew: closeness of its rows to losing rank, at its threshold."""
         problem = self.problem
-        found = []
+        events = []
         for k, (combination, group) in enumerate(zip(problem.combinations, problem.dependent), start=1):
             if group.rank == 0:
                 continue
@@ -181,5 +181,5 @@ class RowCombinations(Partition):
                 for w, row in zip(combination.W[i], combination.rows):
                     psi[i] = psi[i] + w * problem.psi[row]
             value = closeness(psi, problem.psi[list(combination.rows)]) - combination.threshold
-            found.append(EventFunction(f"rows {k}", value, kind=EventKind.REPARTITION, owner=self))
-        return tuple(found)
+            events.append(EventFunction(f"rows {k}", value, kind=EventKind.REPARTITION, owner=self))
+        return tuple(events)

@@ -83,9 +83,9 @@ def baumgarte(problem: Problem, z_rate: Sequence[Scalar], gains: Baumgarte) -> F
 
 def projected(problem: Problem, z_rate: Sequence[Scalar], asked: object = None) -> Formulated:
     """Return the equations of index 1 with both corrections."""
-    found = plain(problem, z_rate)
+    formulated = plain(problem, z_rate)
     q, v = projection(problem)
-    return dataclasses.replace(found, corrections=Corrections(position=tuple(q), velocity=tuple(v)))
+    return dataclasses.replace(formulated, corrections=Corrections(position=tuple(q), velocity=tuple(v)))
 
 
 def projection(problem: Problem) -> tuple[list[Scalar], list[Scalar]]:

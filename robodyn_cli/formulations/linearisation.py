@@ -43,11 +43,11 @@ def differentiate(f: Sequence[Scalar], nq: int, nv: int) -> Jacobian:
     f : v-dot (nv,), then z-dot, as expressions; q-dot = v.
     """
     size = nq + len(f)
-    found = {e.value[1:]: e for e in free_symbols(f)}
+    symbols = {e.value[1:]: e for e in free_symbols(f)}
     first = {"q": 0, "v": nq, "z": nq + nv}
-    columns = [(first[group] + k, e) for (group, k), e in found.items() if group in first]
-    if ("t", 0) in found:
-        columns.append((size, found["t", 0]))
+    columns = [(first[group] + k, e) for (group, k), e in symbols.items() if group in first]
+    if ("t", 0) in symbols:
+        columns.append((size, symbols["t", 0]))
     wide = zeros(size, size + 1)
     for k in range(nq):
         wide[k, nq + k] = 1.0
@@ -74,24 +74,24 @@ def tangents(f: Sequence[Scalar], nq: int, nv: int) -> Program:
     return make_program({"d": directional(f, states, direction)}, (*STATE_GROUPS, DIRECTION))
 
 
-def real_factors(found: Jacobian) -> Program:
+def real_factors(matrix: Jacobian) -> Program:
     """Return outputs ``lu`` (n n): g E - J factored, row by row, and ``ft`` = df/dt (n,); input group ``g`` (1,)."""
-    g = found.graph.symbol("g", "g")
-    B = -found.J
+    g = matrix.graph.symbol("g", "g")
+    B = -matrix.J
     for i in range(len(B)):
         B[i, i] = B[i, i] + g
     return make_program(
-        {"lu": list(LuFactor.of(B).entries.ravel()), "ft": list(found.t)}, (*STATE_GROUPS, "g")
+        {"lu": list(LuFactor.of(B).entries.ravel()), "ft": list(matrix.t)}, (*STATE_GROUPS, "g")
     )
 
 
-def complex_factors(found: Jacobian) -> Program:
+def complex_factors(matrix: Jacobian) -> Program:
     """Return outputs ``re``, ``im`` (n n): g E - J factored for a complex g; input group ``g`` = (re, im)."""
-    g = Complex(found.graph.symbol("g.re", "g", 0), found.graph.symbol("g.im", "g", 1))
-    size = len(found.J)
+    g = Complex(matrix.graph.symbol("g.re", "g", 0), matrix.graph.symbol("g.im", "g", 1))
+    size = len(matrix.J)
     B = zeros(size, size)
     for i in range(size):
         for k in range(size):
-            B[i, k] = Complex(-found.J[i, k]) + g if i == k else Complex(-found.J[i, k])
+            B[i, k] = Complex(-matrix.J[i, k]) + g if i == k else Complex(-matrix.J[i, k])
     lu = LuFactor.of(B).entries.ravel()
     return make_program({"re": [e.re for e in lu], "im": [e.im for e in lu]}, (*STATE_GROUPS, "g"))

@@ -25,10 +25,10 @@ def with_layout(problem: Problem, system: System, layout: Layout) -> System:
         rates[n:], normal.values(), c.position, c.velocity, c.sample_position, c.sample_velocity,
         [e.value for e in system.events],
     )  # fmt: skip
-    found = layout.renamed([x for part in parts for x in part])
+    renamed = layout.renamed([x for part in parts for x in part])
     ends = itertools.accumulate(len(part) for part in parts)
     own, normalisation, *corrections, events = (
-        tuple(found[end - len(part) : end]) for part, end in zip(parts, ends)
+        tuple(renamed[end - len(part) : end]) for part, end in zip(parts, ends)
     )
     position, velocity, sample_position, sample_velocity = corrections
     return dataclasses.replace(

@@ -129,19 +129,19 @@ class Rolled:
         for group, count in self.program.inputs.items():
             row = Array(f, f"%{group}", 1 if group == "p" else width)
             inputs[group] = [row[k] if (group, k) in used else zero for k in range(count)]
-        found = lower(f, self.program, inputs, width, fused)
+        values = lower(f, self.program, inputs, width, fused)
         forces, rates = Array(f, "%f", width), Array(f, "%r", width)
-        for k, value in zip(self.places, found["f"]):
+        for k, value in zip(self.places, values["f"]):
             forces[k] = value
-        for k, value in enumerate(found["z"]):
+        for k, value in enumerate(values["z"]):
             rates[k] = value
         f.ret()
         return f
 
     def values(self, groups: Groups) -> Numbers:
         with np.errstate(all="ignore"):
-            found = evaluate([*self.forces, *self.z_rate], groups)
-        numbers = [float(np.broadcast_to(x, 1)[0]) for x in found]
+            entries = evaluate([*self.forces, *self.z_rate], groups)
+        numbers = [float(np.broadcast_to(x, 1)[0]) for x in entries]
         nv = self.model.nv
         q, v = ([float(x[0]) for x in groups[name]] for name in "qv")
         try:

@@ -216,20 +216,20 @@ class System:
     @cached_property
     def positions(self) -> Program | None:
         """Output ``q``: the corrected positions, at ``q_places``."""
-        found = self.corrections.position
-        return _program(q=found) if found else None
+        corrected = self.corrections.position
+        return _program(q=corrected) if corrected else None
 
     @cached_property
     def velocities(self) -> Program | None:
         """Output ``v``: the corrected velocities, at ``v_places``."""
-        found = self.corrections.velocity
-        return _program(v=found) if found else None
+        corrected = self.corrections.velocity
+        return _program(v=corrected) if corrected else None
 
     @cached_property
     def normal_form(self) -> Program | None:
         """Output ``n``: the entries at ``corrections.normalised`` places, on their manifolds."""
-        found = self.corrections.normalisation
-        return _program(n=found) if found else None
+        normalised = self.corrections.normalisation
+        return _program(n=normalised) if normalised else None
 
     @cached_property
     def switching(self) -> Program | None:
@@ -281,7 +281,7 @@ class System:
     @property
     def programs(self) -> dict[str, Program]:
         """The programs of the stepping loop beside the rates, by what they are for."""
-        found = {
+        programs = {
             "positions back on the joints' manifolds": self.normal_form,
             "projection of positions": self.positions,
             "projection of velocities": self.velocities,
@@ -289,8 +289,8 @@ class System:
         }
         if self.updates is not None:
             names = ("controller at its samples", "delayed torques")
-            found |= dict(zip(names, self.updates.programs))
-        return {name: program for name, program in found.items() if program is not None}
+            programs |= dict(zip(names, self.updates.programs))
+        return {name: program for name, program in programs.items() if program is not None}
 
     @property
     def index3(self) -> Index3 | None:

@@ -116,5 +116,5 @@ def random_numbers(control: Control, duration: float) -> Array:
             "control.period or a shorter run"
         )
     seed = control.controller.sensors.seed
-    found: Array = np.random.Generator(np.random.Philox(seed)).standard_normal((rows, control.channels))
-    return found
+    normal: Array = np.random.Generator(np.random.Philox(seed)).standard_normal((rows, control.channels))
+    return normal

@@ -57,13 +57,15 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
     residuals = _residuals(conditions, places)
-    found = Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
+    planned = Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
     if lead.led is None:
-        return found
-    asked = lead.asked(reached)[0]
-    R = asked[:, 3:].reshape(-1, 3, 3) if lead.led.oriented else None
-    target, axes = in_world(problem.model, lead.led.relative_to, asked[:, : lead.led.components], R, motion.q)
-    return dataclasses.replace(found, point=lead.point, target=target, axes=axes, method="newton")
+        return planned
+    wanted = lead.asked(reached)[0]
+    R = wanted[:, 3:].reshape(-1, 3, 3) if lead.led.oriented else None
+    target, axes = in_world(
+        problem.model, lead.led.relative_to, wanted[:, : lead.led.components], R, motion.q
+    )
+    return dataclasses.replace(planned, point=lead.point, target=target, axes=axes, method="newton")
 
 
 def _apart(problem: Problem, times: Array) -> Planned:
@@ -158,13 +160,13 @@ def _bifurcates(conditions: LoopConditions, last: GuidedPlace) -> bool:
 
 def _residuals(conditions: LoopConditions, places: Sequence[GuidedPlace]) -> dict[str, float]:
     """Return the largest residuals of position, velocity and acceleration conditions over the samples."""
-    found = np.zeros(3)
+    largest = np.zeros(3)
     for place in places:
         F, J = conditions.at(place.q, place.t)
         c, b = conditions.rates(place.q, place.v, place.t)
         here = [np.abs(x).max(initial=0.0) for x in (F, J @ place.v - c, J @ place.a - b)]
-        found = np.maximum(found, here)
-    return dict(zip(("position", "velocity", "acceleration"), found.tolist()))
+        largest = np.maximum(largest, here)
+    return dict(zip(("position", "velocity", "acceleration"), largest.tolist()))
 
 
 @record
@@ -201,10 +203,10 @@ def motion_at(problem: Problem, times: Array) -> JointMotion:
     if not problem.model.closures:
         return plan_motion(problem, times).motion
 
-    found = guided_motion(problem, lead_of(problem), times)
-    if found.stopped is not None:
-        raise found.stopped
-    return found.motion
+    guided = guided_motion(problem, lead_of(problem), times)
+    if guided.stopped is not None:
+        raise guided.stopped
+    return guided.motion
 
 
 def motion_along(problem: Problem, columns: Sequence[str] | None = None) -> Interpolated:

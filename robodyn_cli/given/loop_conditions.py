@@ -92,8 +92,8 @@ def lead_of(problem: Problem) -> Lead:
     columns = position_columns(trajectory.joints)
 
     def joints(times: Array) -> tuple[Array, Array, Array]:
-        found = trajectory.motion(times, columns, parameters)
-        return found.q, found.qd, found.qdd
+        motion = trajectory.motion(times, columns, parameters)
+        return motion.q, motion.qd, motion.qdd
 
     return Lead.of_columns(problem.model, columns, joints)
 
@@ -177,36 +177,36 @@ class LoopConditions:
         self._here = _single(model, [*values, *J], 4 * len(times))
         self._rates = _single(model, [*(row.eta_t for row in rows), *bias], 4 * len(times))
         self._asked: dict[float, tuple[Array, Array, Array]] = {}
-        found = lead.asked(times)
+        wanted = lead.asked(times)
         for k, t in enumerate(times.tolist()):
-            self._asked[t] = (found[0][k], found[1][k], found[2][k])
+            self._asked[t] = (wanted[0][k], wanted[1][k], wanted[2][k])
 
     def asked(self, t: float) -> tuple[Array, Array, Array]:
         """Return values (k,), rates and accelerations (m,) of the led joints or point."""
         if t not in self._asked:
-            found = self.lead.asked(np.array([t]))
-            self._asked[t] = (found[0][0], found[1][0], found[2][0])
+            wanted = self.lead.asked(np.array([t]))
+            self._asked[t] = (wanted[0][0], wanted[1][0], wanted[2][0])
         return self._asked[t]
 
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        found = self._here(q, np.zeros(self.model.nv), t)
+        outputs = self._here(q, np.zeros(self.model.nv), t)
         m = len(self.names)
         rows, values, wanted = m - self.led, self._values, self.asked(t)[0]
         if self.lead.led is not None:
-            left = what_is_left(wanted, found[rows:values], self.lead.led.oriented)
+            left = what_is_left(wanted, outputs[rows:values], self.lead.led.oriented)
         else:
             there = q.copy()
             there[self._positions] = wanted
             left = self.manifold.difference(q, there)[self._velocities]
-        return np.concatenate([found[:rows], -left]), found[values:].reshape(m, self.model.nv)
+        return np.concatenate([outputs[:rows], -left]), outputs[values:].reshape(m, self.model.nv)
 
     def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
-        found = self._rates(q, v, t)
+        outputs = self._rates(q, v, t)
         m = len(self.names)
         _, rate, acceleration = self.asked(t)
         rows = m - self.led
-        c = np.concatenate([-found[:rows], rate])
-        b = -found[rows:]
+        c = np.concatenate([-outputs[:rows], rate])
+        b = -outputs[rows:]
         b[rows:] += acceleration
         return c, b
 
@@ -255,8 +255,8 @@ def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Ar
 
 def velocity_places(model: Model, names: Sequence[str]) -> list[int]:
     """Return the velocity coordinates of joints and of single columns (``slide``, ``slide.z``), each once."""
-    found: list[int] = []
+    places: list[int] = []
     for name in names:
         columns = (name,) if name in model.v_names else model.v_columns(name)
-        found += [model.v_names.index(column) for column in columns]
-    return list(dict.fromkeys(found))
+        places += [model.v_names.index(column) for column in columns]
+    return list(dict.fromkeys(places))

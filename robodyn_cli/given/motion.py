@@ -53,8 +53,8 @@ def led_by(scene: Scene, trajectory: Any) -> Ready:
     The places that the trajectory names (as ``link2.end``) are among the scene's points.
     """
     prescribed = given_by_formulas(scene.prescribed)
-    found = dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed)
-    return Ready(found if trajectory is None else with_points(found, trajectory.places))
+    led = dataclasses.replace(scene, trajectory=trajectory, prescribed=prescribed)
+    return Ready(led if trajectory is None else with_points(led, trajectory.places))
 
 
 def by_columns(model: Model, motion: JointMotion) -> tuple[Array, Array, Array]:
@@ -106,11 +106,13 @@ def plan_motion(problem: Problem, times: Array) -> Planned:
     from robodyn_cli.solve.inverse_kinematics import follow_point
 
     task = point_task(problem)
-    found = follow_point(task, times, compile_point)
-    counters = {"ik_iterations": found.iterations, "ik_steps": found.steps} if found.iterations else {}
-    asked = task.target(times)
-    target, axes = in_world(model, task.moving, asked.p, asked.R, found.motion.q)
-    return Planned(times, found.motion, trajectory.point, target, axes, found.method, counters=counters)
+    followed = follow_point(task, times, compile_point)
+    counters = (
+        {"ik_iterations": followed.iterations, "ik_steps": followed.steps} if followed.iterations else {}
+    )
+    wanted = task.target(times)
+    target, axes = in_world(model, task.moving, wanted.p, wanted.R, followed.motion.q)
+    return Planned(times, followed.motion, trajectory.point, target, axes, followed.method, counters=counters)
 
 
 def _together(problem: Problem) -> JointsTogether:

@@ -33,8 +33,8 @@ def prescribed_starts(scene: Scene) -> dict[str, float]:
     """
     t, env = time_symbol(scene.parameters)
     columns = position_columns(scene.prescribed)
-    found = joint_expressions(evaluated(scene.prescribed, env), columns, t).q
-    starts = dict(zip(columns, (float(x) for x in evaluate(found, {"t": [0.0]}))))
+    positions = joint_expressions(evaluated(scene.prescribed, env), columns, t).q
+    starts = dict(zip(columns, (float(x) for x in evaluate(positions, {"t": [0.0]}))))
     for places in attitude_places(columns).values():
         names = [columns[k] for k in places]
         if sum(scene.initial.q.get(name, starts[name]) * starts[name] for name in names) < 0.0:
@@ -82,10 +82,10 @@ def check_prescribed(problem: Problem) -> None:
         if i in constraints.prescribed:
             formula = _formula(problem.scene.prescribed, name)
             where = f"{formula.where or f'prescribed.{name}'}: the motion {formula.text!r}"
-        for what, (value,) in zip(("rate", "acceleration"), row.at(START)[1:]):
+        for order, (value,) in zip(("rate", "acceleration"), row.at(START)[1:]):
             if not np.isfinite(value):
                 raise NumericalError(
-                    f"{where} has no finite {what} at t = 0", time=0.0, joint=name, status="not_finite"
+                    f"{where} has no finite {order} at t = 0", time=0.0, joint=name, status="not_finite"
                 )
         _refuse_jumps(problem, row, where, i in constraints.prescribed)
 
@@ -104,12 +104,12 @@ def _refuse_jumps(problem: Problem, row: _Course, where: str, prescribed: bool, 
     step = _beside(row, times, problem.scene.simulate.duration)
     before, after = row.at(times - step), row.at(times + step)
     slack = JUMP + 10.0 * step * (np.maximum(np.abs(before[2]), np.abs(after[2])) + np.abs(after[1]))
-    for k, what in enumerate(("position", "rate")[: 1 + rates]):
+    for k, quantity in enumerate(("position", "rate")[: 1 + rates]):
         jumps = np.flatnonzero(np.abs(after[k] - before[k]) > slack)
         if jumps.size:
             first = jumps[0]
             raise SceneError(
-                f"{where} jumps at t = {times[first]:.9g} s: its {what} goes from {before[k][first]:.6g} to "
+                f"{where} jumps at t = {times[first]:.9g} s: its {quantity} goes from {before[k][first]:.6g} to "
                 f"{after[k][first]:.6g}, which takes an infinite torque; let it go there in finite time",
                 joint=name, time=float(times[first]),
             )  # fmt: skip
@@ -145,28 +145,28 @@ class _Course:
         """Return position, rate and acceleration (3, T) at times (T,); not finite where there is none."""
         try:
             with np.errstate(all="ignore"):
-                found = self._values({"t": times[None], **self._state})
+                values = self._values({"t": times[None], **self._state})
         except (ArithmeticError, ValueError):  # of numbers that do not depend on time
             return np.full((3, len(times)), np.nan)
-        return -np.array([np.broadcast_to(x, times.shape) for x in found], dtype=float)
+        return -np.array([np.broadcast_to(x, times.shape) for x in values], dtype=float)
 
 
 def _formula(prescribed: Mapping[str, Any], column: str) -> Any:
     """Return the formula of a column, or the first one of its joint's attitude."""
     joint = column.rpartition(".")[0]
-    found = prescribed.get(column) or next(
+    formula = prescribed.get(column) or next(
         prescribed[f"{joint}.{x}"] for x in FORMS if f"{joint}.{x}" in prescribed
     )
-    return found[0] if isinstance(found, tuple) else found
+    return formula[0] if isinstance(formula, tuple) else formula
 
 
 def _beside(row: _Course, times: Array, duration: float) -> Array:
     """Return the smallest distance from each time [s] at which the motion has values on both sides."""
-    found = np.full(len(times), BESIDE[-1] * duration)
+    distances = np.full(len(times), BESIDE[-1] * duration)
     for part in reversed(BESIDE):
         sides = [row.at(times + side * part * duration)[1:] for side in (-1, 1)]
-        found[np.all(np.isfinite(sides), axis=(0, 1))] = part * duration
-    return found
+        distances[np.all(np.isfinite(sides), axis=(0, 1))] = part * duration
+    return distances
 
 
 def _doubtful_times(problem: Problem, row: Row, prescribed: bool) -> Array:
@@ -176,8 +176,10 @@ def _doubtful_times(problem: Problem, row: Row, prescribed: bool) -> Array:
     followed = formula.followed if isinstance(formula, Follows) else None
     if followed is not None and followed.breakpoints is not None:
         return np.unique([x for x in followed.breakpoints if 0.0 < x < duration])
-    found = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
-    times = {x for s in found for x in switching_times(s, problem.t, duration) if 0.0 < x < duration}
+    unsmooth = [s for s in switches([row.eta, row.eta_t, row.gamma]) if is_of_time(s, problem.t)]
+    times = {x for s in unsmooth for x in switching_times(s, problem.t, duration) if 0.0 < x < duration}
     keys = (row.name, row.closure)  # those of an attitude have one key
-    hidden = [x for key, found in problem.switching.time_structures if key in keys for x in found.points]
+    hidden = [
+        x for key, unsmooth in problem.switching.time_structures if key in keys for x in unsmooth.points
+    ]
     return np.unique([*times, *hidden])

@@ -12,8 +12,8 @@ from robodyn_cli.registry import Registry
 class Methods(Registry[Method]):
     """A method is made from its line, so that one class serves all members of a family."""
 
-    def make(self, name: str, found: Any) -> Method:
-        return found(METHODS[name])
+    def make(self, name: str, named: Any) -> Method:
+        return named(METHODS[name])
 
 
 methods = Methods(

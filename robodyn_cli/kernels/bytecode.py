@@ -107,7 +107,7 @@ def _rounds(code: Sequence[Instruction], order: Sequence[str]) -> list[dict[str,
     for k, i in enumerate(code):
         if not i.args:
             finish(k)
-    found = []
+    rounds = []
     while any(ready[kind] for kind in order):
         members: dict[str, list[int]] = {}
         for kind in order:
@@ -116,8 +116,8 @@ def _rounds(code: Sequence[Instruction], order: Sequence[str]) -> list[dict[str,
                 members[kind] = chosen
                 for k in chosen:
                     finish(k)
-        found.append(members)
-    return found
+        rounds.append(members)
+    return rounds
 
 
 class _Registers:

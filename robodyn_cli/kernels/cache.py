@@ -81,10 +81,10 @@ def cache_directory() -> Path | None:
     root = Path(setting) if setting else _default_root()
     try:
         root.mkdir(parents=True, exist_ok=True, mode=0o700)
-        found = os.stat(root)
+        status = os.stat(root)
     except (OSError, RuntimeError, ValueError):
         return None
-    if (why := _distrusted(found)) is not None:
+    if (why := _distrusted(status)) is not None:
         REPORT.warn(
             f"compiled code is not kept in {root}: {why}; set ROBODYN_CACHE to a directory of your own"
         )
@@ -100,13 +100,13 @@ def _default_root() -> Path:
     return Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "robodyn"
 
 
-def _distrusted(found: os.stat_result) -> str | None:
+def _distrusted(status: os.stat_result) -> str | None:
     """Return why a directory or file is not used, None where it is this user's own."""
     if os.name != "posix":
         return None
-    if found.st_uid not in (os.geteuid(), 0):
+    if status.st_uid not in (os.geteuid(), 0):
         return "it belongs to another user"
-    if found.st_mode & OTHERS_WRITE:
+    if status.st_mode & OTHERS_WRITE:
         return "other users may write there"
     return None
 
@@ -134,8 +134,8 @@ class ObjectFile:
             descriptor = os.open(self.path, flags)
         except OSError:
             return None
-        found = os.fstat(descriptor)
-        if not stat.S_ISREG(found.st_mode) or _distrusted(found) is not None:
+        status = os.fstat(descriptor)
+        if not stat.S_ISREG(status.st_mode) or _distrusted(status) is not None:
             os.close(descriptor)
             return None
         with os.fdopen(descriptor, "rb") as stream:
@@ -196,14 +196,14 @@ def remove_all(folder: Path) -> int:
 def sweep(folder: Path, most_bytes: int | None = None) -> None:
     """Remove the oldest objects beyond ``most_bytes`` in all, and what processes that were killed left unfinished."""
     objects = contents(folder)
-    excess = sum(found.st_size for _, found in objects) - (MOST_BYTES if most_bytes is None else most_bytes)
-    for path, found in objects:
+    excess = sum(status.st_size for _, status in objects) - (MOST_BYTES if most_bytes is None else most_bytes)
+    for path, status in objects:
         if excess <= 0:
             break
         with contextlib.suppress(OSError):
             path.unlink()
-            excess -= found.st_size
-    for path, found in _files(folder, PARTIAL):
-        if time.time() - found.st_mtime > STALE:
+            excess -= status.st_size
+    for path, status in _files(folder, PARTIAL):
+        if time.time() - status.st_mtime > STALE:
             with contextlib.suppress(OSError):
                 path.unlink()

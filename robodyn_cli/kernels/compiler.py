@@ -106,9 +106,9 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
         [key, str(level), m.triple, m.cpu, m.features, str(m.lanes), str(m.fused), code_version()]
     )
     digest = hashlib.sha256(text.encode()).hexdigest()
-    found = _loaded.get(digest)
-    if found is not None:
-        return found
+    compiled = _loaded.get(digest)
+    if compiled is not None:
+        return compiled
     llvm = _llvm()
     target = llvm.Target.from_triple(m.triple).create_target_machine(
         cpu=m.cpu, features=m.features, opt=level

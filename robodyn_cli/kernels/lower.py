@@ -68,9 +68,9 @@ class _Lowering:
     def value(self, k: int) -> Value:
         """Return an instruction's value."""
         i = self.code[k]
-        found = self.f.splat(self._numbers[i.value], self.width) if i.op == "number" else self.values[k]
-        assert found is not None
-        return found
+        value = self.f.splat(self._numbers[i.value], self.width) if i.op == "number" else self.values[k]
+        assert value is not None
+        return value
 
     def need(self, k: int) -> None:
         """Compute instruction k and, before it, its arguments (an explicit stack: graphs may be deep)."""
@@ -286,10 +286,10 @@ def _values(f: Function, program: Program, inputs: Inputs, width: int) -> Inputs
     """Load those inputs that are in memory, as far as they are used."""
     used = {i.value for i in program.instructions if i.op == "sym"}
     zero = f.constant(0.0, width)
-    found: dict[str, Sequence[Value] | Array] = {NUMBERS: LoadedNumbers(inputs[NUMBERS], program, width)}
+    loaded: dict[str, Sequence[Value] | Array] = {NUMBERS: LoadedNumbers(inputs[NUMBERS], program, width)}
     for group, count in program.inputs.items():
         source = inputs[group]
         if isinstance(source, Array):
             source = [source[k] if (group, k) in used else zero for k in range(count)]
-        found[group] = source
-    return found
+        loaded[group] = source
+    return loaded

@@ -63,12 +63,12 @@ class Program:
     @cached_property
     def inputs(self) -> dict[str, int]:
         """Input arrays and one more than the highest position read of each."""
-        found: dict[str, int] = {}
+        sizes: dict[str, int] = {}
         for i in self.instructions:
             if i.op == "sym":
                 group, position = i.value
-                found[group] = max(found.get(group, 0), position + 1)
-        return found
+                sizes[group] = max(sizes.get(group, 0), position + 1)
+        return sizes
 
     @property
     def sizes(self) -> dict[str, int]:

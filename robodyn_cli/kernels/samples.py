@@ -238,13 +238,13 @@ def write_iteration_kernel(program: Program, size: int, lanes: int, fused: bool)
         f.store_int(0, done)
         with f.loop() as loop:
             now = [f.load(slot, lanes, 8 * lanes) for slot in state]
-            found = lower(f, program, {**inputs, STATE: now}, lanes, fused)
-            measure = f.splat(found["measure"][0], lanes)
+            values = lower(f, program, {**inputs, STATE: now}, lanes, fused)
+            measure = f.splat(values["measure"][0], lanes)
             f.store(measure, f.offset("%measure", t))
             unsolved = f.compare("ogt", measure, f.splat(limit, lanes))
             loop.leave(unless=unsolved.any())
             loop.leave(f.compare_int("sgt", f.bump(done), rounds))
-            for slot, before, after in zip(state, now, found["next"]):
+            for slot, before, after in zip(state, now, values["next"]):
                 f.store(f.select(unsolved, after, before), slot, 8 * lanes)
         for k, slot in enumerate(state):
             f.store(f.load(slot, lanes, 8 * lanes), f.offset("%out", samples * k + t))

@@ -38,8 +38,8 @@ class RevoluteLoop(LoopClosure):
 
     def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
         """Return the five scalar constraints."""
-        found = coincident(self.name, first, second)
-        return [*found, *parallel(self.name, self.axis, self.axis2, first, second)]
+        rows = coincident(self.name, first, second)
+        return [*rows, *parallel(self.name, self.axis, self.axis2, first, second)]
 
 
 @record
@@ -77,8 +77,8 @@ class CylindricalLoop(LoopClosure):
 
     def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:
         """Return the four scalar constraints."""
-        found = on_line(self.name, self.axis, first, second)
-        return [*found, *parallel(self.name, self.axis, self.axis2, first, second)]
+        rows = on_line(self.name, self.axis, first, second)
+        return [*rows, *parallel(self.name, self.axis, self.axis2, first, second)]
 
 
 @record

@@ -35,8 +35,10 @@ def with_base_parameters(model: Model) -> Model:
 
     def function(values: Sequence[float]) -> list[float]:
         rest = iter(values)
-        found = _lumped([_copy(b, rest) if sure else None for b, sure in zip(model.bodies, known)], parents)
-        return [float(x) for I in found for x in (I.m, *I.h, *I.I.flat)]
+        inertias = _lumped(
+            [_copy(b, rest) if sure else None for b, sure in zip(model.bodies, known)], parents
+        )
+        return [float(x) for I in inertias for x in (I.m, *I.h, *I.I.flat)]
 
     inputs = [x for body, sure in zip(model.bodies, known) if sure for x in _numbers(body)]
     results = iter(derived(function, inputs))
@@ -85,10 +87,10 @@ def _extended(body: Body) -> RigidInertia:
 def _numbers(body: Body) -> list[Any]:
     """Return the numbers of a body in the order in which ``_copy`` takes them."""
     X, I = body.X_tree, body.inertia
-    found = [*X.E.flat, *X.r, I.m, *I.h, *I.I.flat]
+    entries = [*X.E.flat, *X.r, I.m, *I.h, *I.I.flat]
     for part in body.parts:
-        found += part.numbers
-    return found
+        entries += part.numbers
+    return entries
 
 
 def _copy(body: Body, numbers: Iterator[float]) -> Body:

@@ -350,17 +350,17 @@ def _take_up(places: _Places, moving: Sequence[_Moving], values: _Values, switch
     """Return the scene's payloads, which become parts of the bodies that carry them."""
     from robodyn_cli.model.parts import as_link, carried_part, placed
 
-    found = []
+    payloads = []
     count = itertools.count(len(values.symbolic))
     for spec in places.scene.payloads:
         part = _rigid_part(as_link(spec), values, Transform.identity())
         place = next(count) if switched and spec.changes else None
         payload = placed(spec, places.of(spec.at), part, place)
-        found.append(payload)
+        payloads.append(payload)
         added = carried_part(payload, values.graph)
         if added is not None:
             moving[payload.body].parts += (added,)
-    return tuple(found)
+    return tuple(payloads)
 
 
 def _spans(scene: sc.Scene) -> list[str]:

@@ -28,9 +28,9 @@ def add_drives(scene: Scene, placed: Mapping[str, Any], moving: list[Any]) -> No
 
     placed : where each link is. moving : the bodies, which are changed.
     """
-    found = trains(scene)
+    by_joint = trains(scene)
     for joint in scene.robot.joints:
-        if (train := found.get(joint.name)) is None:
+        if (train := by_joint.get(joint.name)) is None:
             continue
         own = moving[placed[str(joint.link)].body]
         own.joint = _driven(joint, train)

@@ -26,15 +26,15 @@ def with_places(scene: Scene) -> Scene:
     Keys are those of ``--set``, such as ``robot.links.link1.mass``; the numbers of a formula are counted behind its
     key. Zeros, directions, attitudes, and values that are what a key has by default, are structure.
     """
-    found = {name: _placed(getattr(scene, name), name) for name in SECTIONS}
+    sections = {name: _placed(getattr(scene, name), name) for name in SECTIONS}
     if scene.drives:
-        found["catalogue"] = _placed(scene.catalogue.used_by(scene.drives.values()), "catalogue")
+        sections["catalogue"] = _placed(scene.catalogue.used_by(scene.drives.values()), "catalogue")
     if scene.control is not None:
         numbers = {
             name: _placed(getattr(scene.control, name), f"control.{name}") for name in scene.control.numbers
         }
-        found["control"] = dataclasses.replace(scene.control, **numbers)
-    return dataclasses.replace(scene, **found)
+        sections["control"] = dataclasses.replace(scene.control, **numbers)
+    return dataclasses.replace(scene, **sections)
 
 
 def with_free(scene: Scene, places: Collection[str]) -> Scene:
@@ -43,8 +43,8 @@ def with_free(scene: Scene, places: Collection[str]) -> Scene:
     Zeros, defaults and angles of attitudes can be such numbers; places that have none are passed over.
     """
     sections = {place.partition(".")[0] for place in places} & set(SECTIONS)
-    found = {name: _freed(getattr(scene, name), name, frozenset(places)) for name in sections}
-    return dataclasses.replace(scene, **found)
+    freed = {name: _freed(getattr(scene, name), name, frozenset(places)) for name in sections}
+    return dataclasses.replace(scene, **freed)
 
 
 def free_places(scene: Scene) -> frozenset[str]:
@@ -72,9 +72,9 @@ def _freed(value: Any, place: str, places: frozenset[str]) -> Any:
     changed = {}
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
-        found = _freed(own, f"{place}.{key_name(field)}", places)
-        if found is not own:
-            changed[field.name] = found
+        new = _freed(own, f"{place}.{key_name(field)}", places)
+        if new is not own:
+            changed[field.name] = new
     return dataclasses.replace(value, **changed) if changed else value
 
 
@@ -162,9 +162,9 @@ def _record(value: Any, place: str, number: Callable[[float, str], float]) -> An
             or (isinstance(own, float) and own == field.default)
         ):
             continue
-        found = _placed(own, f"{place}.{key_name(field)}", number)
-        if found is not own:
-            changed[field.name] = found
+        new = _placed(own, f"{place}.{key_name(field)}", number)
+        if new is not own:
+            changed[field.name] = new
     return dataclasses.replace(value, **changed) if changed else value
 
 

@@ -119,34 +119,34 @@ class GainStudy:
             return GainOutcome(alpha, beta, np.inf, np.inf, np.inf, steps)
         times = Grid.over(self.over, SAMPLES).times(0, SAMPLES)
         groups = self.system.groups(times, x, np.array([alpha, beta]))
-        found = self._observe.evaluate(SAMPLES, groups)
-        drift = float(np.abs(found["q"] - groups["q"]).max(initial=0.0))
+        values = self._observe.evaluate(SAMPLES, groups)
+        drift = float(np.abs(values["q"] - groups["q"]).max(initial=0.0))
         return GainOutcome(
-            alpha, beta, drift, float(np.abs(found["eta"]).max(initial=0.0)), self._error(x), steps
+            alpha, beta, drift, float(np.abs(values["eta"]).max(initial=0.0)), self._error(x), steps
         )
 
     def choose(self) -> Gains:
         """Return the smallest gains alpha = beta = c / h whose drift stays below the integration error."""
         best: tuple[float, GainOutcome] | None = None
         for factor in FACTORS:
-            found = self.outcome(factor / self.step, factor / self.step)
-            if best is None or found.drift < best[1].drift:
-                best = (factor, found)
-            if found.drift <= self.integration_error:
-                best = (factor, found)
+            outcome = self.outcome(factor / self.step, factor / self.step)
+            if best is None or outcome.drift < best[1].drift:
+                best = (factor, outcome)
+            if outcome.drift <= self.integration_error:
+                best = (factor, outcome)
                 break
         assert best is not None
-        factor, found = best
+        factor, outcome = best
         return Gains(
-            found.alpha,
-            found.beta,
+            outcome.alpha,
+            outcome.beta,
             factor,
             self.step,
-            found.drift,
-            found.error,
+            outcome.drift,
+            outcome.error,
             self.integration_error,
             self.over,
-            found.drift <= self.integration_error,
+            outcome.drift <= self.integration_error,
         )
 
     def plane(self, factors: Array, seconds: float) -> tuple[Array, Array, Array, int]:
@@ -158,8 +158,8 @@ class GainStudy:
             for k, b in enumerate(factors):
                 if time.perf_counter() > end:
                     return drift, error, steps, done
-                found = self.outcome(float(a) / self.step, float(b) / self.step)
-                drift[i, k], error[i, k], steps[i, k] = found.drift, found.error, found.steps or np.nan
+                outcome = self.outcome(float(a) / self.step, float(b) / self.step)
+                drift[i, k], error[i, k], steps[i, k] = outcome.drift, outcome.error, outcome.steps or np.nan
                 done += 1
         return drift, error, steps, done
 

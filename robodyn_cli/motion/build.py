@@ -28,16 +28,16 @@ AUTOMATIC = "baumgarte"
 
 def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), contact states, limits."""
-    found: list[Watcher] = []
+    watchers: list[Watcher] = []
     if problem.model.closures:
         from robodyn_cli.motion.singular.rank_loss import Passage, RankLoss
 
         stops = problem.scene.simulate.singular == "stop"
-        found.append(RankLoss(problem) if stops else Passage(problem))
-    found += contact_watchers(problem)
+        watchers.append(RankLoss(problem) if stops else Passage(problem))
+    watchers += contact_watchers(problem)
     if problem.model.switched:
-        found += payload_watchers(problem)
-    own = [watcher for watcher in found if watcher.functions or watcher.changes_motion]
+        watchers += payload_watchers(problem)
+    own = [watcher for watcher in watchers if watcher.functions or watcher.changes_motion]
     return [*own, *limit_watchers(problem)] if problem.scene.robot.limited else own
 
 
@@ -171,9 +171,9 @@ def with_gains(scene: Ready, watch: Stopwatch) -> tuple[Ready, Gains | None]:
     from robodyn_cli.motion.baumgarte import GainStudy
 
     with watch.stage("gains"):
-        found = GainStudy(projected_motion(scene)).choose()
-    gains = Baumgarte(alpha=found.alpha, beta=found.beta)
-    return with_stabilisation(scene, gains), found
+        chosen = GainStudy(projected_motion(scene)).choose()
+    gains = Baumgarte(alpha=chosen.alpha, beta=chosen.beta)
+    return with_stabilisation(scene, gains), chosen
 
 
 def projected_motion(scene: Ready) -> Motion:

@@ -48,11 +48,11 @@ class Conditioning:
         program = Rounded(accelerations)
         if len(program.nodes) > LARGE:
             return Conditioning(0.0, closing, 0.0)
-        found = program(inputs)
-        off = largest_difference(found)
+        draws = program(inputs)
+        off = largest_difference(draws)
         if off is None:
             return Conditioning(0.0, closing, 0.0)
-        fastest, largest = (float(np.abs(x).max(initial=0.0)) for x in (states[1], found[0]))
+        fastest, largest = (float(np.abs(x).max(initial=0.0)) for x in (states[1], draws[0]))
         return Conditioning(off, closing, fastest / max(largest, 1e-300))
 
     def leaves(self, lasted: Any) -> tuple[Any, Any]:
@@ -76,10 +76,10 @@ def _closing(problem: Problem, held: Sequence[int], inputs: dict[str, Array]) ->
     program = Rounded([*(row.eta for row in rows), *problem.psi.ravel()])
     if not rows or len(program.nodes) > LARGE:
         return 0.0
-    found = program(inputs)
-    eta = found[:, :, : len(rows)]
+    draws = program(inputs)
+    eta = draws[:, :, : len(rows)]
     off = np.sqrt((np.abs(eta[1:] - eta[0]).max(axis=0) ** 2).sum(axis=1)) / ENLARGED
-    psi = found[0, :, len(rows) :].reshape(found.shape[1], len(rows), -1)
+    psi = draws[0, :, len(rows) :].reshape(draws.shape[1], len(rows), -1)
     psi = np.delete(psi, list(held), axis=2)
     if not psi.size or not (np.all(np.isfinite(psi)) and np.all(np.isfinite(off))):
         return 0.0

@@ -127,8 +127,8 @@ def _other_steps(first: First, rows: Integers, options: Options) -> Attempt:
 
 def _most(first: First, rows: Integers) -> Integers:
     """Return the numbers of steps at which second integrations of some runs are given up."""
-    found: Integers = np.minimum(4 * first.options.max_steps, MOST_STEPS * first.steps[rows] + 1000)
-    return found
+    most: Integers = np.minimum(4 * first.options.max_steps, MOST_STEPS * first.steps[rows] + 1000)
+    return most
 
 
 ConditioningOf = Callable[[int], "Conditioning"]
@@ -147,8 +147,8 @@ def remainder(first: First, more: Any) -> Array:
     # between steps the dense output decides
     power = min(kind.order, kind.dense_order + 1)
     left = np.minimum(1.0, first.steps / np.maximum(more, 1)) ** power
-    found: Array = 1.0 / (1.0 - np.minimum(left, 0.5))
-    return found
+    factor: Array = 1.0 / (1.0 - np.minimum(left, 0.5))
+    return factor
 
 
 @record
@@ -164,8 +164,8 @@ class Courses:
     @property
     def errors(self) -> Array:
         """Estimated errors of the first (N, T, nx)."""
-        found: Array = self.scale[:, None, None] * np.abs(self.second - self.first)
-        return found
+        errors: Array = self.scale[:, None, None] * np.abs(self.second - self.first)
+        return errors
 
     def at_end(self, floor: Floor) -> Array:
         """Return the errors at the end (N, nx), no less than the floor.
@@ -174,12 +174,12 @@ class Courses:
         1 - 1/scale of the first one's (see ``remainder``), typically is over the second half of the samples.
         """
         errors = self.errors
-        found: Array = errors[:, -1].copy()
+        last: Array = errors[:, -1].copy()
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = errors[:, errors.shape[1] // 2 :, list(places)].max(axis=2, initial=0.0)
             typical = (1.0 - 1.0 / self.scale) * np.median(largest, axis=1)
-            found[:, list(places)] = np.maximum(found[:, list(places)], np.maximum(typical, least)[:, None])
-        return found
+            last[:, list(places)] = np.maximum(last[:, list(places)], np.maximum(typical, least)[:, None])
+        return last
 
     def floor(
         self, steps: Any, lasted: Any, conditioning: Callable[[int], Conditioning], watched: float = 0.0
@@ -223,5 +223,5 @@ def time_errors(first: First, apart: Any, more: Any, times: Any) -> Array:
 
     An agreement below what rounding leaves over the steps of a run says nothing.
     """
-    found: Array = np.maximum(remainder(first, more) * apart, TIME_ROUNDING * times)
-    return found
+    errors: Array = np.maximum(remainder(first, more) * apart, TIME_ROUNDING * times)
+    return errors

@@ -32,9 +32,9 @@ def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynErr
     if pose is not None:
         time, where, kind = pose
         names = ", ".join(led_joints(problem.scene.prescribed))
-        what = "dead point" if kind == "dead_point" else "singular configuration"
+        event = "dead point" if kind == "dead_point" else "singular configuration"
         return SingularConfigurationError(
-            f"{what} at t = {time:.9g} s under the prescribed motion of {names}: the passive joints cannot follow, "
+            f"{event} at t = {time:.9g} s under the prescribed motion of {names}: the passive joints cannot follow, "
             "and the multipliers diverge",
             time=time, kind=kind, q=where.tolist(),
         )  # fmt: skip

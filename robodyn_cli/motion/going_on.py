@@ -138,9 +138,9 @@ def _line(file: BinaryIO) -> dict[str, Any] | None:
     """Return the next line, None where there is no whole one."""
     line = file.readline()
     with contextlib.suppress(ValueError):
-        found = json.loads(line)
-        if line.endswith(b"\n") and isinstance(found, dict):
-            return found
+        entry = json.loads(line)
+        if line.endswith(b"\n") and isinstance(entry, dict):
+            return entry
     return None
 
 
@@ -209,12 +209,12 @@ class Stored:
         SceneError : the state is not one of this mechanism.
         """
         model, system = motion.problem.model, motion.system
-        for what, found, needed in (
+        for quantity, names, needed in (
             ("positions", self.q_names, model.q_names),
             ("rates", self.v_names, model.v_names),
         ):
-            if tuple(found) != tuple(needed):
-                raise self._refused(f"holds {what} of {_listed(found)}; this scene has {_listed(needed)}")
+            if tuple(names) != tuple(needed):
+                raise self._refused(f"holds {quantity} of {_listed(names)}; this scene has {_listed(needed)}")
         q, v = self.q[self.sample], self.v[self.sample]
         self._check_loops(motion.problem, q, v)
         return Beginning(self.time, system.join(q, v, self._further(system)))

@@ -45,20 +45,20 @@ class LimitWatcher(Watcher):
         tau = problem.actuator_torques[joint.velocity]
         inside = {"lower": limits.lower, "upper": limits.upper} if not limits.acts else {}
         inside |= {"speed": limits.speed, "effort": limits.effort}
-        found = []
+        functions = []
         for name, x in inside.items():
             if x is not None:
                 bound = literal(x, f"robot.joints.{joint.name}.limits.{name}")
-                value, what = {
+                value, measure = {
                     "lower": (q - bound, unit),
                     "upper": (bound - q, unit),
                     "speed": (bound * bound - v * v, f"{unit}/s"),
                     "effort": (bound * bound - tau * tau, TORQUE[unit]),
                 }[name]
-                words = f"{name} limit of {x:.6g} {what}"
+                words = f"{name} limit of {x:.6g} {measure}"
                 path = f"limits.{joint.name}.{name}"
-                found.append(LimitFunction(path, value, -1, EventKind.MARK, self, joint.name, words))
-        return found
+                functions.append(LimitFunction(path, value, -1, EventKind.MARK, self, joint.name, words))
+        return functions
 
     @property
     def warnings(self) -> list[str]:

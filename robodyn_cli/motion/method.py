@@ -55,9 +55,9 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     Stiff is what the default method finds stiff: where some mode decays thousands of times within the run, both
     methods go a short way, and the one that needs less work there goes on.
     """
-    asked = scene.simulate.integrator
-    if asked != "auto":
-        return MethodChoice(asked, "asked for in simulate.integrator")
+    wanted = scene.simulate.integrator
+    if wanted != "auto":
+        return MethodChoice(wanted, "asked for in simulate.integrator")
     usual = "collocation of order 16: the fastest at every accuracy where the motion is not stiff"
     if system.dynamics.any_size or not can_be_stiff(problem):
         return MethodChoice(DEFAULT, usual)
@@ -68,10 +68,10 @@ def choose(scene: Scene, problem: Problem, system: System, start: Array, options
     def cost(method: str, rows: Any, trials: Array) -> Array:
         return np.array([cost_of(system, method, start, float(trials[0]), options)])
 
-    rows, *found = compare(np.array([decay]), np.array([scene.simulate.duration]), cost)
+    rows, *costs = compare(np.array([decay]), np.array([scene.simulate.duration]), cost)
     if not len(rows):
         return MethodChoice(DEFAULT, usual, may_change=True)
-    trial, slow, fast = (float(x[0]) for x in found)
+    trial, slow, fast = (float(x[0]) for x in costs)
     if fast < slow:
         return MethodChoice(
             STIFF,

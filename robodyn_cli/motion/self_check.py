@@ -125,8 +125,8 @@ def motion_warnings(run: Run) -> list[str]:
     warnings += [
         f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
         "steps may miss some: set simulate.max_step below the shortest"
-        for key, found in motion.problem.switching.time_structures
-        if not found.resolved
+        for key, structure in motion.problem.switching.time_structures
+        if not structure.resolved
     ]
     if motion.passive:
         from robodyn_cli.motion.failure import start_warnings
@@ -198,8 +198,8 @@ def _sensitivity(recorder: Recorder, exchanged: Array) -> Array:
     fastest = np.maximum.accumulate(np.abs(v).max(axis=1, initial=0.0))
     moved = np.maximum.accumulate(np.abs(q - q[0]).max(axis=1, initial=0.0))
     small = 1e-12
-    found: Array = exchanged * (2.0 / np.maximum(fastest, small) + 1.0 / np.maximum(moved, small))
-    return found
+    energies: Array = exchanged * (2.0 / np.maximum(fastest, small) + 1.0 / np.maximum(moved, small))
+    return energies
 
 
 def shortened_steps(run: Run) -> list[str]:

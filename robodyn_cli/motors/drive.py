@@ -124,11 +124,11 @@ class Train:
     @property
     def inertia(self) -> Any:
         """Moment of inertia of one motor's shaft: rotor, gear, brake and couplings [kg m^2]."""
-        found = self.motor.rotor_inertia
+        inertia = self.motor.rotor_inertia
         for more in (*(part.inertia for part in self.parts[1:]), self.drive.coupling_inertia):
             if is_nonzero(more):
-                found = found + more
-        return found
+                inertia = inertia + more
+        return inertia
 
     @property
     def reflected(self) -> Any:

@@ -109,9 +109,9 @@ class Electric(WarmMotor):
         if self.rated_current is None and self.thermal is None:
             yield (), "has no continuous envelope: give 'rated_current' or 'thermal'"
             return
-        found = self.supply_problem(Supply())
-        if found is not None:
-            yield (), found
+        problem = self.supply_problem(Supply())
+        if problem is not None:
+            yield (), problem
 
     # -- what the kinds of winding say ------------------------------------------------------------------
     @property

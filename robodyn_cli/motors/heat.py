@@ -58,8 +58,8 @@ class Envelope:
         edge = np.clip(np.searchsorted(angles, np.arctan2(T, w), side="right"), 1, len(angles) - 1)
         k = len(angles) - 1 - edge  # the edge from vertex k to k + 1
         dw, dT = np.diff(self.speeds)[k], np.diff(self.torques)[k]
-        found: Array = (w * dT - T * dw) / (self.speeds[k] * dT - self.torques[k] * dw)
-        return found
+        use: Array = (w * dT - T * dw) / (self.speeds[k] * dT - self.torques[k] * dw)
+        return use
 
 
 def curve_problems(points: Points) -> Iterable[tuple[tuple[int, ...], str]]:
@@ -131,8 +131,8 @@ class Thermal:
         heat = self.whole * np.asarray(losses)
         rest = 1.0 - self.coefficient * heat
         with np.errstate(divide="ignore", invalid="ignore"):
-            found = ambient + heat * self.growth(np.asarray(ambient)) / rest
-        return np.where(rest > 0.0, found, np.inf)
+            mean = ambient + heat * self.growth(np.asarray(ambient)) / rest
+        return np.where(rest > 0.0, mean, np.inf)
 
     def warming(self, losses: Array, step: float, periodic: bool) -> Array:
         """Return by how much the winding is warmer than the surroundings (..., T) [K] over a cycle.
@@ -145,12 +145,12 @@ class Thermal:
             a, first, second = _weights(rate, step)
             given = np.zeros(np.shape(losses))
             given[..., 1:] = first * losses[..., :-1] + second * losses[..., 1:]
-            found = _accumulated(given, a)
+            warmth = _accumulated(given, a)
             if periodic:
-                samples = np.arange(found.shape[-1])
-                start = found[..., -1:] / -math.expm1(-rate * step * samples[-1])
-                found = found + start * np.exp(-rate * step * samples)
-            total += part * found
+                samples = np.arange(warmth.shape[-1])
+                start = warmth[..., -1:] / -math.expm1(-rate * step * samples[-1])
+                warmth = warmth + start * np.exp(-rate * step * samples)
+            total += part * warmth
         return total
 
     def _modes(self) -> list[tuple[float, float]]:

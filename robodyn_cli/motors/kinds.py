@@ -113,8 +113,8 @@ class StepperMotor(WarmMotor):
     phases: int = key(Integer(minimum=2), default=2, unit="1", doc="Phases that carry current.")
 
     def problems(self) -> Problems:
-        for place, what in curve_problems(self.pull_out):
-            yield ("pull_out", *place), what
+        for place, fault in curve_problems(self.pull_out):
+            yield ("pull_out", *place), fault
         given = [self.current is not None, self.resistance is not None]
         if self.thermal is not None and not all(given):
             yield ("thermal",), "needs the losses of the winding: keys 'current' and 'resistance'"
@@ -152,8 +152,8 @@ class TorqueTable(Motor):
 
     def problems(self) -> Problems:
         for name in ("peak", "continuous"):
-            for place, what in curve_problems(getattr(self, name)):
-                yield (name, *place), what
+            for place, fault in curve_problems(getattr(self, name)):
+                yield (name, *place), fault
 
     def curves(self, supply: Supply) -> Curves:
         curve = Envelope.through(self.peak)

@@ -17,16 +17,16 @@ GROUPS = ("reference", "error", "torque", "states")
 
 def control_outputs(problem: Problem) -> dict[str, Sequence[Scalar]]:
     """Return the expressions that are evaluated at the samples: ``control.GROUP`` and ``signals``."""
-    found: dict[str, Sequence[Scalar]] = {}
+    outputs: dict[str, Sequence[Scalar]] = {}
     control = problem.control
     if control is not None:
         tracked = control.tracked
-        found["control.reference"] = [x.wanted for x in tracked]
-        found["control.error"] = [x.wanted - x.actual for x in tracked]
-        found["control.torque"] = list(control.torques)
-        found["control.states"] = list(control.z)
-    found[SIGNALS] = _signals(problem)
-    return {name: entries for name, entries in found.items() if entries}
+        outputs["control.reference"] = [x.wanted for x in tracked]
+        outputs["control.error"] = [x.wanted - x.actual for x in tracked]
+        outputs["control.torque"] = list(control.torques)
+        outputs["control.states"] = list(control.z)
+    outputs[SIGNALS] = _signals(problem)
+    return {name: entries for name, entries in outputs.items() if entries}
 
 
 def _signals(problem: Problem) -> list[Any]:
@@ -42,32 +42,34 @@ def _formula(signal: Any) -> Any:
     return signal.value if isinstance(signal, Signal) else signal
 
 
-def control_data(problem: Problem, found: Mapping[str, Array]) -> dict[str, Array]:
+def control_data(problem: Problem, arrays: Mapping[str, Array]) -> dict[str, Array]:
     """Return the datasets of evaluated expressions, by path."""
-    data = {f"control/{name}": found[f"control.{name}"] for name in GROUPS if f"control.{name}" in found}
-    if SIGNALS in found:
-        data |= {f"signals/{name}": x for name, x in zip(problem.scene.outputs.signals, found[SIGNALS].T)}
+    data = {f"control/{name}": arrays[f"control.{name}"] for name in GROUPS if f"control.{name}" in arrays}
+    if SIGNALS in arrays:
+        data |= {f"signals/{name}": x for name, x in zip(problem.scene.outputs.signals, arrays[SIGNALS].T)}
     return data
 
 
 def control_columns(problem: Problem) -> dict[str, dict[str, Any]]:
     """Return units, meanings and names of the datasets, by path (arguments of ``Result.add``)."""
-    found: dict[str, dict[str, Any]] = {}
+    columns: dict[str, dict[str, Any]] = {}
     control = problem.control
     if control is not None:
         names = tuple(x.name for x in control.tracked)
         units = tuple(x.unit for x in control.tracked)
-        found["control/reference"] = _column("reference of the controller", "tracked", names, units)
-        found["control/error"] = _column("reference less motion", "tracked", names, units)
-        found["control/torque"] = _column("torque of the controller", "driven", control.joints, control.units)
+        columns["control/reference"] = _column("reference of the controller", "tracked", names, units)
+        columns["control/error"] = _column("reference less motion", "tracked", names, units)
+        columns["control/torque"] = _column(
+            "torque of the controller", "driven", control.joints, control.units
+        )
         ones = ("1",) * len(control.names)
-        found["control/states"] = _column("states of the controller", "control_state", control.names, ones)
+        columns["control/states"] = _column("states of the controller", "control_state", control.names, ones)
     for name, signal in problem.scene.outputs.signals.items():
         unit = signal.unit if isinstance(signal, Signal) else "1"
-        found[f"signals/{name}"] = {
+        columns[f"signals/{name}"] = {
             "units": unit, "long_name": f"signal {name}: {_formula(signal).text}", "dims": ("time",)
         }  # fmt: skip
-    return found
+    return columns
 
 
 def _column(meaning: str, dimension: str, names: tuple[str, ...], units: tuple[str, ...]) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def control_keys(control: Control, recorder: Recorder, time: float, begun: float
     updates = 0 if control.period is None else _updates(control.period, begun, time)
     power = torque * qd
     (driving, off), (braking, _) = (positive_integral(t, x) for x in (power, -power))
-    found = ControlSummary(
+    summary = ControlSummary(
         type=control.controller.type,
         joints=list(control.joints),
         period=ABSENT if control.period is None else float(control.period),
@@ -40,7 +40,7 @@ def control_keys(control: Control, recorder: Recorder, time: float, begun: float
         saturated_error=unsure or ABSENT,
         energy=DrivenWork(float(driving.sum()), float(braking.sum()), float(off.sum())),
     )
-    return ControlKeys(found)
+    return ControlKeys(summary)
 
 
 def _saturated(

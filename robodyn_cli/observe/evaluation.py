@@ -50,14 +50,14 @@ def refuse_sampled(
     ------
     NumericalError : names dataset, time and the operation that has no value.
     """
-    found = first_fault(inputs)
-    if found is not None:
-        name, (sample, *_) = found
-        path, what = MOTION[name]
-        raise not_finite(path, float(inputs["t"][sample, 0]), f"the motion has no finite {what} there")
-    found = first_fault(arrays)
-    if found is not None:
-        name, (sample, *_) = found
+    fault = first_fault(inputs)
+    if fault is not None:
+        name, (sample, *_) = fault
+        path, quantity = MOTION[name]
+        raise not_finite(path, float(inputs["t"][sample, 0]), f"the motion has no finite {quantity} there")
+    fault = first_fault(arrays)
+    if fault is not None:
+        name, (sample, *_) = fault
         values = {group: array[sample] for group, array in inputs.items()}
         raise not_finite(name, float(inputs["t"][sample, 0]), cause(outputs[name], values))
 
@@ -100,9 +100,9 @@ def refuse_result(result: Result) -> None:
     ------
     NumericalError : names dataset, column and time, or the key.
     """
-    found = first_fault({path: item.data for path, item in result.variables.items()})
-    if found is not None:
-        path, at = found
+    fault = first_fault({path: item.data for path, item in result.variables.items()})
+    if fault is not None:
+        path, at = fault
         item = result.variables[path]
         time = float(result.time[at[0]]) if item.dims[0] == "time" else float(result.time[0])
         column = f" of {item.names[at[-1]]!r}" if item.names else ""
@@ -125,8 +125,8 @@ def _not_finite(value: Any, key: str = "") -> str | None:
         entries = {str(k): x for k, x in enumerate(value)}.items()
     else:
         return None
-    found = (_not_finite(x, f"{key}.{name}" if key else str(name)) for name, x in entries)
-    return next((x for x in found if x is not None), None)
+    paths = (_not_finite(x, f"{key}.{name}" if key else str(name)) for name, x in entries)
+    return next((x for x in paths if x is not None), None)
 
 
 def not_finite(path: str, time: float, why: str, column: str = "") -> NumericalError:
@@ -207,9 +207,11 @@ class SampleFunction:
         """Return {output: (T, n)} in column order, from arrays (T, n) by symbol group."""
         samples = len(next(iter(groups.values())))
         if self.compiled:
-            found = {self._names[o]: array for o, array in self._kernel(**groups).items()}
+            arrays = {self._names[o]: array for o, array in self._kernel(**groups).items()}
             return {
-                name: found[name] if name in found else np.tile(np.array(entries, dtype=float), (samples, 1))
+                name: arrays[name]
+                if name in arrays
+                else np.tile(np.array(entries, dtype=float), (samples, 1))
                 for name, entries in self.outputs.items()
             }
         out = {name: np.empty((samples, len(a)), order="F") for name, a in self.outputs.items()}
@@ -245,11 +247,11 @@ def without_idle_unknowns(outputs: Sequence[Scalar], needed: Iterable[Scalar]) -
     depend on such data by an additive constant only, or by terms that cancel: a potential energy, where ``needed`` are
     the torques that are its gradient. ``needed`` is gone through only where there are unknown data.
     """
-    found = unknowns(outputs)
-    if not found:
+    unknown = unknowns(outputs)
+    if not unknown:
         return list(outputs)
     used = {s.index for s in free_symbols(needed)}
-    idle = {s.index: 0.0 for s in found if s.index not in used}
+    idle = {s.index: 0.0 for s in unknown if s.index not in used}
     return substitute(list(outputs), dict(idle)) if idle else list(outputs)
 
 
@@ -264,9 +266,9 @@ def check_formulas(problem: Problem, q: Array, v: Array) -> None:
     ------
     SceneError : names the formula and what it depends on.
     """
-    found = formula_without_value(problem, 0.0, q, v)
-    if found is not None:
-        raise SceneError(f"{found}, at the start (t = 0)", file=problem.scene.path)
+    fault = formula_without_value(problem, 0.0, q, v)
+    if fault is not None:
+        raise SceneError(f"{fault}, at the start (t = 0)", file=problem.scene.path)
 
 
 def check_formulas_ahead(problem: Problem, q: Array, v: Array) -> None:
@@ -284,9 +286,9 @@ def check_formulas_ahead(problem: Problem, q: Array, v: Array) -> None:
     a = problem.numbers(problem.forward.qdd, q, v=v)
     soon = AHEAD * problem.scene.simulate.duration
     moved = Manifold(problem.model).integrate(q, soon * v + 0.5 * soon * soon * a)
-    found = formula_without_value(problem, soon, moved, v + soon * a) if np.isfinite(moved).all() else None
-    if found is not None:
-        raise SceneError(f"{found}, right after the start (t = {soon:.3g} s)", file=problem.scene.path)
+    fault = formula_without_value(problem, soon, moved, v + soon * a) if np.isfinite(moved).all() else None
+    if fault is not None:
+        raise SceneError(f"{fault}, right after the start (t = {soon:.3g} s)", file=problem.scene.path)
 
 
 def _at_an_edge(problem: Problem, q: Array, v: Array) -> bool:

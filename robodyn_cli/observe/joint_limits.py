@@ -35,15 +35,15 @@ class LimitedJoint:
 
 def limited_joints(scene: Scene, model: Model) -> list[LimitedJoint]:
     """Return the joints with limits in the order of the scene."""
-    found = []
+    limited = []
     for joint in scene.robot.joints:
         for key, limits in joint.forces:
             kind, _, coordinate = key.partition(".")
             name = f"{joint.name}.{coordinate}" if coordinate else joint.name
             if kind == "limits" and name in model.q_names:
                 place, velocity = model.q_names.index(name), model.v_names.index(name)
-                found.append(LimitedJoint(name, limits, place, velocity, model.q_units[place]))
-    return found
+                limited.append(LimitedJoint(name, limits, place, velocity, model.q_units[place]))
+    return limited
 
 
 @record
@@ -74,16 +74,16 @@ class Bound:
 
 def warnings_at_rest(joints: Sequence[LimitedJoint], q: Array, tau: Array) -> list[str]:
     """Return a warning for each limit of position and effort that a balance is beyond; ``q`` (nq,), ``tau`` (nv,)."""
-    now, found = np.zeros(1), []
+    now, texts = np.zeros(1), []
     for joint in joints:
         bounds = [*position_bounds(joint, now, q[None]), *rate_bounds(joint, now, {"tau": tau[None]})]
-        found += [
+        texts += [
             f"joint {joint.name!r} at rest is beyond its {bound.name} limit of {bound.limit:.6g} {bound.unit}: "
             f"{bound.values[0]:.6g} {bound.unit}"
             for bound in bounds
             if bound.passed
         ]
-    return found
+    return texts
 
 
 def position_bounds(joint: LimitedJoint, times: Array, q: Array) -> Iterator[Bound]:
@@ -105,7 +105,7 @@ def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -
     columns = {name: values[:, joint.velocity] for name, values in rates.items()}
     if "qdd" in columns:
         columns["jerk"] = np.diff(columns["qdd"]) / np.diff(times)
-    for name, column, what in (
+    for name, column, limit_unit in (
         ("speed", "qd", f"{unit}/s"),
         ("acceleration", "qdd", f"{unit}/s^2"),
         ("jerk", "jerk", f"{unit}/s^3"),
@@ -114,7 +114,7 @@ def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -
         limit = getattr(joint.limits, name)
         if limit is not None and column in columns:
             values = columns[column]
-            yield Bound(name, limit, values, np.abs(values) - limit, what, times)
+            yield Bound(name, limit, values, np.abs(values) - limit, limit_unit, times)
 
 
 def limit_warnings(
@@ -126,13 +126,13 @@ def limit_warnings(
     ----------
     times : (T,). rates : see ``rate_bounds``. q : positions (T, nq), where they are to be looked at.
     """
-    found = []
+    texts = []
     for joint in joints:
         for bound in position_bounds(joint, times, q) if q is not None else ():
             if bound.passed:
-                found.append(bound.sentence(joint.name) + _stop(joint.limits))
-        found += [b.sentence(joint.name) for b in rate_bounds(joint, times, rates) if b.passed]
-    return found
+                texts.append(bound.sentence(joint.name) + _stop(joint.limits))
+        texts += [b.sentence(joint.name) for b in rate_bounds(joint, times, rates) if b.passed]
+    return texts
 
 
 def _stop(limits: Limits) -> str:

@@ -204,15 +204,15 @@ class Observer:
             residuals = {"q": rows.eta, "v": rows.velocity_residual(problem.v)}
             self.residuals = SampleKernel(residuals, STATE_GROUPS)
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
-        asked = reactions or problem.scene.outputs.reactions
-        self.reactions = _reactions(problem) if asked else None
+        with_reactions = reactions or problem.scene.outputs.reactions
+        self.reactions = _reactions(problem) if with_reactions else None
         self.point_motion = _point_motion(problem)
 
     @property
     def kernels(self) -> dict[str, SampleKernel | SampleFunction]:
         """The programs that are evaluated at the samples, by name."""
         observation = self.kernel if isinstance(self.kernel, SampleKernel) else self.kernel.function
-        found = {
+        programs = {
             "observation": observation,
             "manifolds at the samples": self.normalise,
             "projection of positions at the samples": self.correct_q,
@@ -221,7 +221,7 @@ class Observer:
             "velocities and accelerations of points": self.point_motion,
             "reactions": None if self.reactions is None else self.reactions.function,
         }
-        return {name: kernel for name, kernel in found.items() if kernel is not None}
+        return {name: kernel for name, kernel in programs.items() if kernel is not None}
 
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""
@@ -279,14 +279,14 @@ class Observer:
         problem = self.problem
         x = self.project(t, x) if project else x
         q, v, z = self.system.split(x)
-        found = self.kernel.evaluate(len(t), self._groups(t, x))
-        kinetic, potential = found["energy"].T
+        values = self.kernel.evaluate(len(t), self._groups(t, x))
+        kinetic, potential = values["energy"].T
         data: dict[str, Array] = {
             "time": t,
             "q": q,
             "qd": v,
-            "qdd": found["qdd"],
-            "tau": found["tau"],
+            "qdd": values["qdd"],
+            "tau": values["tau"],
             "energy/kinetic": kinetic,
             "energy/potential": potential,
             "energy/total": kinetic + potential,
@@ -295,20 +295,20 @@ class Observer:
         if self.system.work_done_by and z.shape[1]:
             data["energy/work"] = z[:, -1]
         for path in FORCES:
-            if (name := path.replace("/", ".")) in found:
-                data[path] = found[name]
+            if (name := path.replace("/", ".")) in values:
+                data[path] = values[name]
         if self.controlled:
             from robodyn_cli.observe.control import control_data
 
-            data.update(control_data(problem, found))
+            data.update(control_data(problem, values))
         if problem.constraints.rows:
-            data["constraints/multipliers"] = found["lam"]
-            data["constraints/position_residual"] = found["eta"]
-            data["constraints/velocity_residual"] = found["eta_rate"]
-            if "psi" in found:
-                data.update(self._singular(found["psi"]))
+            data["constraints/multipliers"] = values["lam"]
+            data["constraints/position_residual"] = values["eta"]
+            data["constraints/velocity_residual"] = values["eta_rate"]
+            if "psi" in values:
+                data.update(self._singular(values["psi"]))
         for path in self.places:
-            name, block = place_dataset(path, found[path])
+            name, block = place_dataset(path, values[path])
             data[name] = block
         if self.point_motion is not None:
             data.update(self.point_motion(t=t[:, None], q=data["q"], v=data["qd"], a=data["qdd"]))

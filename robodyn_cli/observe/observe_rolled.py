@@ -31,8 +31,8 @@ class ObservedRolled:
     def evaluate(self, samples: int, groups: dict[str, Array]) -> dict[str, Array]:
         # parameters are no samples, and simulations have none
         columns = {name: np.reshape(x, (samples, -1)) for name, x in groups.items() if name != "p"}
-        found = self.function(**columns)
+        values = self.function(**columns)
         tau = np.zeros(columns["v"].shape, order="F")
-        tau[:, self.places] = found["forces"]
-        found["qdd"] = self.forward(columns["q"], columns["v"], tau)
-        return found
+        tau[:, self.places] = values["forces"]
+        values["qdd"] = self.forward(columns["q"], columns["v"], tau)
+        return values

@@ -53,9 +53,9 @@ def in_world(
 
     symbols = model.graph.symbols(model.q_names, "q")
     pose = world_pose(model, poses(model, transforms(model, symbols)), reference)
-    found = SampleFunction({"p": list(pose.p), "R": list(pose.R.flat)}, ("q",), len(q))(q=q)
-    axes = found["R"].reshape(-1, 3, 3)
-    return found["p"] + np.einsum("tij,tj->ti", axes, p), None if R is None else axes @ R
+    values = SampleFunction({"p": list(pose.p), "R": list(pose.R.flat)}, ("q",), len(q))(q=q)
+    axes = values["R"].reshape(-1, 3, 3)
+    return values["p"] + np.einsum("tij,tj->ti", axes, p), None if R is None else axes @ R
 
 
 def point_motion(problem: Problem) -> dict[str, list[Scalar]]:

@@ -41,12 +41,12 @@ class ReactionSamples:
         lam = dict(zip(self.rows, problem.graph.symbols(self.rows, "lam")))
         applied = problem.elements.wrenches
         motion = motions(model, problem.X, problem.q, problem.v, problem.a, problem.gravity)
-        found = reactions(model, problem.X, motion, lam, applied)
+        loads = reactions(model, problem.X, motion, lam, applied)
         self.names: dict[str, tuple[str, ...]] = {}
         self.meanings: dict[str, str] = {}
         self.missing: dict[str, list[str]] = {}
         outputs: dict[str, list[Scalar]] = {}
-        wrenches = self._entries(model, found)
+        wrenches = self._entries(model, loads)
         given = iter(are_known([e for entries, _ in wrenches.values() for e in entries]))
         for path, (entries, meaning) in wrenches.items():
             known = [k for k, is_known in enumerate(islice(given, len(entries))) if is_known]
@@ -58,7 +58,7 @@ class ReactionSamples:
                 self.meanings[path] = meaning
         self.function = SampleFunction(outputs, REACTION_GROUPS, samples)
 
-    def _entries(self, model: Model, found: Reactions) -> dict[str, tuple[list[Scalar], str]]:
+    def _entries(self, model: Model, loads: Reactions) -> dict[str, tuple[list[Scalar], str]]:
         """Return forces and moments of each joint and closure, and of the base, each with its meaning in words."""
         problem = self.problem
         in_world = problem.scene.outputs.reaction_axes == "world"
@@ -70,8 +70,8 @@ class ReactionSamples:
             parent = "base" if body.parent == BASE else model.bodies[body.parent].name
             frame = "world axes" if in_world else "axes of the joint's frame, turning with the link"
             meaning = f"what {parent} exerts on {body.name}, about the joint's origin, {frame}"
-            entries[f"reactions/{body.joint_name}"] = (_turned(axes, found.joints[k]), meaning)
-        for loop, wrench in zip(model.loops, found.loops):
+            entries[f"reactions/{body.joint_name}"] = (_turned(axes, loads.joints[k]), meaning)
+        for loop, wrench in zip(model.loops, loads.loops):
             first = loop.first
             link, other = (point_link(problem.scene.robot, text) for text in loop.element.between)
             if in_world:
@@ -83,7 +83,7 @@ class ReactionSamples:
             meaning = f"what {other} exerts on {link}, about the first point of the closure, {frame}"
             entries[f"loop_reactions/{loop.name}"] = (_turned(axes, wrench.on_first), meaning)
         meaning = "what the ground exerts on the mechanism, about the base's origin, world axes"
-        entries[BASE_PATH] = (_turned(to_world, found.base), meaning)
+        entries[BASE_PATH] = (_turned(to_world, loads.base), meaning)
         return entries
 
     def __call__(
@@ -139,13 +139,13 @@ def figures(
     times: Array, data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]
 ) -> dict[str, PeakLoad]:
     """Return the largest force and moment of each joint and closure [N, N m] along samples at times (T,)."""
-    found: dict[str, PeakLoad] = {}
+    peaks: dict[str, PeakLoad] = {}
     for path, array in data.items():
         sizes = np.column_stack([magnitude(array, names[path], letter) for letter in "fm"])
         peak = largest(times, sizes)
         (force, moment), (force_error, moment_error) = peak.value.tolist(), peak.error.tolist()
-        found[path.split("/")[-1]] = PeakLoad(force, moment, force_error, moment_error)
-    return found
+        peaks[path.split("/")[-1]] = PeakLoad(force, moment, force_error, moment_error)
+    return peaks
 
 
 def _turned(axes: Matrix, wrench: Wrench) -> list[Scalar]:

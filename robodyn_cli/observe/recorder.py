@@ -104,10 +104,10 @@ class Recorder:
             return None
         from robodyn_cli.observe.evaluation import TOO_LARGE, first_fault, formula_without_value, not_finite
 
-        found = first_fault(data)
-        if found is None:
+        fault = first_fault(data)
+        if fault is None:
             return None
-        path, (sample, *rest) = found
+        path, (sample, *rest) = fault
         formula = formula_without_value(
             self.observer.problem, float(t[sample]), data["q"][sample], data["qd"][sample]
         )

@@ -51,8 +51,8 @@ class Rounded:
                 elif node.op == "const":
                     value[node.index] = _number(node.value, numbers, factors)
                 else:
-                    found = apply(node, [value[a.index] for a in node.args])
-                    value[node.index] = found if node.op in EXACT else found * next(factors)
+                    exact = apply(node, [value[a.index] for a in node.args])
+                    value[node.index] = exact if node.op in EXACT else exact * next(factors)
             columns = [
                 value[e.index] if isinstance(e, Expr) else _number(e, numbers, factors) for e in self.outputs
             ]
@@ -77,22 +77,22 @@ def _number(x: float, known: dict[int, Any], factors: Iterator[Array]) -> Any:
         if not computed:
             known[id(top)] = float(top) if top.op == "literal" else float(top) * next(factors)
             continue
-        found = APPLY[top.op](*(known[id(a)] if isinstance(a, Fixed) else a for a in top.args))
-        known[id(top)] = found if top.op in EXACT else found * next(factors)
+        exact = APPLY[top.op](*(known[id(a)] if isinstance(a, Fixed) else a for a in top.args))
+        known[id(top)] = exact if top.op in EXACT else exact * next(factors)
     return known[id(x)]
 
 
 def _changes(patterns: int, samples: int) -> Array:
     """Return numbers between -1 and 1 without order (pattern, draw, sample), zero in draw 0; the same in each run."""
     count = np.arange(1.0, 1.0 + patterns * (DRAWS + 1) * samples).reshape(patterns, DRAWS + 1, samples)
-    found = 2.0 * np.modf(np.abs(np.sin(12.9898 * count)) * 43758.5453)[0] - 1.0
-    found[:, 0] = 0.0
-    return found
+    noise = 2.0 * np.modf(np.abs(np.sin(12.9898 * count)) * 43758.5453)[0] - 1.0
+    noise[:, 0] = 0.0
+    return noise
 
 
-def largest_difference(found: Array) -> float | None:
+def largest_difference(draws: Array) -> float | None:
     """Return how far draws (draw, ...) of a figure lie from draw 0 at most; None if not finite."""
-    largest = float(np.abs(found[1:] - found[0]).max(initial=0.0)) / ENLARGED
+    largest = float(np.abs(draws[1:] - draws[0]).max(initial=0.0)) / ENLARGED
     return largest if np.isfinite(largest) else None
 
 

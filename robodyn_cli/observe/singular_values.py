@@ -55,11 +55,11 @@ class LeastNorm:
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the outputs with ``qdd`` (T, nv), ``lam`` (T, m); prescribed joints' multipliers enter ``tau``."""
-        found = self.function.evaluate(samples, groups)
+        values = self.function.evaluate(samples, groups)
         nv = self.problem.model.nv
-        psi = self._psi(found)
-        M = found.pop("M").reshape(samples, nv, nv)
-        f, gamma = found.pop("f"), found.pop("gamma")
+        psi = self._psi(values)
+        M = values.pop("M").reshape(samples, nv, nv)
+        f, gamma = values.pop("f"), values.pop("gamma")
         L = np.linalg.cholesky(M)
         Y = np.linalg.solve(L, np.swapaxes(psi, 1, 2))
         b = np.linalg.solve(L, f[..., None])
@@ -67,14 +67,14 @@ class LeastNorm:
         _, S, Qt = self._leading(Y)
         Q = np.swapaxes(Qt, 1, 2)
         lam = Q @ (S[..., None] ** 2 * (Qt @ rhs))
-        found["lam"] = lam[..., 0]
-        found["qdd"] = np.linalg.solve(np.swapaxes(L, 1, 2), b + Y @ lam)[..., 0]
-        for i in self.problem.constraints.prescribed if "tau" in found else ():
-            found["tau"] = found["tau"] + psi[:, i] * found["lam"][:, i, None]
-        return found
+        values["lam"] = lam[..., 0]
+        values["qdd"] = np.linalg.solve(np.swapaxes(L, 1, 2), b + Y @ lam)[..., 0]
+        for i in self.problem.constraints.prescribed if "tau" in values else ():
+            values["tau"] = values["tau"] + psi[:, i] * values["lam"][:, i, None]
+        return values
 
-    def _psi(self, found: Mapping[str, Array]) -> Array:
-        return found["psi"].reshape(len(found["psi"]), -1, self.problem.model.nv)
+    def _psi(self, values: Mapping[str, Array]) -> Array:
+        return values["psi"].reshape(len(values["psi"]), -1, self.problem.model.nv)
 
     def _leading(self, A: Array) -> tuple[Array, Array, Array]:
         """Return U_r, the inverses of the r singular values that count, and V_r^T."""
@@ -91,9 +91,9 @@ class LeastNorm:
 
     def correct(self, samples: int, groups: Mapping[str, Array]) -> tuple[Array, Array]:
         """Return one Newton step onto eta = 0 and the step onto Psi v + eta_t = 0, both (T, nv)."""
-        found = self.function.evaluate(samples, groups)
-        psi = self._psi(found)
-        return -self._solve(psi, found["eta"]), -self._solve(psi, found["eta_rate"])
+        values = self.function.evaluate(samples, groups)
+        psi = self._psi(values)
+        return -self._solve(psi, values["eta"]), -self._solve(psi, values["eta_rate"])
 
     def moved(self, q: Array, dq: Array) -> Array:
         """Return q (T, nq) after steps dq (T, nv) along the joints' manifolds."""

@@ -137,8 +137,8 @@ def place(error: RobodynError, tree: Callable[[], Node | None], command: str) ->
         error.details = {**details, "file": root.source.name, "line": int(said[1]), "column": int(said[2])}
         return
     path = path_of(error, sentence, root, command)
-    found = located(nearest(root, path), dotted(path), sentence.removeprefix(f"{dotted(path)}: "))
-    error.message, error.details = found.message, {**details, **found.details}
+    placed = located(nearest(root, path), dotted(path), sentence.removeprefix(f"{dotted(path)}: "))
+    error.message, error.details = placed.message, {**details, **placed.details}
     error.args = (error.message,)
 
 
@@ -171,10 +171,10 @@ def steps(key: str) -> Path:
 def owners(root: Node, missing: Sequence[str]) -> list[Path]:
     """Return the paths of links and payloads that lack data; missing : such as ``mass of rod``."""
     names = {name.rpartition(" of ")[2] for name in missing}
-    found: list[Path] = []
+    paths: list[Path] = []
     for where in (("robot", "links"), ("payloads",)):
         items = find(root, where)
         for k, item in enumerate(items.items if isinstance(items, SequenceNode) else ()):
             if name_of(item) in names:
-                found.append((*where, k))
-    return found
+                paths.append((*where, k))
+    return paths

@@ -85,8 +85,8 @@ def with_regulator(scene: Scene) -> Scene:
     places = independent(equations.values(states)["Psi"][0], driven)
     free = [name for name in (model.v_names[k] for k in places) if name not in model.q_names]
     if free:
-        what = f"joint {model.joint_of(model.v_names.index(free[0]))!r} has an attitude"
-        raise _refusal(scene, f"{what}, which 'lqr' does not linearise; allowed: joints of axes")
+        fault = f"joint {model.joint_of(model.v_names.index(free[0]))!r} has an attitude"
+        raise _refusal(scene, f"{fault}, which 'lqr' does not linearise; allowed: joints of axes")
     states, left = held_by(equations, states, driven, places)
     needed = np.abs(equations.values(states)["load"][0]).max(initial=0.0)
     if np.abs(left).max(initial=0.0) > LEFT * max(1.0, needed):
@@ -152,8 +152,8 @@ def _gain(scene: Scene, linear: Linear, names: tuple[str, ...]) -> Array:
 
 def _by_name(weight: float | dict[str, float], names: tuple[str, ...]) -> Array:
     """Return a weight for each joint; joints that a map does not name cost nothing."""
-    found = [weight.get(name, 0.0) if isinstance(weight, dict) else weight for name in names]
-    return np.array([float(x) for x in found])
+    weights = [weight.get(name, 0.0) if isinstance(weight, dict) else weight for name in names]
+    return np.array([float(x) for x in weights])
 
 
 def _refusal(scene: Scene, why: str) -> SceneError:

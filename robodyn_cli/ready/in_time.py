@@ -51,10 +51,10 @@ def with_motion_found(scene: Scene) -> Scene:
     CapabilityError : the joints' rates jump on the way. Others as ``motion_in_time`` raises.
     """
     formulas = given_by_formulas(scene.prescribed)
-    found = {name: x for name, x in scene.prescribed.items() if name not in formulas}
-    columns = position_columns(found)
+    led = {name: x for name, x in scene.prescribed.items() if name not in formulas}
+    columns = position_columns(led)
     trajectory = _of_joints(scene, scene.trajectory, columns)
-    rates = velocity_columns(found)
+    rates = velocity_columns(led)
     initial = dataclasses.replace(
         scene.initial,
         q={name: x for name, x in scene.initial.q.items() if name not in columns},
@@ -118,19 +118,19 @@ def _joined(
         raise CapabilityError(
             "a sequence in the least time that is repeated does not go with payloads that are gripped or released"
         )
-    found: list[Any] = []
+    segments: list[Any] = []
     for k, segment in enumerate(sequence.segments):
         if (scene.loops or scene.couplers) and _leads_point(segment):
             raise CapabilityError(
                 "leads a point, and with loops or couplers a sequence leads joints; allowed here: motions of joints",
                 key=f"trajectory.segments.{k}",
             )
-        own = _begun(segment, _end(found[-1], scene)) if found else segment
+        own = _begun(segment, _end(segments[-1], scene)) if segments else segment
         try:
-            found.append(_of_joints(scene, own, columns, begin + sum(x.duration for x in found)))
+            segments.append(_of_joints(scene, own, columns, begin + sum(x.duration for x in segments)))
         except RobodynError as error:
             raise _within(f"trajectory.segments.{k}", error) from None
-    joined = dataclasses.replace(sequence, segments=tuple(found))
+    joined = dataclasses.replace(sequence, segments=tuple(segments))
     for path, message in joined.meeting_problems(scene.parameters):
         raise SceneError(message, key=".".join(str(x) for x in ("trajectory", *path)))
     return joined

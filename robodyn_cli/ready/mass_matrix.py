@@ -51,7 +51,7 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     X = transforms(model, q.tolist())
     free = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
     locked = list(free)
-    found: list[Felt] = []
+    inertias: list[Felt] = []
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
@@ -59,20 +59,20 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
             one, other = ((inertia @ s).dot(s) + rotor for inertia in (free[k], locked[k]))
             if not (is_number(one) and is_number(other) and np.isfinite(float(other))):
                 return None
-            found.append(Felt(body.joint_name, float(one), float(other)))
-        if any(x.share < SINGULAR for x in found):
-            return found
+            inertias.append(Felt(body.joint_name, float(one), float(other)))
+        if any(x.share < SINGULAR for x in inertias):
+            return inertias
         if body.parent != BASE:
             _, rest = factor_joint(body, here, free[k])
             free[body.parent] = free[body.parent] + rest.to_parent(X[k])
             locked[body.parent] = locked[body.parent] + locked[k].to_parent(X[k])
-    return found
+    return inertias
 
 
 def lightest_joint(model: Model, q: Array) -> Felt | None:
     """Return the joint that feels the least part of what it carries; None where that cannot be told."""
-    found = inertias_felt(model, q)
-    return min(found, key=lambda felt: felt.share, default=None) if found else None
+    inertias = inertias_felt(model, q)
+    return min(inertias, key=lambda felt: felt.share, default=None) if inertias else None
 
 
 def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int, float]:
@@ -87,7 +87,7 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
     NumericalError : the mass matrix is singular because of another joint, whose acceleration it does not determine;
         the message names the joint.
     """
-    found: dict[int, float] = {}
+    inertias: dict[int, float] = {}
     simple = {b.joint_name: k for k, b in enumerate(model.bodies) if b.joint.nv == 1}
     typical = _typical(model, q) if prescribed else 0.0
     while True:
@@ -103,12 +103,12 @@ def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int
             break
         place = simple[light[0].joint]
         body = model.bodies[place]
-        found[body.v] = typical
+        inertias[body.v] = typical
         heavier = dataclasses.replace(body, armature=body.armature + typical)
         model = dataclasses.replace(
             model, bodies=(*model.bodies[:place], heavier, *model.bodies[place + 1 :])
         )
-    return found
+    return inertias
 
 
 def refuse_indefinite(scene: Scene, poses: Iterable[Array]) -> None:
@@ -130,10 +130,10 @@ def refuse_indefinite(scene: Scene, poses: Iterable[Array]) -> None:
         scene
     )  # with a graph of its own: whether there are doubts is not to change the run's programs
     for q in poses:
-        found = _negative_motion(problem.numbers(problem.mass_matrix, q), problem.numbers(problem.psi, q))
-        if found is not None:
+        rates = _negative_motion(problem.numbers(problem.mass_matrix, q), problem.numbers(problem.psi, q))
+        if rates is not None:
             path, name, text = doubtful[0]
-            key, joint = ".".join(map(str, path)), problem.model.joint_of(int(np.argmax(np.abs(found))))
+            key, joint = ".".join(map(str, path)), problem.model.joint_of(int(np.argmax(np.abs(rates))))
             where = scene.path
             raise SceneError(
                 f"{where}: {key}: {name}: {text}, which makes the mass matrix not positive: the kinetic energy of a "
@@ -153,8 +153,8 @@ def _negative_motion(M: Array, psi: Array) -> Array | None:
     if not N.size:
         return None
     values, vectors = np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)
-    found: Array = N @ vectors[:, 0] / size
-    return found if values[0] < -INDEFINITE else None
+    rates: Array = N @ vectors[:, 0] / size
+    return rates if values[0] < -INDEFINITE else None
 
 
 def _typical(model: Model, q: Array) -> float:
@@ -164,18 +164,18 @@ def _typical(model: Model, q: Array) -> float:
     return sum(known) / len(known) if known else 1.0
 
 
-def _singular(found: Felt) -> NumericalError:
-    if not found.locked > 0.0:
-        what = f"joint {found.joint!r} moves nothing that has inertia about it or along it"
+def _singular(felt: Felt) -> NumericalError:
+    if not felt.locked > 0.0:
+        cause = f"joint {felt.joint!r} moves nothing that has inertia about it or along it"
         advice = "give its link a mass or an inertia, or the joint a rotor_inertia"
     else:
-        what = (
-            f"joint {found.joint!r} feels no inertia, because the joints beyond it can take all of its motion"
+        cause = (
+            f"joint {felt.joint!r} feels no inertia, because the joints beyond it can take all of its motion"
         )
         advice = "give its link an inertia, or start in another configuration"
     return NumericalError(
-        f"the mass matrix is singular at t = 0: {what}, so its acceleration is not determined; {advice}",
-        time=0.0, joint=found.joint, status="singular_mass_matrix",
+        f"the mass matrix is singular at t = 0: {cause}, so its acceleration is not determined; {advice}",
+        time=0.0, joint=felt.joint, status="singular_mass_matrix",
     )  # fmt: skip
 
 
@@ -183,10 +183,10 @@ def nearly_singular(model: Model, q: Array) -> str:
     """Return words for a message about a run that failed at q, empty if the mass matrix is not to blame."""
     if not np.all(np.isfinite(q)):
         return ""
-    found = lightest_joint(model, q)
-    if found is None or found.share >= NEARLY:
+    felt = lightest_joint(model, q)
+    if felt is None or felt.share >= NEARLY:
         return ""
     return (
-        f"; the mass matrix is nearly singular there: joint {found.joint!r} feels {found.share:.1e} of the inertia "
+        f"; the mass matrix is nearly singular there: joint {felt.joint!r} feels {felt.share:.1e} of the inertia "
         "that it carries"
     )

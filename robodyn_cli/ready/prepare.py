@@ -131,9 +131,9 @@ def initial_positions(scene: Scene, problem: Problem) -> dict[str, float]:
             why = (
                 "`initial.hold` keeps it at its value" if loops else "an open chain needs one for each joint"
             )
-            what = "coordinate" if "." in name else "joint"
+            kind = "coordinate" if "." in name else "joint"
             raise SceneError(
-                f"{scene.path}: initial.q: {what} {name!r} has no initial position ({why})",
+                f"{scene.path}: initial.q: {kind} {name!r} has no initial position ({why})",
                 file=scene.path, key="initial.q",
             )  # fmt: skip
     return given

@@ -27,8 +27,8 @@ def inputs(result: Result) -> dict[str, Array]:
 
 def outputs(result: Result) -> dict[str, Array]:
     """Return the outputs that runs have, by key, one a run; nan where a run has none."""
-    found = {name: v.data for name, v in result.group("outputs").items()}
-    return {name: data for name, data in list(found.items())[:MOST_PANELS] if np.any(np.isfinite(data))}
+    columns = {name: v.data for name, v in result.group("outputs").items()}
+    return {name: data for name, data in list(columns.items())[:MOST_PANELS] if np.any(np.isfinite(data))}
 
 
 def axis_label(result: Result, key: str, group: str = "inputs") -> str:

@@ -63,8 +63,8 @@ def loop_columns(result: Result, names: tuple[str, ...]) -> list[int]:
     """Return the columns of the multipliers that belong to loops, not to joints moved by prescription."""
     multipliers = lock(result).get("multipliers")
     rows = multipliers.get("rows") if isinstance(multipliers, dict) else None
-    found = [column for column, name in enumerate(names) if name in rows] if isinstance(rows, list) else []
-    return found or list(range(len(names)))
+    columns = [column for column, name in enumerate(names) if name in rows] if isinstance(rows, list) else []
+    return columns or list(range(len(names)))
 
 
 def growth_times(result: Result) -> list[tuple[float, float]]:

@@ -53,25 +53,25 @@ def tables(result: Result) -> list[Table]:
     """Return the main figures of a result; none of a command that has no small tables."""
     if result.command not in COMMANDS:
         return []
-    found = TABLES.get(result.command, _declared)(result, result.summary)
-    return [table for table in found if table.rows]
+    listed = TABLES.get(result.command, _declared)(result, result.summary)
+    return [table for table in listed if table.rows]
 
 
 def notes(result: Result) -> list[str]:
     """Return what else is to be known of a result, a sentence each: its lock, its errors, warnings."""
     summary = result.summary
-    found = _lock(summary)
-    found += [
+    sentences = _lock(summary)
+    sentences += [
         f"{one.words} {one.value:.2g}{_spaced(one.statement.unit)}"
         for one in stated(summary)
         if one.statement.is_main
     ]
     estimate = summary.get("error_estimate")
     if isinstance(estimate, Mapping) and estimate.get("reason"):
-        found.append(f"no error estimate: {estimate['reason']}")
+        sentences.append(f"no error estimate: {estimate['reason']}")
     if result.status == "failed":
-        found.append(f"failed: {_at(summary, 'termination', 'reason')}")
-    return [*found, *(f"warning: {text}" for text in summary.get("warnings", ()))]
+        sentences.append(f"failed: {_at(summary, 'termination', 'reason')}")
+    return [*sentences, *(f"warning: {text}" for text in summary.get("warnings", ()))]
 
 
 def _at(summary: Any, *keys: str) -> Any:
@@ -95,15 +95,15 @@ def _declared(result: Result, summary: Summary) -> list[Table]:
         steps: leaf for steps, leaf in leaves_of(result.command) if leaf.fact.column and steps[1].isupper()
     }
     coordinates = _coordinates(result)
-    found = []
+    listed = []
     for kind in dict.fromkeys(steps[1] for steps in columns):
         own = {steps: leaf for steps, leaf in columns.items() if steps[1] == kind and _at(summary, steps[0])}
         names = list(_at(summary, next(iter(own))[0])) if own else []
         rows = [
             [name, *(_cell(summary, *column, name, coordinates) for column in own.items())] for name in names
         ]
-        found.append(Table((kind.lower(), *(leaf.fact.column for leaf in own.values())), rows))
-    return [*found, *_drives(summary)]
+        listed.append(Table((kind.lower(), *(leaf.fact.column for leaf in own.values())), rows))
+    return [*listed, *_drives(summary)]
 
 
 def _cell(

@@ -105,7 +105,7 @@ def limits_near(result: Result, path: str) -> dict[str, list[float]]:
     """Return the limits that the columns of a dataset come near or pass, by the names of the columns."""
     variable = result.variables[path]
     names = column_names(variable)
-    found: dict[str, list[float]] = {}
+    by_name: dict[str, list[float]] = {}
     for limit, sides in JOINT_LIMITS.get(path, {}).items():
         stored = result.variables.get(f"joint_limits/{limit}")
         for name, size in zip(column_names(stored), stored.data) if stored is not None else ():
@@ -114,8 +114,8 @@ def limits_near(result: Result, path: str) -> dict[str, list[float]]:
             room = NEAR * max(abs(bottom), abs(top))
             levels = [side * size for side in sides if bottom - room <= side * size <= top + room]
             if levels:
-                found.setdefault(name, []).extend(levels)
-    return found
+                by_name.setdefault(name, []).extend(levels)
+    return by_name
 
 
 def draw_limits(ax: Axes, near: dict[str, list[float]], names: Sequence[str], handles: Sequence[Any]) -> None:

@@ -34,28 +34,28 @@ def draw_again(
     ------
     CapabilityError : nothing can be drawn. OutputError : it cannot be written.
     """
-    found = [result for _, result in results]
-    possible = applicable(found[0]) if len(found) == 1 else common_plots(found)
+    loaded = [result for _, result in results]
+    possible = applicable(loaded[0]) if len(loaded) == 1 else common_plots(loaded)
     missing = [name for name in drawings.names or () if name not in possible]
     if not drawings.among(possible):
         whose = (
             "the result has no data for them"
-            if len(found) == 1
+            if len(loaded) == 1
             else "the results have no data in common for them"
         )
         raise CapabilityError(f"no plots: {whose}; possible: {', '.join(possible) or 'none'}")
     with output_errors(directory):
         directory.mkdir(parents=True, exist_ok=True)
-    if len(found) == 1:
-        return draw_all(found[0], directory, drawings), missing
+    if len(loaded) == 1:
+        return draw_all(loaded[0], directory, drawings), missing
     return _over(results, directory, drawings.among(possible), drawings.suffix), missing
 
 
 def _over(
     results: Sequence[tuple[Path, Result]], directory: Path, names: Sequence[str], suffix: str
 ) -> list[Path]:
-    paths, found = zip(*results)
-    labelled = dict(zip(labels_of(paths, [result.title for result in found]), found))
+    paths, loaded = zip(*results)
+    labelled = dict(zip(labels_of(paths, [result.title for result in loaded]), loaded))
     with styled():
         return [save(draw_over(labelled, name), directory / f"{name}.{suffix}") for name in names]
 
@@ -160,9 +160,9 @@ def _errors(results: Mapping[str, Result], name: str) -> list[str]:
 
 def _series(result: Result, name: str) -> Series:
     """Return the quantities of a plot over time."""
-    found: Series = {}
+    series: Series = {}
     if "time" not in result or not result.time.size:
-        return found
+        return series
     for path, variable in result.variables.items():
         if not any(
             path == start or (start.endswith("/") and path.startswith(start)) for start in OVERLAID[name]
@@ -177,8 +177,8 @@ def _series(result: Result, name: str) -> Series:
             else ""
         )
         for k, (column, units) in enumerate(zip(shown.names, shown.units)):
-            found[(f"{prefix}{column}", units)] = result.time, shown.part([k])
-    return found
+            series[(f"{prefix}{column}", units)] = result.time, shown.part([k])
+    return series
 
 
 def _most_different(keys: list[tuple[str, str]], all_series: list[Series]) -> list[tuple[str, str]]:

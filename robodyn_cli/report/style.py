@@ -240,9 +240,9 @@ def positive_floor(*arrays: Any, floor: float = 0.0) -> tuple[float, float]:
 
     Without a ``floor`` it is a little below the smallest positive value.
     """
-    found = np.concatenate([np.ravel(array) for array in arrays])
-    found = found[np.isfinite(found) & (found > 0.0)]
-    if not found.size:
+    values = np.concatenate([np.ravel(array) for array in arrays])
+    values = values[np.isfinite(values) & (values > 0.0)]
+    if not values.size:
         return floor or 1e-16, 10.0 * (floor or 1e-16)
-    low = floor or max(float(found.min()), float(found.max()) * 1e-25)
-    return low, max(float(found.max()), low)
+    low = floor or max(float(values.min()), float(values.max()) * 1e-25)
+    return low, max(float(values.max()), low)

@@ -299,8 +299,8 @@ def time_plot(result: Result, path: str, quantity: str, subtitle: str) -> Any:
     handles = draw_groups(sheet, shown, list(groups.values()))
     for ax, (units, columns) in zip(sheet.axes, groups.items()):
         draw_limits(ax, near, [names[k] for k in columns], [handles[k] for k in columns])
-        what = "quaternion" if path == "q" and units == "1" else quantity
-        ax.set_ylabel(labelled(what if len(names) > 1 else f"{names[0]}: {what}", units))
+        label = "quaternion" if path == "q" and units == "1" else quantity
+        ax.set_ylabel(labelled(label if len(names) > 1 else f"{names[0]}: {label}", units))
         if units == "rad":
             degree_axis(ax)
     sheet.finish(*((handles, names) if len(names) > 1 else ([], [])))

@@ -33,8 +33,8 @@ def output_error(path: Path, error: BaseException) -> OutputError:
     """Turn a failure of the operating system into an OutputError that names the path."""
     reason = getattr(error, "strerror", None) or str(error)
     # HDF5 wraps the system's own words in a paragraph.
-    if found := re.search(r"error message = '([^']+)'", reason):
-        reason = found[1]
+    if words := re.search(r"error message = '([^']+)'", reason):
+        reason = words[1]
     return OutputError(f"cannot write {path}: {reason}", path=str(path))
 
 

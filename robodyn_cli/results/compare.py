@@ -110,24 +110,26 @@ def compare(
     if relative_to not in ("peak", "sample"):
         raise ValueError(f"relative_to is {relative_to!r}; allowed are 'peak' and 'sample'")
     tolerance = _Tolerance(rtol, atol, relative_to)
-    found = [Difference(path, "extra") for path in result.variables if path not in baseline.variables]
+    differences = [Difference(path, "extra") for path in result.variables if path not in baseline.variables]
     if result.status != baseline.status:
-        found.append(Difference("status", "entries", f"{result.status} instead of {baseline.status}"))
+        differences.append(Difference("status", "entries", f"{result.status} instead of {baseline.status}"))
     for path, expected in baseline.variables.items():
         if path not in result.variables:
-            found.append(Difference(path, "missing"))
+            differences.append(Difference(path, "missing"))
             continue
         actual = result.variables[path]
         reason = _mismatch(actual, expected)
         if reason is not None:
-            found.append(Difference(path, *reason))
+            differences.append(Difference(path, *reason))
         else:
             over_time = expected.dims[:1] == ("time",) and "time" in baseline
             times = baseline.time if over_time else None
-            found.append(_worst(path, actual, expected, tolerance, _stated(result, baseline, path), times))
-    found += _others(result.others, baseline.others)
-    found += _events(result, baseline, _Tolerance(rtol, atol))
-    return Comparison(tuple(sorted(found, key=_sort_key)))
+            differences.append(
+                _worst(path, actual, expected, tolerance, _stated(result, baseline, path), times)
+            )
+    differences += _others(result.others, baseline.others)
+    differences += _events(result, baseline, _Tolerance(rtol, atol))
+    return Comparison(tuple(sorted(differences, key=_sort_key)))
 
 
 def _sort_key(item: Difference) -> tuple[int, float, int, str]:
@@ -139,21 +141,21 @@ def _others(
     result: Mapping[str, tuple[str, ...]], baseline: Mapping[str, tuple[str, ...]]
 ) -> list[Difference]:
     """Compare the datasets without numbers: entry by entry, equal or not."""
-    found = [Difference(path, "extra") for path in result if path not in baseline]
+    differences = [Difference(path, "extra") for path in result if path not in baseline]
     for path, expected in baseline.items():
         actual = result.get(path)
         if actual is None:
-            found.append(Difference(path, "missing"))
+            differences.append(Difference(path, "missing"))
         elif len(actual) != len(expected):
-            found.append(Difference(path, "shape", f"{len(actual)} entries instead of {len(expected)}"))
+            differences.append(Difference(path, "shape", f"{len(actual)} entries instead of {len(expected)}"))
         elif actual != expected:
             k = next(k for k, (a, b) in enumerate(zip(actual, expected)) if a != b)
-            found.append(
+            differences.append(
                 Difference(path, "entries", f"{actual[k]!r} instead of {expected[k]!r} as number {k}")
             )
         else:
-            found.append(Difference(path, "equal"))
-    return found
+            differences.append(Difference(path, "equal"))
+    return differences
 
 
 def _events(result: Result, baseline: Result, tolerance: _Tolerance) -> list[Difference]:
@@ -168,9 +170,9 @@ def _events(result: Result, baseline: Result, tolerance: _Tolerance) -> list[Dif
     if len(actual) != len(expected):
         return [Difference("events", "shape", f"{len(actual)} events instead of {len(expected)}")]
     times = [np.array([float(e["time"]) for e in r.events]) for r in (result, baseline)]
-    found, wanted = (Variable(x, ("event",), "s", "time of events") for x in times)
+    own, wanted = (Variable(x, ("event",), "s", "time of events") for x in times)
     stated = _stated(result, baseline, "events/time")
-    worst = _worst("events/time", found, wanted, tolerance, stated, times[1])
+    worst = _worst("events/time", own, wanted, tolerance, stated, times[1])
     at = int(np.argmax(np.abs(times[0] - times[1])))
     return [dataclasses.replace(worst, column=expected[at])]
 

@@ -50,7 +50,7 @@ def to_xarray(result: Result) -> xarray.Dataset:
             for axis, (dim, length) in enumerate(zip(variable.dims, variable.data.shape))
         ]
         variables[path] = (dims, variable.data, _attributes(variable))
-    labels = {name: list(found) for name, (_, found) in seen.items() if found and name not in variables}
+    labels = {name: list(own) for name, (_, own) in seen.items() if own and name not in variables}
     return xarray.Dataset(variables, coords=labels, attrs=_about(result))
 
 
@@ -87,21 +87,23 @@ def to_pandas(result: Result, table: str | None = None) -> pandas.DataFrame:
     _require("pandas")
     import pandas
 
-    found = tables(result)
-    name = table or (SAMPLES if SAMPLES in found else next(iter(found), SAMPLES))
-    if name not in found:
-        raise CapabilityError(f"the result has no table {name!r}; allowed: {', '.join(found) or 'none'}")
-    columns = {column.label: column.data for column in found[name]}
+    by_name = tables(result)
+    name = table or (SAMPLES if SAMPLES in by_name else next(iter(by_name), SAMPLES))
+    if name not in by_name:
+        raise CapabilityError(f"the result has no table {name!r}; allowed: {', '.join(by_name) or 'none'}")
+    columns = {column.label: column.data for column in by_name[name]}
     index = columns.pop("time", None) if name == SAMPLES else None
     frame = pandas.DataFrame(columns, index=index)
     frame.index.name = "time" if index is not None else name
-    frame.attrs = {**_about(result), "units": {column.label: column.units for column in found[name]}}
+    frame.attrs = {**_about(result), "units": {column.label: column.units for column in by_name[name]}}
     return frame
 
 
 def _attributes(variable: Variable) -> dict[str, Any]:
-    found: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
-    return {**found, "column_units": list(variable.column_units)} if variable.column_units else found
+    attributes: dict[str, Any] = {"units": variable.units, "long_name": variable.long_name}
+    return (
+        {**attributes, "column_units": list(variable.column_units)} if variable.column_units else attributes
+    )
 
 
 def _about(result: Result) -> dict[str, Any]:
@@ -149,7 +151,7 @@ def tables(result: Result) -> dict[str, list[ExportColumn]]:
 
     A column is called ``PATH.NAME``: ``q.theta1``, ``points/tip.x``, ``skeleton/crank.0.x``.
     """
-    found: dict[str, list[ExportColumn]] = {}
+    by_name: dict[str, list[ExportColumn]] = {}
     lengths: dict[str, int] = {}
     for path, variable in result.variables.items():
         if not variable.dims:
@@ -159,8 +161,8 @@ def tables(result: Result) -> dict[str, list[ExportColumn]]:
         if lengths.setdefault(name, len(variable.data)) != len(variable.data):
             name = file_stem(f"{name}_{path}")
             lengths[name] = len(variable.data)
-        found.setdefault(name, []).extend(_columns(path, variable))
-    return found
+        by_name.setdefault(name, []).extend(_columns(path, variable))
+    return by_name
 
 
 def _columns(path: str, variable: Variable) -> list[ExportColumn]:

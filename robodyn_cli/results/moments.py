@@ -41,8 +41,8 @@ class Moment:
 
 def lock(result: Result) -> dict[str, Any]:
     """Return what the run reported about its lock; empty if it did not lock."""
-    found = result.summary.get("lock")
-    return found if isinstance(found, dict) else {}
+    facts = result.summary.get("lock")
+    return facts if isinstance(facts, dict) else {}
 
 
 def lock_time(result: Result) -> float | None:
@@ -77,12 +77,12 @@ def moments(result: Result) -> list[Moment]:
 
 
 def _events(events: Sequence[Mapping[str, Any]]) -> list[Moment]:
-    found = []
+    marks = []
     for event in events:
         time, kind = event.get("time"), str(event.get("kind"))
         if kind in WORDS and isinstance(time, int | float) and math.isfinite(time):
-            found.append(Moment(float(time), kind, WORDS[kind].format(name=event.get("name", ""))))
-    return found
+            marks.append(Moment(float(time), kind, WORDS[kind].format(name=event.get("name", ""))))
+    return marks
 
 
 def _lock(result: Result) -> list[Moment]:
@@ -90,7 +90,7 @@ def _lock(result: Result) -> list[Moment]:
     if time is None:
         return []
     facts = lock(result)
-    found = [Moment(time, "lock", str(facts.get("kind") or "lock").replace("_", " "))]
+    marks = [Moment(time, "lock", str(facts.get("kind") or "lock").replace("_", " "))]
     if isinstance(facts.get("latch"), dict):
-        found.append(Moment(time, "latch", LATCH))
-    return found
+        marks.append(Moment(time, "latch", LATCH))
+    return marks

@@ -96,14 +96,14 @@ class OutputDirectory:
 
     def stored_run(self) -> tuple[float, ...] | None:
         """Return what changes when another run's files come here; None if there are none."""
-        found: list[float] = []
+        marks: list[float] = []
         for name in (RESULT_NAME, SUMMARY_NAME):
             try:
                 status = os.stat(self.path / name)
             except (OSError, ValueError):
                 continue
-            found += [status.st_ino, status.st_mtime_ns]
-        return tuple(found) or None
+            marks += [status.st_ino, status.st_mtime_ns]
+        return tuple(marks) or None
 
     @property
     def warning(self) -> str | None:

@@ -175,13 +175,13 @@ class Result:
 
     def to_xarray(self) -> xarray.Dataset:
         """Return all datasets by their paths, with units, times and names of columns; see ``results.frames``."""
-        found: xarray.Dataset = VIEWS["xarray"](self)
-        return found
+        dataset: xarray.Dataset = VIEWS["xarray"](self)
+        return dataset
 
     def to_pandas(self, table: str | None = None) -> pandas.DataFrame:
         """Return everything over time, or another table, as a DataFrame; see ``results.frames``."""
-        found: pandas.DataFrame = VIEWS["pandas"](self, table)
-        return found
+        frame: pandas.DataFrame = VIEWS["pandas"](self, table)
+        return frame
 
     def __repr__(self) -> str:
         """Return a line: what was run, how it ended, and what there is."""
@@ -190,8 +190,8 @@ class Result:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the main figures with their errors, and a picture."""
-        found: str = VIEWS["html"](self)
-        return found
+        text: str = VIEWS["html"](self)
+        return text
 
 
 def column_names(variable: Variable) -> list[str]:

@@ -145,9 +145,9 @@ def stated(summary: Mapping[str, Any]) -> Iterator[Stated]:
 
 def concerning(summary: Mapping[str, Any], path: str) -> Iterator[Stated]:
     """Yield what a summary states of the errors of a dataset, or of all in a group."""
-    for found in stated(summary):
-        if any(_is_inside(path, about) or _is_inside(about, path) for about in found.statement.about):
-            yield found
+    for error in stated(summary):
+        if any(_is_inside(path, about) or _is_inside(about, path) for about in error.statement.about):
+            yield error
 
 
 def error_places(path: str) -> list[str]:

@@ -41,8 +41,8 @@ def as_keys(summary: Any) -> dict[str, Any]:
 
     Records inside, in lists and maps too, become dictionaries likewise; fields that are ``ABSENT`` are left out.
     """
-    found = {key_of(f.name): getattr(summary, f.name) for f in dataclasses.fields(summary)}
-    return {name: _plain(value) for name, value in found.items() if value is not ABSENT}
+    entries = {key_of(f.name): getattr(summary, f.name) for f in dataclasses.fields(summary)}
+    return {name: _plain(value) for name, value in entries.items() if value is not ABSENT}
 
 
 def _plain(value: Any) -> Any:
@@ -106,16 +106,16 @@ def read_summary(path: str | Path) -> dict[str, Any]:
 
 def versions() -> dict[str, str]:
     """Return the versions of Python and of the libraries loaded so far, without importing any."""
-    found = {"python": platform.python_version()}
+    by_name = {"python": platform.python_version()}
     for name in ("numpy", "h5py", "llvmlite", "scipy", "casadi"):
         module = sys.modules.get(name)
         if module is not None:
-            found[name] = str(getattr(module, "__version__", "unknown"))
+            by_name[name] = str(getattr(module, "__version__", "unknown"))
     h5py = sys.modules.get("h5py")
     if h5py is not None:
-        found["hdf5"] = str(h5py.version.hdf5_version)
-    found["platform"] = f"{platform.system()} {platform.release()} {platform.machine()}"
-    return found
+        by_name["hdf5"] = str(h5py.version.hdf5_version)
+    by_name["platform"] = f"{platform.system()} {platform.release()} {platform.machine()}"
+    return by_name
 
 
 @functools.cache

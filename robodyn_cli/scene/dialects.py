@@ -92,12 +92,12 @@ def read_description(text: str, source: Source, faults: Faults, packages: Packag
     return found
 
 
-def robot_yaml(found: Description, folder: str) -> str:
+def robot_yaml(urdf: Description, folder: str) -> str:
     """Return the text of a robot file in a folder, which scenes include."""
-    lines = [line for text in found.remarks for line in _comment(text)]
-    remarks = {"joints": found.tree.joint_remarks, "links": found.tree.link_remarks, "couplers": {}}
-    old = os.path.dirname(os.path.abspath(found.file))
-    for key, items in found.tree.root.entries:
+    lines = [line for text in urdf.remarks for line in _comment(text)]
+    remarks = {"joints": urdf.tree.joint_remarks, "links": urdf.tree.link_remarks, "couplers": {}}
+    old = os.path.dirname(os.path.abspath(urdf.file))
+    for key, items in urdf.tree.root.entries:
         items = _meshes_from(items, old, os.path.abspath(folder)) if key.text == "links" else items
         if key.text not in remarks or not isinstance(items, Sequence):
             lines += block(mapping(items, [(key, items)]))

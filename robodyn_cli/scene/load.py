@@ -142,11 +142,11 @@ class Family:
         self.overrides = tuple(overrides)
         self._take(os.fspath(path), examine(path, overrides))
 
-    def _take(self, path: str, found: Examined) -> None:
+    def _take(self, path: str, examined: Examined) -> None:
         self.path = path
-        self.own = found.checked()
-        assert found.root is not None
-        self.root: Node = found.root
+        self.own = examined.checked()
+        assert examined.root is not None
+        self.root: Node = examined.root
 
     @staticmethod
     def of(scene: Scene) -> Family:

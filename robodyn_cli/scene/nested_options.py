@@ -78,8 +78,8 @@ class Payload:
     @property
     def instants(self) -> dict[str, Instant]:
         """When it is gripped and released, as far as that happens, by key."""
-        found = {"from": self.start, "until": self.until}
-        return {name: instant for name, instant in found.items() if instant is not None}
+        by_key = {"from": self.start, "until": self.until}
+        return {name: instant for name, instant in by_key.items() if instant is not None}
 
 
 @record

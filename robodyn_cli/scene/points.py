@@ -80,11 +80,11 @@ def joints_between(robot: Robot, first: str, second: str) -> set[str]:
     """Return the joints that move one point or frame against another (of a checked robot), fixed ones among them."""
     below: list[set[str]] = []
     for reference in (first, second):
-        link, found = carrier(robot, reference), set()
+        link, joints = carrier(robot, reference), set()
         while link != BASE and (joint := joint_of(robot, link)) is not None:
-            found.add(joint.name)
+            joints.add(joint.name)
             link = joint.parent or BASE
-        below.append(found)
+        below.append(joints)
     return below[0] ^ below[1]
 
 

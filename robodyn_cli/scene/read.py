@@ -109,22 +109,22 @@ class Reader(ScalarReader):
     def direction(
         self, kind: kinds.Direction, node: nodes.Node, path: nodes.Path, unit: str
     ) -> tuple[float, ...]:
-        found = self.vector(kind, node, path, unit)
-        length = math.hypot(*found)
+        vector = self.vector(kind, node, path, unit)
+        length = math.hypot(*vector)
         if length == 0.0:
             raise nodes.located(node, nodes.dotted(path), "must not be zero (value [0, 0, 0])")
         if not 1.0 / _LONGEST < length < _LONGEST:
             message = f"has length {length:.3g}; allowed: a direction, such as [0, 0, 1]"
             raise nodes.located(node, nodes.dotted(path), message)
-        return found
+        return vector
 
     def list_of(self, kind: kinds.ListOf, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
         if not isinstance(node, nodes.Sequence):
             raise self.wrong(kind, node, path, unit)
         if len(node.items) < kind.minimum or (kind.maximum is not None and len(node.items) > kind.maximum):
             raise self.wrong(kind, node, path, unit, _entries(node))
-        found = tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
-        return BROKEN if any(x is BROKEN for x in found) else found
+        items = tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
+        return BROKEN if any(x is BROKEN for x in items) else items
 
     def entries_of(
         self, kind: kinds.Kind, node: nodes.Node, path: nodes.Path, unit: str
@@ -204,28 +204,28 @@ class Reader(ScalarReader):
             message = f"key {kind.tag!r} is missing; allowed: {', '.join(options)}"
             raise nodes.located(node, nodes.dotted(path), message)
         self.choice(kinds.Choice(tuple(options)), tag, (*path, kind.tag), "")
-        found = concrete(kind, node)
-        assert isinstance(found, kinds.Section)
-        return self.section(found, node, path)
+        section = concrete(kind, node)
+        assert isinstance(section, kinds.Section)
+        return self.section(section, node, path)
 
     def either(self, kind: kinds.Either, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
-        found = concrete(kind, node)
-        if found is None or (isinstance(node, nodes.Scalar) and node.value is None):
+        form = concrete(kind, node)
+        if form is None or (isinstance(node, nodes.Scalar) and node.value is None):
             raise self.wrong(kind, node, path, unit)
         if (
-            isinstance(found, kinds.Choice)
+            isinstance(form, kinds.Choice)
             and isinstance(node, nodes.Scalar)
-            and node.text not in found.options
+            and node.text not in form.options
         ):
             # the message names all forms, not the scalar one only
-            hint = did_you_mean(node.text, found.options)
+            hint = did_you_mean(node.text, form.options)
             raise self.unknown(kind, node, path, hint)
-        return self.value(found, node, path, unit)
+        return self.value(form, node, path, unit)
 
     def by_part(self, kind: kinds.ByPart, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
-        found = concrete(kind, node)
-        assert found is not None
-        return self.value(found, node, path, unit)
+        form = concrete(kind, node)
+        assert form is not None
+        return self.value(form, node, path, unit)
 
     def or_file(self, kind: kinds.OrFile, node: nodes.Node, path: nodes.Path, unit: str) -> Any:
         # files are included before reading: a scalar that is left is no path
@@ -239,8 +239,10 @@ class Reader(ScalarReader):
         keys = _Keys.of(kind.cls)
         if not isinstance(node, nodes.Mapping):
             listed = ", ".join(keys.allowed[:_MAX_LISTED])
-            what = "has no value" if isinstance(node, nodes.Scalar) and node.value is None else "is not a map"
-            message = f"{what} (value {nodes.describe_node(node)}); allowed: a map with keys {listed}"
+            fault = (
+                "has no value" if isinstance(node, nodes.Scalar) and node.value is None else "is not a map"
+            )
+            message = f"{fault} (value {nodes.describe_node(node)}); allowed: a map with keys {listed}"
             raise nodes.located(node, nodes.dotted(path), message)
         values = self.section_values(keys, node, path)
         self.check_missing(keys, values, node, path)
@@ -265,11 +267,11 @@ class Reader(ScalarReader):
                 values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
         # in the order of the registry, so that the order of keys in the file makes no difference
         for name, (holder, _) in keys.inline.items():
-            found = elements.get(name, BROKEN)
-            if isinstance(found, dict):
-                pairs = tuple((f"{name}.{part}", element) for part, element in found.items())
+            entry = elements.get(name, BROKEN)
+            if isinstance(entry, dict):
+                pairs = tuple((f"{name}.{part}", element) for part, element in entry.items())
             else:
-                pairs = ((name, found),) if found is not BROKEN else ()
+                pairs = ((name, entry),) if entry is not BROKEN else ()
             if pairs:
                 values[holder] = (*values.get(holder, ()), *pairs)
         return values
@@ -283,10 +285,10 @@ class Reader(ScalarReader):
         missing = [name for name in keys.needed if name not in values and name not in meant]
         if missing:
             listed = ", ".join(repr(name) for name in missing)
-            what = f"key{'s' * (len(missing) > 1)} {listed} {'are' if len(missing) > 1 else 'is'} missing"
+            fault = f"key{'s' * (len(missing) > 1)} {listed} {'are' if len(missing) > 1 else 'is'} missing"
             docs = keys.fields[missing[0]].metadata
             meaning = f" ({missing[0]}: {kinds.describe(docs['kind'], docs['unit'])})"
             needed = ", ".join(keys.needed)
             self.faults.report(
-                nodes.located(node, nodes.dotted(path), f"{what}{meaning}; needed here: {needed}")
+                nodes.located(node, nodes.dotted(path), f"{fault}{meaning}; needed here: {needed}")
             )

@@ -92,15 +92,15 @@ class ScalarReader:
             return self.handlers[type(kind)](kind, node, path, unit)
         return BROKEN
 
-    def wrong(self, kind: Kind, node: Node, path: Path, unit: str, what: str = "") -> SceneError:
+    def wrong(self, kind: Kind, node: Node, path: Path, unit: str, fault: str = "") -> SceneError:
         """Return the error of a value that ``kind`` does not allow."""
         allowed = describe(kind, unit)
-        if isinstance(node, Scalar) and node.value is None and not what:
+        if isinstance(node, Scalar) and node.value is None and not fault:
             return located(node, dotted(path), f"has no value; allowed: {allowed}")
         if isinstance(node, Scalar) and type(node.value) in (int, float):
-            what = what or "is a number"
-        what = what or "is not allowed here"
-        return located(node, dotted(path), f"{what} (value {describe_node(node)}); allowed: {allowed}")
+            fault = fault or "is a number"
+        fault = fault or "is not allowed here"
+        return located(node, dotted(path), f"{fault} (value {describe_node(node)}); allowed: {allowed}")
 
     @staticmethod
     def unknown(kind: Kind, node: Scalar, path: Path, hint: str) -> SceneError:
@@ -164,8 +164,8 @@ class ScalarReader:
     def text(self, kind: Kind, node: Node, path: Path, unit: str) -> str:
         if isinstance(node, Scalar) and isinstance(node.value, str):
             return node.value
-        what = "is not text; put it in quotes" if isinstance(node, Scalar) and node.value is not None else ""
-        raise self.wrong(kind, node, path, unit, what)
+        fault = "is not text; put it in quotes" if isinstance(node, Scalar) and node.value is not None else ""
+        raise self.wrong(kind, node, path, unit, fault)
 
     def name(self, kind: Name, node: Node, path: Path, unit: str) -> str:
         if not isinstance(node, Scalar) or node.value is None:
@@ -182,10 +182,12 @@ class ScalarReader:
     def check_name(self, of: str, node: Scalar, path: Path) -> None:
         """Refuse what cannot be a name, and words that mean something else in formulas."""
         if not _NAME.fullmatch(node.text):
-            what = (
+            fault = (
                 f"{shown(node.text)} cannot be the name of a {of}" if of else f"{shown(node.text)} is no name"
             )
-            raise located(node, dotted(path), f"{what}; allowed: letters, digits, _ and -, not first a digit")
+            raise located(
+                node, dotted(path), f"{fault}; allowed: letters, digits, _ and -, not first a digit"
+            )
         if of in _IN_FORMULAS and "-" in node.text:
             message = f"{shown(node.text)}: '-' is a sign in formulas; allowed: letters, digits, _"
             raise located(node, dotted(path), message)
@@ -254,8 +256,8 @@ def joint_map(reader: ScalarReader, kind: JointMap, node: Node, path: Path, unit
         here = (*path, key.text)
         with reader.faults:
             reader.check_name(kind.of, key, here)
-            found = joint_values(reader, kind, key.text, item, here, unit)
-            result.update({name: value for name, value in found.items() if value is not BROKEN})
+            values = joint_values(reader, kind, key.text, item, here, unit)
+            result.update({name: value for name, value in values.items() if value is not BROKEN})
     return result
 
 
@@ -282,21 +284,21 @@ def joint_values(
             raise located(
                 node, dotted(path), f"has {len(node.items)} entries; needed: {len(names)}, {', '.join(names)}"
             )
-        found = {
+        values = {
             x: reader.value(items[x], item, (*path, k), unit)
             for k, (x, item) in enumerate(zip(names, node.items))
         }
     elif isinstance(node, Mapping):
-        found = _from_map(reader, kind, joint, node, path, unit)
+        values = _from_map(reader, kind, joint, node, path, unit)
     else:
         raise located(
             node, dotted(path), f"{_wanted(joint, kind, name, names)} (value {describe_node(node)})"
         )
-    if any(value is BROKEN for value in found.values()):
+    if any(value is BROKEN for value in values.values()):
         return {}
     if joint.quasi and kind.coordinates == "q":
-        found = _attitude(kind, joint, found, node, path)
-    return {f"{name}.{x}": value for x, value in found.items()}
+        values = _attitude(kind, joint, values, node, path)
+    return {f"{name}.{x}": value for x, value in values.items()}
 
 
 def _items(kind: JointMap, joint: Joint) -> dict[str, Kind]:
@@ -332,17 +334,17 @@ def _from_map(
         groups = dict(ATTITUDES)
         if "x" in joint.names:
             groups["xyz"] = 3
-    found: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     for key, item in node.entries:
         here = (*path, key.text)
         if key.text in items:
-            found[key.text] = reader.value(items[key.text], item, here, unit)
+            values[key.text] = reader.value(items[key.text], item, here, unit)
         elif key.text in groups:
-            found.update(_group(reader, kind, key, item, groups[key.text], here))
+            values.update(_group(reader, kind, key, item, groups[key.text], here))
         else:
             allowed = [*items, *groups]
             raise located(key, dotted(here), unknown_name("coordinate", key.text, allowed))
-    return found
+    return values
 
 
 def _group(
@@ -361,23 +363,25 @@ def _group(
     return dict(zip(POSITION, values)) if key.text == "xyz" else {key.text: values}
 
 
-def _attitude(kind: JointMap, joint: Joint, found: dict[str, Any], node: Node, path: Path) -> dict[str, Any]:
+def _attitude(
+    kind: JointMap, joint: Joint, entries: dict[str, Any], node: Node, path: Path
+) -> dict[str, Any]:
     """Return the columns with one whole attitude and position; numbers as a unit quaternion."""
-    given = [x for x in ATTITUDES if x in found]
-    parts = [x for x in QUATERNION if x in found]
+    given = [x for x in ATTITUDES if x in entries]
+    parts = [x for x in QUATERNION if x in entries]
     forms = f"one of {', '.join(ATTITUDES)}"
     if len(given) + bool(parts) != 1:
-        what = "gives the attitude twice" if given or parts else "lacks the attitude"
-        raise located(node, dotted(path), f"{what}; needed: {forms}")
+        fault = "gives the attitude twice" if given or parts else "lacks the attitude"
+        raise located(node, dotted(path), f"{fault}; needed: {forms}")
     if parts and len(parts) < 4:
         raise located(node, dotted(path), f"lacks {', '.join(x for x in QUATERNION if x not in parts)}; needed: all of "
                       f"{', '.join(QUATERNION)}, or {forms}")  # fmt: skip
-    missing = [x for x in joint.names if x in POSITION and x not in found]
+    missing = [x for x in joint.names if x in POSITION and x not in entries]
     if missing:
         raise located(node, dotted(path), f"lacks {', '.join(missing)}; needed: xyz, or x, y and z")
     form = given[0] if given else "quaternion"
-    values = found[form] if given else tuple(found[x] for x in QUATERNION)
-    rest = {x: value for x, value in found.items() if x in POSITION}
+    values = entries[form] if given else tuple(entries[x] for x in QUATERNION)
+    rest = {x: value for x, value in entries.items() if x in POSITION}
     if not isinstance(kind.item, Number):
         return {**rest, form: values}
     return {**rest, **dict(zip(QUATERNION, _quaternion(form, values, node, path)))}

@@ -149,8 +149,8 @@ class LaterSection(Section):
     def cls(self) -> type:
         """The dataclass."""
         module, _, member = self.place.partition(":")
-        found: type = getattr(importlib.import_module(f"robodyn_cli.{module}"), member)
-        return found
+        cls: type = getattr(importlib.import_module(f"robodyn_cli.{module}"), member)
+        return cls
 
 
 @record

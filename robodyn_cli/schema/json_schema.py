@@ -92,27 +92,27 @@ class _Maker:
                     "description": "Prefix of all names of the file.",
                 }
             required = [kinds.INCLUDE]
-        found: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
+        schema: Schema = {"type": "object", "properties": properties, "additionalProperties": False}
         if _doc(cls):
-            found["description"] = _doc(cls)
+            schema["description"] = _doc(cls)
         if required:
-            found["required"] = required
-        return found
+            schema["required"] = required
+        return schema
 
     def field(self, field: dataclasses.Field[Any]) -> Schema:
         """Return the schema of one key with its words, unit and default."""
         unit, doc = field.metadata["unit"], field.metadata["doc"]
         kind = field.metadata["kind"]
-        found = dict(self.kind(kind))
+        schema = dict(self.kind(kind))
         if field.default is None:
-            found = {"anyOf": [found, {"type": "null"}]}
+            schema = {"anyOf": [schema, {"type": "null"}]}
         allowed = describe(kind, unit)
-        found["description"] = f"{doc} {allowed[0].upper()}{allowed[1:]}.".strip()
+        schema["description"] = f"{doc} {allowed[0].upper()}{allowed[1:]}.".strip()
         if isinstance(field.default, (bool, int, float, str)) and field.default != "":
-            found["default"] = field.default
+            schema["default"] = field.default
         elif isinstance(field.default, tuple) and all(isinstance(x, (int, float)) for x in field.default):
-            found["default"] = list(field.default)
-        return found
+            schema["default"] = list(field.default)
+        return schema
 
     # -- kinds ----------------------------------------------------------------------------------------
     def kind(self, kind: kinds.Kind) -> Schema:
@@ -175,13 +175,13 @@ class _Maker:
         raise TypeError(f"no JSON Schema of {type(kind).__name__}")
 
     def number(self, kind: kinds.Number | kinds.Integer) -> Schema:
-        found: Schema = {"type": "integer" if isinstance(kind, kinds.Integer) else "number"}
+        schema: Schema = {"type": "integer" if isinstance(kind, kinds.Integer) else "number"}
         strict = isinstance(kind, kinds.Number) and kind.exclusive
         if kind.minimum is not None:
-            found["exclusiveMinimum" if strict else "minimum"] = kind.minimum
+            schema["exclusiveMinimum" if strict else "minimum"] = kind.minimum
         if kind.maximum is not None:
-            found["exclusiveMaximum" if strict else "maximum"] = kind.maximum
-        return {"anyOf": [found, EXPRESSION]}
+            schema["exclusiveMaximum" if strict else "maximum"] = kind.maximum
+        return {"anyOf": [schema, EXPRESSION]}
 
     def tagged(self, kind: kinds.Tagged) -> Schema:
         """Return one branch per type; with ``if`` and ``then``, an editor reports errors for the given type only."""

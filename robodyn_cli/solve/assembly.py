@@ -106,16 +106,16 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
 
     Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes.
     """
-    found, tried = _close_from(numbers, q, task, [q, *_starts(numbers, q, task.missing, np.pi, 1)])
+    poses, tried = _close_from(numbers, q, task, [q, *_starts(numbers, q, task.missing, np.pi, 1)])
     for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
-        if not found:
-            found, more = _close_from(numbers, q, task, _starts(numbers, q, task.free, spread, seed))
+        if not poses:
+            poses, more = _close_from(numbers, q, task, _starts(numbers, q, task.free, spread, seed))
             tried += more
-    if not found:
+    if not poses:
         raise _open_loop(numbers, task, tried)
     # a regular configuration is preferred to any singular one
-    ranks = [rank(numbers.psi(closed), RANK_TOLERANCE) for _, closed in found]
-    return min((f for f, own in zip(found, ranks) if own == max(ranks)), key=lambda f: f[0])[1]
+    ranks = [rank(numbers.psi(closed), RANK_TOLERANCE) for _, closed in poses]
+    return min((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])[1]
 
 
 def _starts(numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int) -> list[Array]:
@@ -135,7 +135,7 @@ def _close_from(
     """Return (distance from q, configuration) of the starts that close, and (residual, configuration) of every
     start."""
     given = [k for k in range(numbers.nv) if k not in task.missing]
-    found, tried = [], []
+    poses, tried = [], []
     for start in starts:
         if task.missing:  # first the unknown coordinates alone, so that the given ones pick the branch
             start, _ = newton(numbers, start, task.missing)
@@ -149,8 +149,8 @@ def _close_from(
             closed = wrapped
         moved = np.abs(numbers.manifold.difference(q, closed)) / numbers.lengths
         # rounded, so that rounding errors do not choose between equal distances
-        found.append((float(f"{moved[given].sum() + 1e-6 * moved[task.missing].sum():.9g}"), closed))
-    return found, tried
+        poses.append((float(f"{moved[given].sum() + 1e-6 * moved[task.missing].sum():.9g}"), closed))
+    return poses, tried
 
 
 def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]]) -> GeometryError:
@@ -175,11 +175,11 @@ def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]
         if free:
             # with quasi-velocities the gradient away from the start needs the rate of the manifold's exponential
             exact = not numbers.manifold.quasi
-            found = minimize(
+            optimum = minimize(
                 squares if exact else lambda x: squares(x)[0],
                 np.zeros(len(free)), jac=exact, method="BFGS", options={"gtol": 1e-10},
             )  # fmt: skip
-            q = moved(found.x)
+            q = moved(optimum.x)
         sum_of_squares = float(np.sum(numbers.relative(q) ** 2))
         if best is None or sum_of_squares < best[0]:
             best = (sum_of_squares, q)

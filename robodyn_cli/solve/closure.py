@@ -45,8 +45,8 @@ def has_full_rank(A: Array, tolerance: float) -> NDArray[np.bool_]:
     finite = np.asarray(np.isfinite(A).all(axis=(1, 2)))
     known: Array = np.where(finite[:, None, None], A, 0.0)
     sigma = np.linalg.svd(known, compute_uv=False)
-    found: NDArray[np.bool_] = sigma[:, -1] > tolerance * np.maximum(sigma[:, 0], 1e-300)
-    return found
+    full: NDArray[np.bool_] = sigma[:, -1] > tolerance * np.maximum(sigma[:, 0], 1e-300)
+    return full
 
 
 class Conditions(Protocol):
@@ -229,7 +229,7 @@ def search(
     free : velocity coordinates that may move. signature : numbers that agree, to ``SAME``, if and only if
     configurations do. accepted : whether a closed configuration has the attitudes that the closures ask for.
     """
-    found: list[Array] = []
+    poses: list[Array] = []
     marks: list[Array] = []
     closed, last, count = 0, 0, 0
     for count, start in enumerate(starts, start=1):
@@ -238,9 +238,9 @@ def search(
             closed += 1
             mark = signature(q)
             if not any(float(np.abs(mark - other).max(initial=0.0)) < SAME for other in marks):
-                found.append(q)
+                poses.append(q)
                 marks.append(mark)
                 last = count
-        if count >= FEWEST and count - last > PATIENCE * (len(found) + 1):
+        if count >= FEWEST and count - last > PATIENCE * (len(poses) + 1):
             break
-    return ClosureSearch(found, count, closed)
+    return ClosureSearch(poses, count, closed)

@@ -93,7 +93,7 @@ def _bent(numbers: Numbers, q: Array, psi: Array) -> int | None:
 def _along_the_motion(numbers: Numbers, q: Array) -> list[Array]:
     """Return Psi at closed configurations on both sides of q along the mechanism's motion."""
     rng, lengths = np.random.default_rng(11), numbers.lengths
-    found = []
+    jacobians = []
     for way in (1.0, -1.0):
         here = q.copy()
         last = way * rng.normal(size=numbers.nv)
@@ -108,8 +108,8 @@ def _along_the_motion(numbers: Numbers, q: Array) -> list[Array]:
             here, residual = newton(numbers, ahead, range(numbers.nv))
             if residual > CLOSED:
                 break
-            found.append(numbers.psi(here))
-    return found
+            jacobians.append(numbers.psi(here))
+    return jacobians
 
 
 def _best_rows(samples: list[Array], rank: int, m: int) -> tuple[tuple[int, ...], tuple[int, ...]]:

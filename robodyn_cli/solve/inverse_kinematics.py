@@ -88,10 +88,10 @@ class PathTask:
         """The planar arm whose angles follow from the path in closed form, None where there is none."""
         if self.moving is not None or self.prescribed:
             return None
-        found, target = Planar2R.recognise(self.model, self.frame), self.target(np.zeros(1))
-        if found is None or isinstance(target, PoseMotion) or found.in_plane(target) is None:
+        arm, target = Planar2R.recognise(self.model, self.frame), self.target(np.zeros(1))
+        if arm is None or isinstance(target, PoseMotion) or arm.in_plane(target) is None:
             return None
-        return found
+        return arm
 
     @property
     def method(self) -> str:
@@ -293,10 +293,10 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) 
     return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
 
 
-def _report_unreachable(failure: Unreachable, what: str) -> NoReturn:
+def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
     """Raise the error that says from when on, and how far, a target is out of reach."""
     nearest = "the nearest point it reaches is" if failure.nearest else "the nearest point found is"
-    message = f"{what} cannot reach its target at t = {failure.time:.6g} s: {nearest}"
+    message = f"{point} cannot reach its target at t = {failure.time:.6g} s: {nearest}"
     message += f" {failure.distance:.4g} m away"
     if failure.worst_time != failure.time:
         message += f" (worst at t = {failure.worst_time:.6g} s: {failure.worst:.4g} m)"

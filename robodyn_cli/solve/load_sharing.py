@@ -193,8 +193,8 @@ def least_norm_change(P: Array, x: Array, dP: Array, right: Array) -> Array:
     """Return the change of x = P^+ b (T, n) for P + dP, where P dx = ``right`` (T, m) holds."""
     inverse = np.linalg.pinv(P, rcond=RANK)
     free = np.einsum("tmn,tm->tn", dP, np.einsum("tnm,tn->tm", inverse, x))
-    found: Array = np.einsum("tnm,tm->tn", inverse, right)
-    return found + free - np.einsum("tnm,tm->tn", inverse, np.einsum("tmn,tn->tm", P, free))
+    change: Array = np.einsum("tnm,tm->tn", inverse, right)
+    return change + free - np.einsum("tnm,tm->tn", inverse, np.einsum("tmn,tn->tm", P, free))
 
 
 def accelerations(M: Array, f: Array, psi: Array, gamma: Array) -> Array:

@@ -244,16 +244,16 @@ class PathFollower:
         ------
         Unreachable, Singular : with times.
         """
-        found = self.solver.solve(self.at_samples[0][0], start)
-        if not self.reached(found.residual):
+        solution = self.solver.solve(self.at_samples[0][0], start)
+        if not self.reached(solution.residual):
             # in a singular pose, such as a stretched arm, Newton's method may find no direction: leave it by one step
             nudge = 0.05 * np.cos(np.arange(self.manifold.nv)) * self.solver.moving
-            found = self.solver.solve(self.at_samples[0][0], self.manifold.integrate(start, nudge))
-        if not self.reached(found.residual):
-            raise self.unreachable(0, found.q)
+            solution = self.solver.solve(self.at_samples[0][0], self.manifold.integrate(start, nudge))
+        if not self.reached(solution.residual):
+            raise self.unreachable(0, solution.q)
         q = np.empty((len(self.times), len(start)), order="F")
-        q[0] = found.q
-        now = self.state(self.times[0], found, self.sample(0))
+        q[0] = solution.q
+        now = self.state(self.times[0], solution, self.sample(0))
         before: PathState | None = None
         for k in range(1, len(self.times)):
             before, now = self.advance(before, now, k)
@@ -275,13 +275,13 @@ class PathFollower:
         target = self.target(np.array([t]))
         return target.values[0], target.rates[0], target.accelerations[0]
 
-    def state(self, t: float, found: Solution, target: tuple[Array, Array, Array]) -> PathState:
+    def state(self, t: float, solution: Solution, target: tuple[Array, Array, Array]) -> PathState:
         """Return the state at a solution for a target."""
-        rates = self.solver.rates(found.q[None], target[1][None], target[2][None], found.J[None])
+        rates = self.solver.rates(solution.q[None], target[1][None], target[2][None], solution.J[None])
         if not rates.measure[0] > SINGULAR:
-            raise self.singular(t, found.q)
-        qd, qdd = self.manifold.rates(found.q, rates.qd[0], rates.qdd[0])
-        return PathState(t, found.q, qd, qdd, rates.U[0], rates.Vt[0])
+            raise self.singular(t, solution.q)
+        qd, qdd = self.manifold.rates(solution.q, rates.qd[0], rates.qdd[0])
+        return PathState(t, solution.q, qd, qdd, rates.U[0], rates.Vt[0])
 
     def advance(self, before: PathState | None, now: PathState, k: int) -> tuple[PathState, PathState]:
         """Go on to sample k, in smaller steps where needed; return the last two states."""
@@ -313,20 +313,20 @@ class PathFollower:
         guess, error = extrapolate(before, now, h)
         # a joint that does not move the point is never corrected, so extrapolating it would amplify rounding
         guess = self.manifold.normalise(np.where(self.moving, guess, now.q))
-        found = self.solver.solve(target[0], guess)
-        if not self.reached(found.residual):
+        solution = self.solver.solve(target[0], guess)
+        if not self.reached(solution.residual):
             return None
-        miss = float(np.abs(found.q - guess).max())
+        miss = float(np.abs(solution.q - guess).max())
         if not self.solver.redundant:
             if miss > MISS:
                 return None
-            new = self.state(t, found, target)
+            new = self.state(t, solution, target)
             return new if new.on_branch_of(now) else None
         if miss > (FIRST_MISS if error is None else MISS) or (
             error is not None and error > SELF_MOTION_ERROR
         ):
             return None
-        new = self.state(t, found, target)
+        new = self.state(t, solution, target)
         integrated = now.q + 0.5 * h * (now.qd + new.qd) + h * h / 12.0 * (now.qdd - new.qdd)
         drift = self.manifold.difference(new.q, self.manifold.normalise(integrated))
         drift -= new.Vt.T @ (new.Vt @ drift)  # the part that would move the point
@@ -355,9 +355,9 @@ class PathFollower:
         listed = np.unique(np.linspace(first, len(self.times) - 1, LISTED).round().astype(int))
         left = []
         for k in listed:
-            found = self.solver.solve(self.at_samples[0][k], q)
-            q = found.q
-            left.append(found.residual)
+            solution = self.solver.solve(self.at_samples[0][k], q)
+            q = solution.q
+            left.append(solution.residual)
         worst = int(np.argmax(left))
         return Unreachable(self.times[first], left[0], self.times[listed[worst]], left[worst], nearest=False)
 

@@ -133,14 +133,14 @@ def _led_frame(model: Model, q: Sequence[Expr], led: Led) -> tuple[Vector, Matri
     return back @ (p - p0), axes, back @ (linear - linear0), back @ (angular - angular0)
 
 
-def what_is_left(wanted: Array, found: Array, oriented: bool) -> Array:
+def what_is_left(wanted: Array, actual: Array, oriented: bool) -> Array:
     """Return the rows (..., m) that lead from values to wanted ones: differences, of a pose's axes the rotation vector.
 
     wanted, found : (..., k). oriented : whether the first 12 are those of a pose: position, then the axes row by row.
     """
-    left: Array = wanted - found
+    left: Array = wanted - actual
     if not oriented:
         return left
-    A, B = (x[..., 3:POSE].reshape(*x.shape[:-1], 3, 3) for x in (wanted, found))
+    A, B = (x[..., 3:POSE].reshape(*x.shape[:-1], 3, 3) for x in (wanted, actual))
     turn = quaternion.logarithm(A @ np.swapaxes(B, -1, -2))
     return np.concatenate([left[..., :3], turn, left[..., POSE:]], axis=-1)

@@ -25,26 +25,26 @@ Breaks = Sequence[float]
 
 def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
     """Return the integrals (n,) of y (T, n), samples a time h apart."""
-    found = np.zeros(y.shape[1])
+    integrals = np.zeros(y.shape[1])
     for piece, low, high in pieces(len(y), breaks):
         own = y[piece]
         if len(own) > 1:
-            found += _increments(own, h).sum(axis=0)
+            integrals += _increments(own, h).sum(axis=0)
         for (first, last), near in _ends(len(own), low, high):
-            found += h * (_weights(len(own[near]), first, last) @ own[near])
-    return found
+            integrals += h * (_weights(len(own[near]), first, last) @ own[near])
+    return integrals
 
 
 def integrate_positive(y: Array, h: float, breaks: Breaks = ()) -> Array:
     """Return the integrals (n,) of max(y, 0) for y (T, n), samples a time h apart."""
-    found = np.zeros(y.shape[1])
+    integrals = np.zeros(y.shape[1])
     for piece, low, high in pieces(len(y), breaks):
         own = y[piece]
         if len(own) > 1:
-            found += _positive_part(own, h)
+            integrals += _positive_part(own, h)
         for (first, last), near in _ends(len(own), low, high):
-            found += [h * _positive_piece(column, first, last) for column in own[near].T]
-    return found
+            integrals += [h * _positive_piece(column, first, last) for column in own[near].T]
+    return integrals
 
 
 def _positive_part(y: Array, h: float) -> Array:

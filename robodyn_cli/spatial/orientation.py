@@ -99,12 +99,12 @@ def _matrix_problem(rows: Sequence[Sequence[float]]) -> str:
         for j in range(i, 3):
             product = _dot(rows[i], rows[j])
             if not abs(product - (i == j)) <= ROUNDED:
-                what = (
+                reason = (
                     f"row {i} has length {math.sqrt(product):.6g}"
                     if i == j
                     else f"rows {i} and {j} are not at right angles"
                 )
-                return f"is no rotation: {what}; needed: rows of length 1 at right angles, to three digits"
+                return f"is no rotation: {reason}; needed: rows of length 1 at right angles, to three digits"
     a, b, c = rows
     cross = (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
     return "is a reflection: its determinant is -1; needed: 1" if _dot(cross, c) < 0.0 else ""

@@ -120,8 +120,8 @@ def logarithm(R: Array) -> Array:
     q = np.take_along_axis(squares, largest[..., None, None], axis=-1)[..., 0]
     q = np.where(q[..., :1] < 0.0, -q, q)
     sine = np.linalg.norm(q[..., 1:], axis=-1, keepdims=True)
-    found: Array = 2.0 * np.arctan2(sine, q[..., :1]) / np.maximum(sine, TINY) * q[..., 1:]
-    return found
+    vectors: Array = 2.0 * np.arctan2(sine, q[..., :1]) / np.maximum(sine, TINY) * q[..., 1:]
+    return vectors
 
 
 def _half_sine(square: Any) -> Any:

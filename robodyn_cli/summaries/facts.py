@@ -96,13 +96,13 @@ def key_of(field: str) -> str:
 
 def definitions(*places: tuple[type, tuple[str, ...]]) -> dict[str, str]:
     """Return the meanings of some fields of records by their names, each with its unit where it has one."""
-    found = {}
+    meanings = {}
     for kind, names in places:
         facts = {f.name: f.metadata["fact"] for f in dataclasses.fields(kind)}
         for name in names:
             unit = facts[name].unit
-            found[name] = facts[name].doc + ("" if unit == "1" else f" [{unit}]")
-    return found
+            meanings[name] = facts[name].doc + ("" if unit == "1" else f" [{unit}]")
+    return meanings
 
 
 @record

@@ -74,8 +74,8 @@ class OpenChain(InverseProgram):
         a = without_idle_unknowns(a, _entries_of_mass_matrix(problem))
         function = SampleFunction({"a": a}, ("q", "f", "p"), len(q))
         p, f = np.tile(sampled.p, (2, 1)), np.concatenate([sampled.applied - bias, -bias])
-        found, free = np.split(function(q=q, f=f, p=p)["a"], 2)
-        return found, free
+        driven, free = np.split(function(q=q, f=f, p=p)["a"], 2)
+        return driven, free
 
     def row_multipliers(self, sampled: Sampled) -> None:
         return None
@@ -89,7 +89,7 @@ def _entries_of_mass_matrix(problem: Problem) -> Iterator[Scalar]:
     yield from problem.mass_matrix.flat
 
 
-def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
+def open_problem(source: sc.Scene | Model | Problem, task: str) -> Problem:
     """Return the equations of an open chain.
 
     Raises
@@ -103,14 +103,14 @@ def open_problem(source: sc.Scene | Model | Problem, what: str) -> Problem:
     problem = source if isinstance(source, Problem) else Problem(source)
     if problem.model.closures:
         raise CapabilityError(
-            f"{what} as a function of independent samples exists for open chains only: closed loops and couplers (here "
+            f"{task} as a function of independent samples exists for open chains only: closed loops and couplers (here "
             f"{problem.model.closures[0]!r}) tie the joints to each other and share the load; for a mechanism use "
             "`inverse` or `simulate`"
         )
     if problem.scene.prescribed:
         name = next(iter(problem.scene.prescribed))
         raise CapabilityError(
-            f"{what} takes all motion from its input, so 'prescribed' ({name!r}) is not allowed there"
+            f"{task} takes all motion from its input, so 'prescribed' ({name!r}) is not allowed there"
         )
     return problem
 

@@ -186,8 +186,8 @@ def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
 
     frame, q = problem.model.place(planned.point), planned.motion.q
     axes = {"R": list(world_pose(problem.model, problem.pose, frame).R.flat)}
-    found = SampleFunction(axes, ("q",), len(q))(q=q)["R"].reshape(-1, 3, 3)
-    turn = logarithm(planned.axes @ np.swapaxes(found, 1, 2))
+    actual = SampleFunction(axes, ("q",), len(q))(q=q)["R"].reshape(-1, 3, 3)
+    turn = logarithm(planned.axes @ np.swapaxes(actual, 1, 2))
     return float(np.linalg.norm(turn, axis=1).max())
 
 
@@ -239,8 +239,8 @@ def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:
 
     None where that cannot be told.
     """
-    found = program.torques_by_draw(sampled)
-    return None if found is None else largest_difference(found)
+    draws = program.torques_by_draw(sampled)
+    return None if draws is None else largest_difference(draws)
 
 
 def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:
@@ -251,9 +251,9 @@ def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:
     accelerations = program.forward(sampled)
     if accelerations is None:
         return None
-    asked, (found, free) = sampled.motion.qdd, accelerations
-    scale = max(float(np.abs(asked).max()), float(np.abs(free).max()))
-    residual = float(np.abs(found - asked).max())
+    qdd, (again, free) = sampled.motion.qdd, accelerations
+    scale = max(float(np.abs(qdd).max()), float(np.abs(free).max()))
+    residual = float(np.abs(again - qdd).max())
     if not np.isfinite(residual) or not np.isfinite(scale):
         return None
     return residual / scale if residual else 0.0

@@ -114,9 +114,9 @@ def build_closed(problem: Problem) -> ClosedLoops:
     duration, actuated = _duration(scene), actuated_joints(problem, lead)
     refuse_idle_gears(problem, velocity_places(problem.model, actuated))
     rows = problem.constraints.loop_rows
-    found = expressions_of(problem)
-    found["others"] |= _loop_outputs(problem, rows)
-    return ClosedLoops(problem, duration, **found, lead=lead, actuated=actuated, rows=rows)
+    parts = expressions_of(problem)
+    parts["others"] |= _loop_outputs(problem, rows)
+    return ClosedLoops(problem, duration, **parts, lead=lead, actuated=actuated, rows=rows)
 
 
 def _loop_outputs(problem: Problem, rows: tuple[Row, ...]) -> Outputs:
@@ -145,10 +145,10 @@ class ClosedLoops(InverseProgram):
     rows: tuple[Row, ...]
 
     def plan(self, samples: int) -> Planned:
-        found = guided_motion(self.problem, self.lead, self.times(samples))
-        if found.stopped is not None:
-            raise found.stopped
-        return found
+        guided = guided_motion(self.problem, self.lead, self.times(samples))
+        if guided.stopped is not None:
+            raise guided.stopped
+        return guided
 
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
         motion, times = planned.motion, planned.times
@@ -197,8 +197,8 @@ class ClosedLoops(InverseProgram):
         psi, arrays = sampled.loops.psi, sampled.arrays
         nv = psi.shape[2]
         M, bias = arrays["M"].reshape(-1, nv, nv), arrays["bias"]
-        found = accelerations(M, sampled.applied - bias, psi, arrays["gamma"])
-        return found, accelerations(M, -bias, psi, 0.0 * arrays["gamma"])
+        qdd = accelerations(M, sampled.applied - bias, psi, arrays["gamma"])
+        return qdd, accelerations(M, -bias, psi, 0.0 * arrays["gamma"])
 
     def row_multipliers(self, sampled: Sampled) -> Array:
         # those of prescribed joints are torques of their actuators here
@@ -211,12 +211,12 @@ class ClosedLoops(InverseProgram):
         assert sampled.loops is not None
         psi, arrays = sampled.loops.psi, sampled.arrays
         velocity = np.einsum("tmv,tv->tm", psi, sampled.motion.qd) + arrays["eta_t"]
-        found = {
+        columns = {
             "constraints/multipliers": sampled.loops.shared.multipliers,
             "constraints/position_residual": arrays["eta"],
             "constraints/velocity_residual": velocity,
         }
-        add_rows(result, self.rows, found, not sampled.loops.shared.unique_multipliers)
+        add_rows(result, self.rows, columns, not sampled.loops.shared.unique_multipliers)
         for path, data in singular_values(psi).items():
             result.add(path, data)
 
@@ -254,10 +254,10 @@ def actuated_joints(problem: Problem, lead: Lead) -> tuple[str, ...]:
         followers = {next(iter(coupler.terms)) for coupler in (*scene.couplers, *scene.robot.couplers)}
         return tuple(name for name in problem.model.joint_names if name not in followers)
     led = (*lead.joints, *led_joints(scene.prescribed))
-    found = tuple(dict.fromkeys(led if led else scene.torques))
-    if not found:
+    joints = tuple(dict.fromkeys(led if led else scene.torques))
+    if not joints:
         raise SceneError(
             f"{scene.path}: a point is led, so the scene must say which joints drive the mechanism: key 'actuated'",
             key="actuated",
         )
-    return found
+    return joints

@@ -53,20 +53,20 @@ class Arguments:
         CapabilityError : what is no array of real numbers, an array without exactly one column per joint (further
         columns would be ignored silently), or arrays of different lengths.
         """
-        found = {name: _real(name, array) for name, array in zip(self.columns, arrays)}
-        for name, array in found.items():
+        by_name = {name: _real(name, array) for name, array in zip(self.columns, arrays)}
+        for name, array in by_name.items():
             joints = self.columns[name]
             if array.ndim not in (1, 2) or array.shape[-1] != len(joints):
                 raise CapabilityError(
                     f"{name} has shape {array.shape}; needed: (samples, {len(joints)}), a row for each sample and a "
                     f"column for each of {', '.join(joints)}, or ({len(joints)},) for one state"
                 )
-        shapes = {name: array.shape[:-1] for name, array in found.items()}
+        shapes = {name: array.shape[:-1] for name, array in by_name.items()}
         if len(set(shapes.values())) > 1:
-            listed = ", ".join(f"{name} {array.shape}" for name, array in found.items())
+            listed = ", ".join(f"{name} {array.shape}" for name, array in by_name.items())
             raise CapabilityError(f"arrays of different lengths: {listed}; needed: as many rows of each")
         one = () in shapes.values()
-        return {n: array[None] if one else np.asfortranarray(array) for n, array in found.items()}, one
+        return {n: array[None] if one else np.asfortranarray(array) for n, array in by_name.items()}, one
 
 
 def _real(name: str, array: Any) -> Array:
@@ -77,9 +77,9 @@ def _real(name: str, array: Any) -> Array:
     CapabilityError : it is none of real numbers.
     """
     try:
-        found = np.asarray(array)
-        if found.dtype.kind in "fiub":
-            return found.astype(float, copy=False)
+        values = np.asarray(array)
+        if values.dtype.kind in "fiub":
+            return values.astype(float, copy=False)
     except ValueError:  # rows of different lengths
         pass
     raise CapabilityError(f"{name} is {array!r:.60}; needed: an array of real numbers")
@@ -130,11 +130,11 @@ class StateFunction:
         sizes = [math.prod(shape) for shape in self.shapes.values()]
         padded = max(samples, *(kernel.lanes for kernel in self.kernels.values()))
         parts = np.split(_block(padded, sum(sizes)), np.cumsum(sizes)[:-1], axis=1)
-        found: dict[str, Array] = {}
+        arrays: dict[str, Array] = {}
         for (name, kernel), part in zip(self.kernels.items(), parts):
             out = kernel.evaluate(samples, groups, {OUT: part})[OUT]
-            found[name] = out.reshape(samples, *self.shapes[name])
-        return found
+            arrays[name] = out.reshape(samples, *self.shapes[name])
+        return arrays
 
 
 def _block(rows: int, columns: int) -> Array:
@@ -243,8 +243,8 @@ class _Samples:
         CapabilityError : arrays of shapes that do not fit.
         """
         rows, one = self._arguments.rows(arrays)
-        found = self._call(*rows.values())
-        return found[0] if one else found
+        values = self._call(*rows.values())
+        return values[0] if one else values
 
 
 class InverseDynamics(_Samples):

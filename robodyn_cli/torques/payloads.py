@@ -39,40 +39,40 @@ def impact_warnings(problem: Problem, sampled: Sampled) -> list[str]:
     """Return a warning for each payload that is gripped in motion, which takes impulses beside the torques."""
     energies: Array = sampled.arrays["payloads"]
     largest = float(sampled.arrays["energy/kinetic"].max(initial=0.0))
-    found = []
+    texts = []
     for k, payload in enumerate(problem.model.payloads):
         if payload.spec.start is None or payload.spec.start.time > sampled.times[-1]:
             continue
         energy = float(np.interp(payload.spec.start.time, sampled.times, energies[:, k]))
         if energy > STILL * largest:
-            found.append(
+            texts.append(
                 f"payload {payload.name!r} is gripped at t = {payload.spec.start.time:g} s in motion: {energy:.3g} J "
                 "of motion against what holds it end at once, by impulses of the actuators that the torques do not show"
             )
-    return found
+    return texts
 
 
 def events_of(scene: Scene, times: Array) -> list[dict[str, Any]]:
     """Return when payloads are gripped and released, as events of the result."""
-    found = [
+    events = [
         {"time": float(instant.time), "name": payload.name, "kind": KINDS[name]}
         for payload in scene.payloads
         for name, instant in payload.instants.items()
         if instant.time is not None and instant.time <= times[-1]
     ]
-    return sorted(found, key=lambda event: event["time"])
+    return sorted(events, key=lambda event: event["time"])
 
 
 def breaks(events: Iterable[Any], times: Array) -> list[float]:
     """Return where torques jump among uniform times (T,) by events at which payloads come and go, in steps from the
     first; a sample at the time of a change is that of before."""
     step = float(times[-1] - times[0]) / (len(times) - 1)
-    found = []
+    places = []
     for event in events:
         if event["kind"] not in KINDS.values():
             continue
         after = int(np.searchsorted(times, (1.0 + SAME_TIME) * event["time"], side="right"))
         if 0 < after < len(times):
             place = (event["time"] - times[0]) / step
-            found.append(float(np.clip(place, after - 1, np.nextafter(after, 0.0))))
-    return found
+            places.append(float(np.clip(place, after - 1, np.nextafter(after, 0.0))))
+    return places

@@ -173,9 +173,9 @@ class InverseProgram(ABC):
         """
         places = few(len(sampled.times))
         entries = [x for term in self.terms.values() for x in term]
-        found = Rounded([*entries, *self._shared_by()])(sampled.inputs(places))
-        draws, samples, _ = found.shape
-        split = np.split(found, [len(entries)], axis=2)
+        drawn = Rounded([*entries, *self._shared_by()])(sampled.inputs(places))
+        draws, samples, _ = drawn.shape
+        split = np.split(drawn, [len(entries)], axis=2)
         terms = split[0].reshape(draws * samples, len(self.terms), -1)
         loads = dict(zip(self.terms, np.moveaxis(terms, 1, 0)))
         tau = self.shared(loads, split[1].reshape(draws * samples, -1), sampled)
@@ -207,7 +207,7 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
     for place, torque in problem.losses(smooth=False):
         lost = lost + torque * problem.v[place]
     lost = lost + problem.elements.power
-    found = {
+    outputs = {
         "energy/kinetic": [problem.kinetic],
         "energy/potential": [problem.potential],
         "dissipation": [lost],
@@ -215,14 +215,14 @@ def energies(problem: Problem, terms: Outputs) -> Outputs:
     }
     if problem.model.forces:
         effects = problem.elements.effects
-        found |= {
+        outputs |= {
             "forces/potential": [e.potential for e in effects],
             "forces/power": [e.power for e in effects],
         }
     if jumps := problem.elements.half_turns:
-        found["half_turns"] = [jump.angle for _, jump in jumps]
+        outputs["half_turns"] = [jump.angle for _, jump in jumps]
     needed = [x for term in terms.values() for x in term]
-    return {name: without_idle_unknowns(entries, needed) for name, entries in found.items()}
+    return {name: without_idle_unknowns(entries, needed) for name, entries in outputs.items()}
 
 
 def expressions_of(problem: Problem) -> dict[str, Outputs]:

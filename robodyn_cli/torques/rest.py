@@ -103,8 +103,8 @@ def _dry(model: Model) -> dict[int, list[JointForce]]:
     A rotation in space stands still only where all of its rates vanish, which rounding does not bring about in one
     that turns.
     """
-    found: dict[int, list[JointForce]] = {}
+    by_coordinate: dict[int, list[JointForce]] = {}
     for force in (f for body in model.bodies for f in body.forces if not f.in_space):
         if isinstance(force.element, Gear) or (isinstance(force.element, Friction) and force.element.dry):
-            found.setdefault(force.v, []).append(force)
-    return found
+            by_coordinate.setdefault(force.v, []).append(force)
+    return by_coordinate

@@ -76,13 +76,13 @@ class SceneNames(Protocol):
         ...
 
 
-def limit_key(what: str, unit: str, angle: bool = True) -> Any:
+def limit_key(limit: str, unit: str, angle: bool = True) -> Any:
     """Declare a key with a limit of each joint."""
     return key(
         JointMap(Number(minimum=0.0, exclusive=True, angle=angle), coordinates="v"),
         default=None,
         unit=unit,
-        doc=f"Largest {what} of each joint, either way; by default that in its `limits`.",
+        doc=f"Largest {limit} of each joint, either way; by default that in its `limits`.",
     )
 
 
@@ -266,11 +266,11 @@ def limit_problems(given: Mapping[str, Mapping[str, float]], scene: SceneNames) 
 
 def with_joint_limits(given: Mapping[str, Mapping[str, float]], scene: SceneNames) -> dict[str, Any]:
     """Return limits of a trajectory, by kind and joint, with those of the joints where it gives none of its own."""
-    found = {}
+    limits = {}
     for name, values in given.items():
         own = {joint: getattr(scene.limits(joint), name, None) for joint in scene.rates}
-        found[name] = {joint: x for joint, x in own.items() if x is not None} | dict(values)
-    return found
+        limits[name] = {joint: x for joint, x in own.items() if x is not None} | dict(values)
+    return limits
 
 
 def led_joints(names: Sequence[str], scene: SceneNames) -> Sequence[str]:
@@ -295,9 +295,9 @@ def position_problems(
     """
     names = tuple(q)
     wanted = needed if needed is not None else names if scene.some else scene.columns
-    found = list(joint_problems(names, scene.columns, path, wanted))
-    yield from found
-    if found:
+    problems = list(joint_problems(names, scene.columns, path, wanted))
+    yield from problems
+    if problems:
         return
     for name, x in q.items():
         limits = scene.limits(name)

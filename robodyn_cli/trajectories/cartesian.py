@@ -45,8 +45,8 @@ class OrientationFormulas:
         R = quaternion.rotation(Q)
         w = R @ vector(quaternion.angular_velocity(Q, vector(directional(list(Q), [t], [1.0]))))
         orders = [list(R.flat), list(w), directional(list(w), [t], [1.0])]
-        found = sampled(orders, times, [[f"{form} of {name}"] * len(x) for x in orders])
-        return found[0].reshape(-1, 3, 3), found[1], found[2]
+        arrays = sampled(orders, times, [[f"{form} of {name}"] * len(x) for x in orders])
+        return arrays[0].reshape(-1, 3, 3), arrays[1], arrays[2]
 
 
 @record

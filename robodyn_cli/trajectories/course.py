@@ -85,7 +85,7 @@ class Course:
     def largest(self, order: int) -> Array:
         """Return the largest magnitude (n,) of the derivatives of an order between the first and the last knot."""
         c, h = self.derivative(order).c, np.diff(self.knots)[:, None]
-        found = np.maximum(np.abs(c[0]), np.abs(_horner(c, h)))
+        largest = np.maximum(np.abs(c[0]), np.abs(_horner(c, h)))
         for k in range(
             1, len(c) - 1
         ):  # turning points: all of a parabola's, those of higher degrees one by one
@@ -94,26 +94,26 @@ class Course:
                     turning = np.nan_to_num(-0.5 * c[1] / c[2], posinf=0.0, neginf=0.0)
             else:
                 turning = self._turning_points(c, k)
-            found = np.maximum(found, np.abs(_horner(c, np.clip(turning, 0.0, h))))
-        return np.asarray(found.max(axis=0))
+            largest = np.maximum(largest, np.abs(_horner(c, np.clip(turning, 0.0, h))))
+        return np.asarray(largest.max(axis=0))
 
     @staticmethod
     def _turning_points(c: Array, k: int) -> Array:
         """Return the k-th zero (K, n) of the slope of each polynomial, 0 where there is none."""
-        found = np.zeros(c.shape[1:])
-        for i, j in np.ndindex(*found.shape):
+        turning = np.zeros(c.shape[1:])
+        for i, j in np.ndindex(*turning.shape):
             slope = np.polynomial.Polynomial(c[:, i, j]).deriv().trim()
             zeros = slope.roots() if slope.degree() else np.zeros(0)
             real = zeros.real[zeros.imag == 0.0]
-            found[i, j] = real[k - 1] if len(real) >= k else 0.0
-        return found
+            turning[i, j] = real[k - 1] if len(real) >= k else 0.0
+        return turning
 
 
 def _horner(c: Sequence[Array] | Array, s: Array) -> Array:
-    found = c[-1]
+    y = c[-1]
     for row in c[-2::-1]:
-        found = found * s + row
-    return np.asarray(found)
+        y = y * s + row
+    return np.asarray(y)
 
 
 def one_after_another(courses: Sequence[Course]) -> Course:
@@ -254,7 +254,7 @@ SHORT = 1e-6  # of the duration: in an interval so short an acceleration may jum
 Motion = Callable[[Array], tuple[Array, Array, Array]]
 
 
-def interpolated(motion: Motion, duration: float, knots: Sequence[float] | None, what: str) -> Course:
+def interpolated(motion: Motion, duration: float, knots: Sequence[float] | None, title: str) -> Course:
     """Return quintics through positions, rates and accelerations, which are close to the motion between them too.
 
     Intervals are divided until the course meets the motion half-way: positions to 1e-11, accelerations to 1e-8 of the
@@ -291,7 +291,7 @@ def interpolated(motion: Motion, duration: float, knots: Sequence[float] | None,
         t = divided(t, np.clip(np.ceil(need), 1.0, PARTS))
     where = float(middle[need > 1.0][np.argmin(h[need > 1.0])])
     raise CapabilityError(
-        f"{what} is not smooth at t = {where:.6g} s, so that no torque lets a simulation follow it; smooth the path "
+        f"{title} is not smooth at t = {where:.6g} s, so that no torque lets a simulation follow it; smooth the path "
         "there, or let it come to a stop",
         time=where,
     )

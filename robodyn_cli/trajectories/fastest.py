@@ -134,11 +134,11 @@ class FastestTrajectory(Trajectory):
                 "is a sequence with motions of a point or in the least time; allowed: motions of joints",
             )
         elif self.path is not None:
-            found = list(self.path.problems(scene))
-            for where, message in found:
+            problems = list(self.path.problems(scene))
+            for where, message in problems:
                 yield ("path", *where), message
             place = self.path.relative_to
-            if not found and place is not None and scene.moves(place):
+            if not problems and place is not None and scene.moves(place):
                 yield ("path", "relative_to"), f"{place!r} moves; allowed: places that stay where they are"
         yield from self._limit_problems(scene)
 
@@ -150,9 +150,9 @@ class FastestTrajectory(Trajectory):
 
     def completed(self, scene: SceneNames) -> FastestTrajectory:
         """Return the trajectory with the limits of the joints where it gives none of its own."""
-        found = with_joint_limits(self._limits, scene)
+        limits = with_joint_limits(self._limits, scene)
         path = None if self.path is None else self.path.completed(scene)
-        return dataclasses.replace(self, path=path, **found)
+        return dataclasses.replace(self, path=path, **limits)
 
     @property
     def _limits(self) -> dict[str, dict[str, float]]:
@@ -199,8 +199,8 @@ class TimedJoints(Timed, JointSpaceTrajectory):
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         (s,) = self.scaling.law.expressions(t)
-        found: Mapping[str, Any] = self.way.expressions(s, {**env, "t": s})
-        return found
+        columns: Mapping[str, Any] = self.way.expressions(s, {**env, "t": s})
+        return columns
 
     def described(self, column: str) -> str:
         return str(self.way.described(column))
@@ -218,10 +218,10 @@ class TimedPath(Timed, TaskSpaceTrajectory):
         """Return what is asked of the point at ``times`` (T,)."""
         law = self.scaling.law
         s, sd, sdd = law(times)[:, 0], law(times, 1), law(times, 2)
-        asked = self.way.target(s, parameters)
-        linear = asked.p, asked.pd * sd, asked.pdd * sd**2 + asked.pd * sdd
-        if isinstance(asked, PoseMotion):
-            return PoseMotion(*linear, asked.R, asked.w * sd, asked.wd * sd**2 + asked.w * sdd)
+        along = self.way.target(s, parameters)
+        linear = along.p, along.pd * sd, along.pdd * sd**2 + along.pd * sdd
+        if isinstance(along, PoseMotion):
+            return PoseMotion(*linear, along.R, along.w * sd, along.wd * sd**2 + along.w * sdd)
         return PointMotion(*linear)
 
 

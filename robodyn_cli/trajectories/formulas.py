@@ -52,8 +52,8 @@ def with_rates(x: Sequence[Any], t: Expr, times: Array, whose: Sequence[str]) ->
     NumericalError : see ``sampled``.
     """
     xd = directional(list(x), [t], [1.0])
-    found = sampled([x, xd, directional(xd, [t], [1.0])], times, [whose] * 3)
-    return found[0], found[1], found[2]
+    arrays = sampled([x, xd, directional(xd, [t], [1.0])], times, [whose] * 3)
+    return arrays[0], arrays[1], arrays[2]
 
 
 def time_symbol(parameters: Mapping[str, float]) -> tuple[Expr, dict[str, Any]]:
@@ -75,16 +75,16 @@ def sampled(orders: Sequence[Sequence[Any]], times: Array, whose: Sequence[Seque
     """
     with np.errstate(all="ignore"):  # what is not finite is reported below, with its time
         columns = evaluate([x for entries in orders for x in entries], {"t": [times]})
-    found = []
-    for what, entries, names in zip(("value", "rate", "acceleration"), orders, whose):
+    arrays = []
+    for quantity, entries, names in zip(("value", "rate", "acceleration"), orders, whose):
         array = column_order(columns[: len(entries)], len(times))
         columns = columns[len(entries) :]
         bad = np.argwhere(~np.isfinite(array))
         if bad.size:
             sample, column = bad[0]
-            raise NumericalError(f"{names[column]} has no finite {what} at t = {times[sample]:g} s")
-        found.append(array)
-    return found
+            raise NumericalError(f"{names[column]} has no finite {quantity} at t = {times[sample]:g} s")
+        arrays.append(array)
+    return arrays
 
 
 FORMS = {
@@ -116,16 +116,16 @@ def joint_expressions(given: Mapping[str, Any], columns: Sequence[str], t: Expr)
     def rate(entries: Sequence[Any]) -> list[Any]:
         return directional(list(entries), [t], [1.0])
 
-    found = JointExpressions([], [], [])
+    motion = JointExpressions([], [], [])
     done: set[str] = set()
     for column in columns:
         joint = column.rpartition(".")[0]
         form = next((x for x in FORMS if f"{joint}.{x}" in given), None)
         if form is None:
             x = [given[column]]
-            found.q += x
-            found.v += rate(x)
-            found.a += rate(rate(x))
+            motion.q += x
+            motion.v += rate(x)
+            motion.a += rate(rate(x))
             continue
         if joint in done:
             continue
@@ -137,10 +137,10 @@ def joint_expressions(given: Mapping[str, Any], columns: Sequence[str], t: Expr)
             R = quaternion.rotation(attitude)
             along: Vector = R.T @ vector(rate(place))
             v = vector([*along, *v])
-        found.q += [*place, *attitude]
-        found.v += list(v)
-        found.a += rate(list(v))
-    return found
+        motion.q += [*place, *attitude]
+        motion.v += list(v)
+        motion.a += rate(list(v))
+    return motion
 
 
 def evaluated(formulas: Mapping[str, Any], env: Mapping[str, Any]) -> dict[str, Any]:

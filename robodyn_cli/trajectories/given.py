@@ -70,12 +70,12 @@ class JointTrajectory(JointSpaceTrajectory):
         return texts(self.q, column)
 
 
-def _series(what: str) -> Any:
+def _series(label: str) -> Any:
     return key(
         ListOf(JointMap(Number(angle=True), coordinates="v")),
         default=(),
         unit="rad or m",
-        doc=f"Amplitudes of {what}, k = 1, 2, ..., by joint; 0 where a joint is left out.",
+        doc=f"Amplitudes of {label}, k = 1, 2, ..., by joint; 0 where a joint is left out.",
     )
 
 
@@ -116,12 +116,12 @@ class FourierTrajectory(JointSpaceTrajectory):
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         w = 2.0 * math.pi / self.period
-        found: dict[str, Any] = dict(self.offset)
+        columns: dict[str, Any] = dict(self.offset)
         for series, wave in ((self.sine, sin), (self.cosine, cos)):
             for k, amplitudes in enumerate(series, start=1):
                 for joint, amplitude in amplitudes.items():
-                    found[joint] = found[joint] + amplitude * wave(k * w * t)
-        return with_attitudes(found)
+                    columns[joint] = columns[joint] + amplitude * wave(k * w * t)
+        return with_attitudes(columns)
 
 
 # rows that an interpolation needs
@@ -200,8 +200,8 @@ class TableTrajectory(CourseTrajectory):
             for k, row in enumerate(self.rows):
                 length = math.hypot(*(row[1 + place] for place in places if 1 + place < len(row)))
                 if abs(length - 1.0) > UNIT:
-                    what = f"the quaternion of joint {joint!r} has length {length:.6g}"
-                    yield ("rows", k), f"{what}; needed: length 1, to three digits"
+                    fault = f"the quaternion of joint {joint!r} has length {length:.6g}"
+                    yield ("rows", k), f"{fault}; needed: length 1, to three digits"
                     break
 
     @property

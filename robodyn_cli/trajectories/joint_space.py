@@ -38,14 +38,14 @@ class JointSpaceTrajectory(Trajectory):
     def motion(self, times: Array, joints: Sequence[str], parameters: Mapping[str, float]) -> JointMotion:
         """Return the motion of ``joints``, columns of q, at ``times`` (T,)."""
         t, env = time_symbol(parameters)
-        found = joint_expressions(self.expressions(t, env), joints, t)
+        motion = joint_expressions(self.expressions(t, env), joints, t)
         whose = [self.described(column) for column in joints]
-        if len(found.v) < len(found.q):  # quasi-velocities: a column of v is none of q
+        if len(motion.v) < len(motion.q):  # quasi-velocities: a column of v is none of q
             every = "; ".join(dict.fromkeys(whose))
-            names = [whose, [every] * len(found.v), [every] * len(found.v)]
+            names = [whose, [every] * len(motion.v), [every] * len(motion.v)]
         else:
             names = [whose] * 3
-        return JointMotion(*sampled([found.q, found.v, found.a], np.asarray(times), names))
+        return JointMotion(*sampled([motion.q, motion.v, motion.a], np.asarray(times), names))
 
 
 class CourseTrajectory(JointSpaceTrajectory):
@@ -87,8 +87,8 @@ class JointsTogether(JointSpaceTrajectory):
         return (*self.prescribed, *(self.trajectory.joints if self.trajectory is not None else ()))
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
-        found = {} if self.trajectory is None else self.trajectory.expressions(t, env)
-        return {**found, **evaluated(self.prescribed, env)}
+        columns = {} if self.trajectory is None else self.trajectory.expressions(t, env)
+        return {**columns, **evaluated(self.prescribed, env)}
 
     def described(self, column: str) -> str:
         if self.trajectory is None or column not in position_columns(self.trajectory.joints):
@@ -121,20 +121,20 @@ def column_rates(
     """
     from robodyn_cli.spatial import quaternion
 
-    found = np.array([values.get(name, 0.0) for name in columns])
+    rates = np.array([values.get(name, 0.0) for name in columns])
     for joint, places in attitude_places(columns).items():
         attitude = vector(q[places].tolist())
         w = vector([values.get(f"{joint}.{x}", 0.0) for x in ("wx", "wy", "wz")])
-        found[places] = quaternion.rate(attitude, w)
+        rates[places] = quaternion.rate(attitude, w)
         if more is not None:
             # d/dt of q (0, w) / 2, with w = 2 q* q-dot
             before = quaternion.angular_velocity(attitude, vector(more[places].tolist()))
-            found[places] = found[places] + quaternion.rate(vector(more[places].tolist()), before)
+            rates[places] = rates[places] + quaternion.rate(vector(more[places].tolist()), before)
         if f"{joint}.x" in columns:
             R = np.array(quaternion.rotation(attitude), dtype=float)
             v = np.array([values.get(f"{joint}.{x}", 0.0) for x in ("vx", "vy", "vz")])
             along = [columns.index(f"{joint}.{x}") for x in ("x", "y", "z")]
             if more is not None:
                 v = v + np.cross(np.array(before, dtype=float), R.T @ more[along])
-            found[along] = R @ v
-    return found
+            rates[along] = R @ v
+    return rates

@@ -53,14 +53,14 @@ def velocity_columns(names: Collection[str]) -> tuple[str, ...]:
 
 def with_attitudes(columns: Mapping[str, Any]) -> dict[str, Any]:
     """Return columns with the entries of each quaternion as one list, ``ball.quaternion``."""
-    found: dict[str, Any] = {}
+    joined: dict[str, Any] = {}
     for name, value in columns.items():
         joint, _, coordinate = name.rpartition(".")
         if coordinate in QUATERNION:
-            found[f"{joint}.quaternion"] = [columns[f"{joint}.{x}"] for x in QUATERNION]
+            joined[f"{joint}.quaternion"] = [columns[f"{joint}.{x}"] for x in QUATERNION]
         else:
-            found[name] = value
-    return found
+            joined[name] = value
+    return joined
 
 
 class Followed:

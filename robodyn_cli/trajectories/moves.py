@@ -74,9 +74,9 @@ class Moves(JointSpaceTrajectory):
     # -- checks ---------------------------------------------------------------------------------------
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
-        found = list(self._problems(scene))
-        yield from found
-        if not found:
+        problems = list(self._problems(scene))
+        yield from problems
+        if not problems:
             yield from self.completed(scene)._time_problems()
 
     def _problems(self, scene: SceneNames) -> Problems:
@@ -102,17 +102,17 @@ class Moves(JointSpaceTrajectory):
         for name in self.bounds[1:]:
             for part, moves in zip(self._parts, moving):
                 if moves and part not in getattr(self, name):
-                    what = (
+                    fault = (
                         f"joint {part!r} has no limit of its {name}, so the time that it needs is not known"
                     )
-                    yield (), f"{what}; give `{name}` here, or in the joint's `limits`"
+                    yield (), f"{fault}; give `{name}` here, or in the joint's `limits`"
                     return
         for k, point in enumerate(self.points[1:]):
             least = self._least(k)
             length = 0.0 if least is None else least.course.duration
             if point.duration is not None and point.duration < length * (1.0 - 1e-12):
-                what = f"{point.duration:.6g} s is too short under the limits"
-                yield ("points", k + 1, "duration"), f"{what}; allowed: {length:.9g} s or more"
+                fault = f"{point.duration:.6g} s is too short under the limits"
+                yield ("points", k + 1, "duration"), f"{fault}; allowed: {length:.9g} s or more"
         if not self.duration > 0.0:
             yield ("points",), "nothing moves, and no time passes"
 
@@ -134,12 +134,12 @@ class Moves(JointSpaceTrajectory):
     @cached_property
     def _attitudes(self) -> dict[str, Array]:
         """Rotation vectors (N - 1, 3) of joints with an attitude, from each way point to the next, in body axes."""
-        found = {}
+        vectors = {}
         for joint, places in attitude_places(self.joints).items():
             each = [vector(row) for row in self._q[:, places].tolist()]
             turns = [quaternion.product(quaternion.conjugate(a), b) for a, b in zip(each, each[1:])]
-            found[joint] = np.array([quaternion.rotation_vector(x) for x in turns], dtype=float)
-        return found
+            vectors[joint] = np.array([quaternion.rotation_vector(x) for x in turns], dtype=float)
+        return vectors
 
     @cached_property
     def _plain(self) -> list[int]:
@@ -180,8 +180,8 @@ class Moves(JointSpaceTrajectory):
     def _legs(self) -> list[Leg]:
         """The ways with their times; blended ones have half of the jerk where that makes the motion shorter."""
         blended = self.blend and "jerk" in self.bounds
-        found = [self._timed(share) for share in ((1.0, 0.5) if blended else (1.0,))]
-        return min(found, key=lambda legs: legs[-1].end)
+        timings = [self._timed(share) for share in ((1.0, 0.5) if blended else (1.0,))]
+        return min(timings, key=lambda legs: legs[-1].end)
 
     def _timed(self, share: float) -> list[Leg]:
         laws: list[tuple[TimeLaw | None, float]] = []
@@ -209,7 +209,7 @@ class Moves(JointSpaceTrajectory):
         return tuple(self.course.knots[1:-1].tolist())
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
-        found = dict(zip([self.joints[k] for k in self._plain], self.course.expressions(t)))
+        columns = dict(zip([self.joints[k] for k in self._plain], self.course.expressions(t)))
         for joint, places in attitude_places(self.joints).items():
             attitude = vector(self._q[0, places].tolist())
             for leg, turn in zip(self._legs, self._attitudes[joint]):
@@ -218,8 +218,8 @@ class Moves(JointSpaceTrajectory):
                     half = 0.5 * angle * leg.course.at_rest_outside().expressions(t)[0]
                     part = vector([cos(half), *(x / angle * sin(half) for x in turn.tolist())])
                     attitude = quaternion.product(attitude, part)
-            found |= {f"{joint}.{x}": value for x, value in zip(("qw", "qx", "qy", "qz"), attitude)}
-        return with_attitudes(found)
+            columns |= {f"{joint}.{x}": value for x, value in zip(("qw", "qx", "qy", "qz"), attitude)}
+        return with_attitudes(columns)
 
 
 @record

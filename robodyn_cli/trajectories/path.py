@@ -63,8 +63,8 @@ class PathFacing:
     )
 
 
-def _limit(what: str, unit: str, angle: bool = False) -> Any:
-    return key(Number(minimum=0.0, exclusive=True, angle=angle), default=None, unit=unit, doc=what)
+def _limit(doc: str, unit: str, angle: bool = False) -> Any:
+    return key(Number(minimum=0.0, exclusive=True, angle=angle), default=None, unit=unit, doc=doc)
 
 
 @record
@@ -99,9 +99,9 @@ class PathTrajectory(TaskSpaceTrajectory):
     # -- checks ---------------------------------------------------------------------------------------
     def problems(self, scene: SceneNames) -> Problems:
         """Report what single keys cannot tell."""
-        found = list(self._problems(scene))
-        yield from found
-        if found:
+        problems = list(self._problems(scene))
+        yield from problems
+        if problems:
             return
         try:
             self.plan  # noqa: B018 - what cannot be built says why
@@ -138,10 +138,10 @@ class PathTrajectory(TaskSpaceTrajectory):
             if segment.orientation is not None:
                 yield ("segments", k, "orientation"), "does not go with 'orientations'; allowed: one of them"
             if len(own) != len(segment.through):
-                what = (
+                fault = (
                     f"are {len(own)}; allowed: one for each of the {len(segment.through)} points in 'through'"
                 )
-                yield ("segments", k, "orientations"), what
+                yield ("segments", k, "orientations"), fault
 
     def _orientations(self) -> list[tuple[tuple[str | int, ...], Orientation]]:
         given = [(("start", "orientation"), self.start.orientation)]
@@ -166,10 +166,10 @@ class PathTrajectory(TaskSpaceTrajectory):
 
     def at_constant_speed(self) -> PathTrajectory:
         """Return the path without its time law: the arc length of each way between stops is linear in time."""
-        found = dataclasses.replace(self)
-        for stretch in found.plan.stretches:
+        path = dataclasses.replace(self)
+        for stretch in path.plan.stretches:
             stretch.law = dataclasses.replace(polynomial((0.0, 1.0), stretch.duration), rests=False)
-        return found
+        return path
 
     def ways(self) -> list[tuple[PathTrajectory, float]]:
         """Return the path from each stop to the next, and the time at rest behind it [s].
@@ -199,8 +199,8 @@ class PathTrajectory(TaskSpaceTrajectory):
     @property
     def knots(self) -> tuple[float, ...]:
         """Times at which an acceleration, or a rate of it, jumps."""
-        found = [b + x for b, s in zip(self.plan.begins, self.plan.stretches) for x in s.breakpoints()]
-        return tuple(sorted({float(x) for x in found if 0.0 < x < self.duration}))
+        times = [b + x for b, s in zip(self.plan.begins, self.plan.stretches) for x in s.breakpoints()]
+        return tuple(sorted({float(x) for x in times if 0.0 < x < self.duration}))
 
     def target(self, times: Array, parameters: Mapping[str, float]) -> PointMotion | PoseMotion:
         """Return what is asked of the frame at ``times`` (T,), in the coordinates of ``relative_to``."""
@@ -210,10 +210,12 @@ class PathTrajectory(TaskSpaceTrajectory):
             (which == k, stretch, begin)
             for k, (stretch, begin) in enumerate(zip(plan.stretches, plan.begins))
         ]
-        found = [(here, stretch.motion(times[here] - begin)) for here, stretch, begin in parts if here.any()]
-        kind = type(found[0][1])
+        motions = [
+            (here, stretch.motion(times[here] - begin)) for here, stretch, begin in parts if here.any()
+        ]
+        kind = type(motions[0][1])
         columns: dict[str, Array] = {}
-        for here, motion in found:
+        for here, motion in motions:
             for name, x in vars(motion).items():
                 columns.setdefault(
                     name, np.empty((len(times), *x.shape[1:]), order="F" if x.ndim == 2 else "C")

@@ -102,51 +102,51 @@ class SequenceTrajectory(JointSpaceTrajectory):
     def knots(self) -> tuple[float, ...] | None:
         if any(segment.knots is None for segment in self.segments):
             return None
-        found = [*self._starts[1:-1].tolist()]
+        knots = [*self._starts[1:-1].tolist()]
         for start, segment in zip(self._starts, self.segments * self.repeat):
-            found += [float(start) + knot for knot in segment.knots]
-        return tuple(sorted(found))
+            knots += [float(start) + knot for knot in segment.knots]
+        return tuple(sorted(knots))
 
     def expressions(self, t: Expr, env: Mapping[str, Any]) -> Mapping[str, Any]:
         starts, count = tuple(self._starts.tolist()), len(self.segments)
         pieces = len(starts) - 1
         own = t.graph.piecewise(t, starts, ((0.0,) * pieces, (1.0,) * pieces))  # time since a segment began
         which = t.graph.piecewise(t, starts, (tuple(float(k % count) for k in range(pieces)),))
-        found: dict[str, Any] = {}
+        columns: dict[str, Any] = {}
         for k, segment in enumerate(self.segments):
             here = _with_quaternions(segment.expressions(own, {**env, "t": own}))
             for name, value in here.items():
-                found[name] = where(which - (k - 0.5), value, found[name]) if k else value
+                columns[name] = where(which - (k - 0.5), value, columns[name]) if k else value
         for name, signs in self._signs(env).items():
-            found[name] = found[name] * t.graph.piecewise(t, starts, (signs,))
-        return with_attitudes(found)
+            columns[name] = columns[name] * t.graph.piecewise(t, starts, (signs,))
+        return with_attitudes(columns)
 
     def _signs(self, env: Mapping[str, Any]) -> dict[str, tuple[float, ...]]:
         """Return the signs by column of quaternions, segment by segment, which make them continuous."""
         parameters = {name[2:]: float(x) for name, x in env.items() if name.startswith("p.")}
         columns = position_columns(self.segments[0].joints)
         ends = [_ends(segment, columns, parameters) for segment in self.segments]
-        found: dict[str, tuple[float, ...]] = {}
+        by_column: dict[str, tuple[float, ...]] = {}
         for joint, places in attitude_places(columns).items():
             signs = [1.0]
             for k in range(1, len(self._starts) - 1):
                 before, here = ends[(k - 1) % len(ends)].q[1, places], ends[k % len(ends)].q[0, places]
                 signs.append(signs[-1] * (-1.0 if before @ here < 0.0 else 1.0))
             if min(signs) < 0.0:
-                found |= {f"{joint}.{x}": tuple(signs) for x in QUATERNION}
-        return found
+                by_column |= {f"{joint}.{x}": tuple(signs) for x in QUATERNION}
+        return by_column
 
 
 def _with_quaternions(given: Mapping[str, Any]) -> dict[str, Any]:
     """Return columns with the entries of unit quaternions in place of attitudes in any form."""
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for name, value in given.items():
         joint, _, form = name.rpartition(".")
         if form in FORMS:
-            found |= {f"{joint}.{x}": e for x, e in zip(QUATERNION, FORMS[form](vector(value)))}
+            columns |= {f"{joint}.{x}": e for x, e in zip(QUATERNION, FORMS[form](vector(value)))}
         else:
-            found[name] = value
-    return found
+            columns[name] = value
+    return columns
 
 
 def _ends(

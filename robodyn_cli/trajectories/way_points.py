@@ -81,8 +81,8 @@ class WayPoints(CourseTrajectory):
         for k, (point, after) in enumerate(zip(self.points, self.points[1:])):
             left = after.t - point.t
             if point.dwell and point.dwell >= left > 0.0:
-                what = f"no time is left to reach the next way point at t = {after.t:g} s"
-                yield ("points", k, "dwell"), f"{what}; allowed: less than {left:.6g} s"
+                fault = f"no time is left to reach the next way point at t = {after.t:g} s"
+                yield ("points", k, "dwell"), f"{fault}; allowed: less than {left:.6g} s"
 
     def _rate_problems(self, name: str, k: int, columns: tuple[str, ...], scene: SceneNames) -> Problems:
         given, point = getattr(self.points[k], name), self.points[k]

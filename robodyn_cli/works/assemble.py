@@ -76,11 +76,11 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
         return bool(np.all(np.array(cosines({"q": q.tolist(), "t": [0.0], "p": []}), dtype=float) > 0.5))
 
     starts = chain([q], _starts(problem, conditions, q, free, held))
-    found = search(conditions, starts, free, signature, closed_as_meant)
-    first, *others = found.found
+    closures = search(conditions, starts, free, signature, closed_as_meant)
+    first, *others = closures.found
     configurations = [first, *(np.where(angles, (x + np.pi) % (2 * np.pi) - np.pi, x) for x in others)]
     described = [_describe(problem, conditions, x, free, k == 0) for k, x in enumerate(configurations)]
-    searched = BranchSearch(found.starts, found.closed, len(described))
+    searched = BranchSearch(closures.starts, closures.closed, len(described))
     return Branches(problem, configurations, described, searched)
 
 
@@ -224,13 +224,13 @@ def close(problem: Problem) -> Closed:
     given = initial_positions(scene, problem)
     check_prescribed(problem)
     stays = (*held_columns(scene, problem), *position_columns(scene.prescribed))
-    found = close_loops(problem, given, dict(scene.initial.qd), stays)
+    state = close_loops(problem, given, dict(scene.initial.qd), stays)
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
-    F, J = conditions.at(found.q, 0.0)
-    c, b = conditions.rates(found.q, found.v, 0.0)
+    F, J = conditions.at(state.q, 0.0)
+    c, b = conditions.rates(state.q, state.v, 0.0)
     a, *_ = np.linalg.lstsq(J, b, rcond=RANK)
     return Closed(
-        problem, conditions, found.q, found.v, a, F, J, J @ found.v - c, J @ a - b, tuple(found.redundant)
+        problem, conditions, state.q, state.v, a, F, J, J @ state.v - c, J @ a - b, tuple(state.redundant)
     )
 
 
@@ -259,8 +259,8 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
 
 def _by_loop(problem: Problem, F: Array) -> dict[str, float]:
     """Return the largest position residual of each loop."""
-    found: dict[str, float] = {}
+    largest: dict[str, float] = {}
     for i in problem.constraints.of_loops:
         loop = problem.constraints.rows[i].closure
-        found[loop] = max(found.get(loop, 0.0), float(abs(F[i])))
-    return found
+        largest[loop] = max(largest.get(loop, 0.0), float(abs(F[i])))
+    return largest

@@ -21,10 +21,10 @@ def controlled_by(scene: Scene, function: Any, period: float | None) -> Scene:
     SceneError : it has a controller of another type, or no period is given or allowed.
     """
     if not callable(function):
-        what = f"the controller is no function (value {function!r})"
+        fault = f"the controller is no function (value {function!r})"
         if function is None:
-            what = "'period' goes with a controller"
-        raise SceneError(f"{scene.path}: {what}; allowed: simulate(scene, controller=f, period=0.001)")
+            fault = "'period' goes with a controller"
+        raise SceneError(f"{scene.path}: {fault}; allowed: simulate(scene, controller=f, period=0.001)")
     given = scene.control
     if given is not None and given.type != "python":
         raise SceneError(

@@ -109,8 +109,8 @@ class InfoNumbers:
     def array(self, entries: Any) -> Array:
         """Return the values of expressions; NaN where data are missing."""
         entries = np.asarray(entries, dtype=object)
-        found = [math.nan if x is None else x for x in self.values.of(list(entries.ravel()))]
-        return np.array(found, dtype=float).reshape(entries.shape)
+        numbers = [math.nan if x is None else x for x in self.values.of(list(entries.ravel()))]
+        return np.array(numbers, dtype=float).reshape(entries.shape)
 
     def bodies(self) -> Model:
         """Return the bodies with plain numbers, which the algorithms take far quicker than expressions; missing data
@@ -147,24 +147,24 @@ class InfoNumbers:
     def frames(self) -> dict[str, FrameAt]:
         """Return the frames of links and the named frames."""
         problem = self.problem
-        found = {}
+        frames = {}
         for name, frame in {**problem.model.links, **problem.model.frames}.items():
             pose = world_pose(problem.model, problem.pose, frame)
             R = self.array(pose.R)
-            found[name] = FrameAt(self.array(pose.p).tolist(), R.tolist(), quaternions(R[None])[0].tolist())
-        return found
+            frames[name] = FrameAt(self.array(pose.p).tolist(), R.tolist(), quaternions(R[None])[0].tolist())
+        return frames
 
     def points(self) -> dict[str, PointAt]:
         """Return the named points."""
         problem = self.problem
         model = problem.model
-        found = {}
+        points = {}
         for name, frame in model.points.items():
             J, W = (self.array(x) for x in world_jacobian(model, problem.q, problem.pose, frame))
             position = self.array(problem.world_point(frame))
             at, velocity = position.tolist(), (J @ self.v).tolist()
-            found[name] = PointAt(at, velocity, J.tolist(), W.tolist(), singular_values(J))
-        return found
+            points[name] = PointAt(at, velocity, J.tolist(), W.tolist(), singular_values(J))
+        return points
 
     def constraints(self) -> ConstraintsAt:
         """Return Psi of all rows."""
@@ -187,8 +187,8 @@ class InfoNumbers:
 def plain(entries: Any) -> Any:
     """Return numbers as plain floats, in an array or alone; expressions stay as they are."""
     array = np.asarray(entries, dtype=object)
-    found = np.array([x if isinstance(x, Expr) else float(x) for x in array.ravel()], dtype=object)
-    return found.reshape(array.shape) if array.shape else found[0]
+    numbers = np.array([x if isinstance(x, Expr) else float(x) for x in array.ravel()], dtype=object)
+    return numbers.reshape(array.shape) if array.shape else numbers[0]
 
 
 def _joints(scene: Scene) -> list[InfoJoint]:
@@ -212,8 +212,8 @@ def singular_values(matrix: Array) -> list[float] | None:
     """Return the singular values, largest first; None where data are missing."""
     if not np.all(np.isfinite(matrix)):
         return None
-    found: list[float] = np.linalg.svd(matrix, compute_uv=False).tolist()
-    return found
+    sigma: list[float] = np.linalg.svd(matrix, compute_uv=False).tolist()
+    return sigma
 
 
 def tree(joints: Sequence[dict[str, Any]], links: dict[str, Any]) -> list[str]:

@@ -187,9 +187,9 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
     add_places(result, {path: arrays[path] for path in program.places})
     if planned.target is not None:
         # coordinates that the target leaves free are those of the point
-        asked = result[f"points/{planned.point}"].copy()
-        asked[:, : planned.target.shape[1]] = planned.target
-        result.add(f"targets/{planned.point}", asked)
+        target = result[f"points/{planned.point}"].copy()
+        target[:, : planned.target.shape[1]] = planned.target
+        result.add(f"targets/{planned.point}", target)
     if program.scaling is not None:
         from robodyn_cli.fastest.resolve import add_limits
 

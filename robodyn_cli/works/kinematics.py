@@ -212,7 +212,7 @@ def summarise(
 
 
 def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRange]:
-    found, positions = {}, result.variables["q"].names
+    ranges, positions = {}, result.variables["q"].names
     q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
     low, high = (extreme(result.time, q, breaks) for extreme in (smallest, largest))
     speed, acceleration = (largest_magnitude(result.time, x, breaks) for x in (qd, qdd))
@@ -227,7 +227,7 @@ def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRan
             peak_speed=float(speed.error[k]),
             peak_acceleration=float(acceleration.error[k]),
         )
-        found[name] = JointRange(
+        ranges[name] = JointRange(
             smallest=None if at is None else float(low.value[at]),
             largest=None if at is None else float(high.value[at]),
             peak_speed=float(speed.value[k]),
@@ -235,19 +235,19 @@ def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRan
             errors=errors,
             units={"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"},
         )
-    return found
+    return ranges
 
 
 def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath]:
-    found = {}
+    paths = {}
     for name, item in result.group("point_velocities").items():
         speed = np.linalg.norm(item.data, axis=1)
         size = np.column_stack([speed, np.linalg.norm(result[f"point_accelerations/{name}"], axis=1)])
         (length,), (off,) = integral(result.time, size[:, :1], breaks)
         most = largest(result.time, size, breaks)
         errors = PathErrors(float(off), *most.error.tolist())
-        found[name] = PointPath(float(length), float(most.value[0]), float(most.value[1]), errors)
-    return found
+        paths[name] = PointPath(float(length), float(most.value[0]), float(most.value[1]), errors)
+    return paths
 
 
 def _singular_ratio(result: Result, breaks: Sequence[float]) -> SingularRatio | Absent:

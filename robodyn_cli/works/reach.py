@@ -38,17 +38,17 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
     watch = watch or Stopwatch()
     options = _options(scene)
     target, R = _pose(options)
-    solver, found = reached(scene, watch)
+    solver, poses = reached(scene, watch)
     with watch.stage("branches"):
         ways = [] if solver.freedom else solver.ways(target, R)
     progress(0.0, 0.0)
-    q = found.q[0]
+    q = poses.q[0]
     result = Result.of("reach", scene)
     still = np.zeros(solver.model.nv)
     add_sample(result, solver.problem, q, still, still)
     branches = [_described(solver, way, q) for way in ways]
     _add_branches(result, solver.problem, [way.q for way, branch in zip(ways, branches) if branch.reached])
-    number = int(found.branch[0])
+    number = int(poses.branch[0])
     result.summarise(
         ReachSummary(
             termination=Termination("reached", 0.0),
@@ -57,9 +57,9 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
             method="analytic" if solver.closed_form is not None and number >= 0 else "damped",
             configuration=dict(zip(solver.model.q_names, q.tolist())),
             branch=solver.branch_names[number] if number >= 0 else ABSENT,
-            error=float(found.error[0]),
+            error=float(poses.error[0]),
             freedom=solver.freedom,
-            singular_ratio=_singular_ratio(solver, found.targets[0], q),
+            singular_ratio=_singular_ratio(solver, poses.targets[0], q),
             branches=branches or ABSENT,
         ),
         seconds=watch.report(),
@@ -91,14 +91,14 @@ def reached(scene: Scene, watch: Stopwatch) -> tuple[InverseKinematics, Poses]:
     with watch.stage("equations"):
         solver = _solver(at_rest(scene), options)
     with watch.stage("solve"):
-        found = solver.solve(*_pose(options), branch=options.branch)
-    if not found.reached[0]:
+        poses = solver.solve(*_pose(options), branch=options.branch)
+    if not poses.reached[0]:
         beside = f" on branch {options.branch}" if options.branch else ""
         raise GeometryError(
-            f"{scene.path}: {options.frame!r} cannot reach the pose{beside}: {explain_miss(solver, found, 0)}",
-            frame=options.frame, distance=float(found.error[0]),
+            f"{scene.path}: {options.frame!r} cannot reach the pose{beside}: {explain_miss(solver, poses, 0)}",
+            frame=options.frame, distance=float(poses.error[0]),
         )  # fmt: skip
-    return solver, found
+    return solver, poses
 
 
 def _solver(scene: Ready, options: ReachOptions) -> InverseKinematics:

@@ -19,22 +19,22 @@ def state_overrides(scene: Scene, given: Sequence[str]) -> list[str]:
     A list has the joints in their order; in a mechanism with loops the joints given are held where they are put.
     """
     joints = moving(scene.robot)
-    found: dict[str, str] = {}
+    entries: dict[str, str] = {}
     for text in given:
         parts = _KEY.split(text)
         if len(parts) < 3 or parts[0].strip():
             raise SceneError(f"--at {text!r}: is no state; {FORMS}")
         for key, value in zip(parts[1::2], parts[2::2]):
-            what, _, joint = key.partition(".")
-            if what not in ("q", "qd"):
-                what, joint = "q", key
+            group, _, joint = key.partition(".")
+            if group not in ("q", "qd"):
+                group, joint = "q", key
             if joint:
                 _known(joint, joints, text)
-                found[f"{what}.{joint}"] = value.strip()
+                entries[f"{group}.{joint}"] = value.strip()
             else:
-                found |= {f"{what}.{name}": item for name, item in _items(value.strip(), joints, text)}
-    overrides = [f"initial.{key}={value}" for key, value in found.items()]
-    held = [key.partition(".")[2] for key in found if key.startswith("q.")]
+                entries |= {f"{group}.{name}": item for name, item in _items(value.strip(), joints, text)}
+    overrides = [f"initial.{key}={value}" for key, value in entries.items()]
+    held = [key.partition(".")[2] for key in entries if key.startswith("q.")]
     if (scene.loops or scene.couplers) and held:
         # with all joints held, none could move to close the loops
         overrides.append(f"initial.hold=[{', '.join(held if len(held) < len(joints) else [])}]")

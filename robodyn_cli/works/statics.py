@@ -147,15 +147,15 @@ class _RestForces:
 
     def stiffness(self, q: Array, lam: Array) -> Array:
         values = {**self._values(q), "lam": lam.tolist()}
-        found = np.array(self._stiffness(values), dtype=float)
-        if not np.isfinite(found).all():
+        matrix = np.array(self._stiffness(values), dtype=float)
+        if not np.isfinite(matrix).all():
             place = ", ".join(f"{name} = {x:.6g}" for name, x in zip(self.model.q_names, q))
             raise NumericalError(
                 f"the forces have no finite slope at {place}, so no balance can be sought from there: "
                 f"{cause(self._slopes, values)}",
                 q=q.tolist(),
             )
-        return found.reshape(self.model.nv, self.model.nv).T
+        return matrix.reshape(self.model.nv, self.model.nv).T
 
 
 def load_at_rest(problem: Problem) -> list[Scalar]:
@@ -185,27 +185,27 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     NumericalError : none is found.
     """
     conditions = LoopConditions(problem, staying(problem, q), np.zeros(1))
-    found = balance(conditions, _RestForces(problem, conditions), q)
-    if not found.converged:
+    rest = balance(conditions, _RestForces(problem, conditions), q)
+    if not rest.converged:
         raise NumericalError(
-            f"no balance found in {found.iterations} steps: a force of {found.residual:.3g} N m or N is left; start "
+            f"no balance found in {rest.iterations} steps: a force of {rest.residual:.3g} N m or N is left; start "
             "nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
-            residual=found.residual, q=found.q.tolist(),
+            residual=rest.residual, q=rest.q.tolist(),
         )  # fmt: skip
     loops = problem.constraints.of_loops
-    tau = problem.numbers(problem.actuator_torques, found.q)
-    _, J = conditions.at(found.q, 0.0)
+    tau = problem.numbers(problem.actuator_torques, rest.q)
+    _, J = conditions.at(rest.q, 0.0)
     holding = [i for i in range(len(conditions.names)) if i not in loops]
-    needed = J[holding].T @ found.lam[holding]
-    facts = _described(found, {problem.model.v_names[k]: float(needed[k]) for k in staying_places(problem)})
-    return AtRest(problem, found.q, tau + needed, found.lam[loops], facts, {})
+    needed = J[holding].T @ rest.lam[holding]
+    facts = _described(rest, {problem.model.v_names[k]: float(needed[k]) for k in staying_places(problem)})
+    return AtRest(problem, rest.q, tau + needed, rest.lam[loops], facts, {})
 
 
-def _described(found: Balance, holding: Mapping[str, float]) -> Balanced:
-    real = bool(np.all(np.abs(found.stiffness.imag) <= 1e-9 * np.abs(found.stiffness).max(initial=1.0)))
-    stiffness = found.stiffness.real.tolist() if real else [[x.real, x.imag] for x in found.stiffness]
+def _described(rest: Balance, holding: Mapping[str, float]) -> Balanced:
+    real = bool(np.all(np.abs(rest.stiffness.imag) <= 1e-9 * np.abs(rest.stiffness).max(initial=1.0)))
+    stiffness = rest.stiffness.real.tolist() if real else [[x.real, x.imag] for x in rest.stiffness]
     return Balanced(
-        found.stability, stiffness, found.residual, found.iterations, dict(holding) if holding else ABSENT
+        rest.stability, stiffness, rest.residual, rest.iterations, dict(holding) if holding else ABSENT
     )
 
 

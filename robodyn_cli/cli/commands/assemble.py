@@ -77,9 +77,9 @@ def describe(summary: Mapping[str, Any]) -> str:
             q = [number(x, 8) for x in branch["configuration"].values()]
             listed.append([chosen, *q, sign, number(branch["singular_ratio"], 3)])
         lines.append(table(listed))
-        found = summary["branch_search"]
+        search = summary["branch_search"]
         lines.append(
-            f"  search             {found['found']} branches found from {found['starts']} starts, of which "
-            f"{found['closed']} closed; that there are no others is not proved"
+            f"  search             {search['found']} branches found from {search['starts']} starts, of which "
+            f"{search['closed']} closed; that there are no others is not proved"
         )
     return "\n".join(lines)

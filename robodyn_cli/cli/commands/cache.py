@@ -27,7 +27,7 @@ def command(
     folder = cache_directory()
     removed = remove_all(folder) if clear and folder is not None else 0
     kept = contents(folder) if folder is not None else []
-    size = sum(found.st_size for _, found in kept)
+    size = sum(status.st_size for _, status in kept)
     directory = None if folder is None else str(folder)
     report = CacheReport("ok", directory, len(kept), size, MOST_BYTES, removed)
     console.data(as_keys(report))
@@ -53,5 +53,5 @@ def _objects(count: int) -> str:
 
 def megabytes(size: int) -> str:
     """Return a size in megabytes (2^20 bytes)."""
-    found = size / 2**20
-    return f"{found:.0f}" if found == round(found) else f"{found:.2f}"
+    amount = size / 2**20
+    return f"{amount:.0f}" if amount == round(amount) else f"{amount:.2f}"

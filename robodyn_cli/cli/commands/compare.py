@@ -54,33 +54,33 @@ def _two(result: Path, baseline: Path, rtol: float, atol: float, console: Consol
     from robodyn_cli.results.summary import as_keys, jsonable
 
     new, old = read_stored(result), read_stored(baseline)
-    found = compare(new, old, rtol=rtol, atol=atol)
-    console.data(jsonable(as_keys(comparison_of(found, rtol, atol))))
+    comparison = compare(new, old, rtol=rtol, atol=atol)
+    console.data(jsonable(as_keys(comparison_of(comparison, rtol, atol))))
     longer = _only_longer(new, old)
-    shown = [item for item in found.differences if item.path not in longer]
+    shown = [item for item in comparison.differences if item.path not in longer]
     width = max((len(item.path) for item in shown), default=0)
     for item in shown:
         console.say(f"{item.verdict:<8} {item.path:<{width}}  {item.text}".rstrip())
     if longer:
         samples = f"{len(new.time)} samples instead of {len(old.time)}"
         console.say(f"{len(longer)} more datasets over time have {samples}")
-    bad, count = len(found.differing), len(found.differences)
+    bad, count = len(comparison.differing), len(comparison.differences)
     console.say(f"{count} datasets: {f'{bad} differ' if bad else 'all agree'} (rtol {rtol:g}, atol {atol:g})")
-    return 0 if found.agrees else FAILED
+    return 0 if comparison.agrees else FAILED
 
 
 def _only_longer(one: Result, other: Result) -> list[str]:
     """Return the datasets over time that differ in the number of samples alone, as ``time`` itself does."""
     if "time" not in one or "time" not in other or len(one.time) == len(other.time):
         return []
-    found = []
+    paths = []
     for path, variable in one.variables.items():
         beside = other.variables.get(path)
         if path == "time" or beside is None or not variable.dims[:1] == beside.dims[:1] == ("time",):
             continue
         if variable.data.shape[1:] == beside.data.shape[1:]:
-            found.append(path)
-    return found
+            paths.append(path)
+    return paths
 
 
 def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Console) -> int:
@@ -89,14 +89,14 @@ def _trees(result: Path, baseline: Path, rtol: float, atol: float, console: Cons
     from robodyn_cli.results.summary import as_keys, jsonable
 
     with console.waiting(lambda: "comparing"):
-        found = compare_trees(result, baseline, rtol=rtol, atol=atol)
-    report = trees_of(found, rtol, atol)
+        comparisons = compare_trees(result, baseline, rtol=rtol, atol=atol)
+    report = trees_of(comparisons, rtol, atol)
     console.data(jsonable(as_keys(report)))
-    for item in found:
+    for item in comparisons:
         _tell(item, console)
-    count = Counter(item.verdict for item in found)
+    count = Counter(item.verdict for item in comparisons)
     tally = ", ".join(f"{count[verdict]} {PLURAL.get(verdict, verdict)}" for verdict in count)
-    console.say(f"{len(found)} results: {tally} (rtol {rtol:g}, atol {atol:g})")
+    console.say(f"{len(comparisons)} results: {tally} (rtol {rtol:g}, atol {atol:g})")
     return report.exit_code
 
 

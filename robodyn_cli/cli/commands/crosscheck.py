@@ -49,29 +49,29 @@ def command(
     loaded = load_scene(scene, overrides or ())
     command = asked or compared_command(loaded)
     with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides or (), command):
-        found = crosscheck(loaded, engine, command)
-    console.data(jsonable(as_keys(found)))
-    console.say(describe(found))
-    return 0 if found.agrees else FAILED
+        report = crosscheck(loaded, engine, command)
+    console.data(jsonable(as_keys(report)))
+    console.say(describe(report))
+    return 0 if report.agrees else FAILED
 
 
-def describe(found: CrosscheckReport) -> str:
+def describe(report: CrosscheckReport) -> str:
     """Return the comparison for the terminal."""
     rows = [["", "largest difference", "at", "here", "there", "error here", "error there"]]
-    for one in found.compared:
+    for one in report.compared:
         rows.append(
             [
                 one.quantity, f"{one.difference:.2e}", f"{one.column}, t = {one.time:.6g} s", f"{one.ours:.12g}",
                 f"{one.theirs:.12g}", f"{one.our_error:.1e}", f"{one.their_error:.1e}",
             ]
         )  # fmt: skip
-    verdict = "agree within their errors" if found.agrees else "DIFFER beyond their errors"
+    verdict = "agree within their errors" if report.agrees else "DIFFER beyond their errors"
     lines = [
-        f"{found.title}: {found.command} here and in {found.engine} {found.version}: the answers {verdict}",
+        f"{report.title}: {report.command} here and in {report.engine} {report.version}: the answers {verdict}",
         table(rows),
     ]
-    if found.by_own_formulas:
-        lines.append(f"  by formulas of the check   {', '.join(found.by_own_formulas)}")
-    if found.handed_over:
-        lines.append(f"  handed over, not checked   {', '.join(found.handed_over)}")
+    if report.by_own_formulas:
+        lines.append(f"  by formulas of the check   {', '.join(report.by_own_formulas)}")
+    if report.handed_over:
+        lines.append(f"  handed over, not checked   {', '.join(report.handed_over)}")
     return "\n".join(lines)

@@ -43,9 +43,9 @@ def command(
     folders = _folders(packages or ())
     path = robot or urdf.with_suffix(".yaml")
     with console.waiting(lambda: f"reading {urdf}"):
-        found, scene = load_description(urdf, folders)
+        document, scene = load_description(urdf, folders)
         warn(scene, strict, console)
-        write_new(path, robot_yaml(found, str(path.parent)))
+        write_new(path, robot_yaml(document, str(path.parent)))
     moving = sum(joint.type != "fixed" for joint in scene.robot.joints)
     console.say(
         f"{path}: {len(scene.robot.links)} links, {moving} joints that move. In a scene: robot: {path.name}"
@@ -57,10 +57,10 @@ def _folders(packages: Sequence[str]) -> dict[str, str]:
     """Return the folders of packages by name."""
     from robodyn_cli.errors import CapabilityError
 
-    found = {}
+    folders = {}
     for text in packages:
         name, sign, folder = text.partition("=")
         if not (name and sign and Path(folder).is_dir()):
             raise CapabilityError(f"--package {text!r}; allowed: NAME=DIR with an existing folder")
-        found[name] = folder
-    return found
+        folders[name] = folder
+    return folders

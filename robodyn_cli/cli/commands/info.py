@@ -61,34 +61,34 @@ def command(
 WIDEST = 24  # columns of a matrix on the terminal
 
 
-def describe(found: Mapping[str, Any]) -> str:
+def describe(report: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
     from robodyn_cli.works.info import tree
 
-    lines = [str(found["title"]), *("  " + line for line in tree(found["joints"], found["links"]))]
-    lines.append(f"  state              {state(found['state']['q'], units(found['joints'], 'q'))}")
-    lines.append(f"  rates              {state(found['state']['qd'], units(found['joints'], 'v'))}")
+    lines = [str(report["title"]), *("  " + line for line in tree(report["joints"], report["links"]))]
+    lines.append(f"  state              {state(report['state']['q'], units(report['joints'], 'q'))}")
+    lines.append(f"  rates              {state(report['state']['qd'], units(report['joints'], 'v'))}")
     lines += ["  frames in the world (origin [m]; x, y and z axes)"]
-    for name, frame in found["frames"].items():
+    for name, frame in report["frames"].items():
         axes = "  ".join(vector(axis) for axis in zip(*frame["rotation"]))
         lines.append(f"    {name:<12} {vector(frame['position'])}; {axes}")
-    lines += matrix("mass matrix M", found["mass_matrix"])
-    lines.append(f"    singular values  {values(found['mass_matrix_singular_values'])}")
-    lines += matrix("Coriolis matrix C", found["coriolis_matrix"])
-    gravity = found["gravity_torques"].items()
+    lines += matrix("mass matrix M", report["mass_matrix"])
+    lines.append(f"    singular values  {values(report['mass_matrix_singular_values'])}")
+    lines += matrix("Coriolis matrix C", report["coriolis_matrix"])
+    gravity = report["gravity_torques"].items()
     lines.append("  gravity torques G  " + ", ".join(f"{name} {cell(x)}" for name, x in gravity))
-    for name, point in found["points"].items():
+    for name, point in report["points"].items():
         lines.append(
             f"  point {name:<12} at {vector(point['position'])} m, velocity {vector(point['velocity'])} m/s"
         )
         lines += matrix(f"Jacobian of {name}", point["jacobian"])
         lines.append(f"    singular values  {values(point['singular_values'])}")
-    if "constraints" in found:
+    if "constraints" in report:
         lines += matrix(
-            f"constraint Jacobian Psi ({', '.join(found['constraints']['rows'])})",
-            found["constraints"]["psi"],
+            f"constraint Jacobian Psi ({', '.join(report['constraints']['rows'])})",
+            report["constraints"]["psi"],
         )
-        lines.append(f"    singular values  {values(found['constraints']['singular_values'])}")
+        lines.append(f"    singular values  {values(report['constraints']['singular_values'])}")
     return "\n".join(lines)
 
 

@@ -47,13 +47,13 @@ def describe(summary: Mapping[str, Any]) -> str:
 
 def _fastest(summary: Mapping[str, Any]) -> list[str]:
     """Return the lines about a path in the least time."""
-    found: Mapping[str, Any] | None = summary.get("fastest")
-    if not found:
+    least_time: Mapping[str, Any] | None = summary.get("fastest")
+    if not least_time:
         return []
-    parts = sorted(found["binding"].items(), key=lambda item: -item[1])
+    parts = sorted(least_time["binding"].items(), key=lambda item: -item[1])
     binding = ", ".join(f"{name} {100.0 * part:.3g} %" for name, part in parts) or "none"
     return [
-        f"  least time         {found['duration']:.9g} s, +- {found['duration_error']:.1e} s",
+        f"  least time         {least_time['duration']:.9g} s, +- {least_time['duration_error']:.1e} s",
         f"  binding limits     {binding} of the time",
     ]
 

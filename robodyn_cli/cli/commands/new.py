@@ -52,10 +52,10 @@ def command(
         raise CapabilityError(
             "needs either the kind of a scene or --from with a robot; see 'robodyn new --help'"
         )
-    found = _robot(robot) if robot is not None else _starter(str(kind))
+    template = _robot(robot) if robot is not None else _starter(str(kind))
     path = file or Path(f"{robot or kind}.yaml")
-    write_new(path, found.text(str(path)))
-    Console(quiet=quiet).say(f"{path}: {found.title}. Run it: robodyn {found.command} {path}")
+    write_new(path, template.text(str(path)))
+    Console(quiet=quiet).say(f"{path}: {template.title}. Run it: robodyn {template.command} {path}")
     return 0
 
 

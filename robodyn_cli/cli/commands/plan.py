@@ -32,12 +32,12 @@ def command(
     loaded = load_scene(scene, list(overrides or ()))
     command = for_command or command_of(loaded)
     with console.waiting(lambda: "planning"), placed(scene, overrides or (), command):
-        found = plan(loaded, command)
-    console.data(found)
-    console.say(render(found, width(sys.stdout)))
-    if missing := found.get("missing"):
-        what = f"{scene}: the equations need {', '.join(missing)}, which is not given"
-        error = SceneError(what, missing=missing)
+        report = plan(loaded, command)
+    console.data(report)
+    console.say(render(report, width(sys.stdout)))
+    if missing := report.get("missing"):
+        message = f"{scene}: the equations need {', '.join(missing)}, which is not given"
+        error = SceneError(message, missing=missing)
         place_in_files(error, scene, overrides or (), command)
         console.error(error.message)
         return error.exit_code

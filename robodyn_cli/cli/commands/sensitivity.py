@@ -42,8 +42,8 @@ def command(
     with console.waiting(lambda: "deriving"), output(target, scene, console) as directory:
         asked = prepare(Family(scene, shared.overrides or ()), to or (), of or ())
         with begun(directory, console):
-            found = sensitivities(asked, jobs or cores())
-            result = report(found, time.perf_counter() - start)
+            derivatives = sensitivities(asked, jobs or cores())
+            result = report(derivatives, time.perf_counter() - start)
             store(result, directory)
             publish(result, directory, shared.drawings)
     show(result, directory, console, describe)
@@ -54,10 +54,10 @@ def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary for the terminal."""
     lines = [summary["title"], f"  sensitivities      of {summary['of']}, {summary['seconds']:.3g} s"]
     reasons: dict[str, list[str]] = {}
-    for name, found in summary["sensitivities"].items():
+    for name, slopes in summary["sensitivities"].items():
         lines += ["", _head(name, summary["nominal"][name])]
         rows = [["key", "value", "derivative", "+-", "unit", "normalised", "method"]]
-        for key, slope in found.items():
+        for key, slope in slopes.items():
             value = shown(summary["keys"][key]["value"])
             rows.append([
                 key, value, shown(slope["derivative"], 9), shown(slope["error"], 2), slope["unit"],
@@ -73,7 +73,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _head(name: str, found: Mapping[str, Any]) -> str:
-    unit = "" if found["unit"] in ("", "1") else f" {found['unit']}"
-    error = "" if found.get("error") is None else f" +- {found['error']:.2g}"
-    return f"  {name} = {found['value']:.9g}{error}{unit}"
+def _head(name: str, facts: Mapping[str, Any]) -> str:
+    unit = "" if facts["unit"] in ("", "1") else f" {facts['unit']}"
+    error = "" if facts.get("error") is None else f" +- {facts['error']:.2g}"
+    return f"  {name} = {facts['value']:.9g}{error}{unit}"

@@ -18,23 +18,23 @@ BY = ("cost", "mass")
 
 def describe(summary: Mapping[str, Any]) -> str:
     """Return what was found: how much there was to choose from, the drives, and how to write them into the scene."""
-    found = summary["size"]
+    sized = summary["size"]
     rows = [["joint", "combinations", "bear it", "best margin", "of limit"]]
-    for name, joint in found["joints"].items():
+    for name, joint in sized["joints"].items():
         best = joint["best"]
         limit = best["decides"].replace("_", " ")
         counts = str(joint["combinations"]), str(joint["passing"])
         rows.append([name, *counts, margin_text(best["margin"]), limit])
     drives = summary["drives"]
     written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
-    how = "of all combinations" if found["proven"] else "joint by joint"
-    total = f"cost {number(found['cost'])}, mass {number(found['mass'])} kg, smallest {found['by']} {how}"
+    how = "of all combinations" if sized["proven"] else "joint by joint"
+    total = f"cost {number(sized['cost'])}, mass {number(sized['mass'])} kg, smallest {sized['by']} {how}"
     return "\n".join(
         [
             f"{summary['title']}",
             table(rows),
             *drive_lines(summary),
-            f"  all drives         {total}; {found['sweeps']} sweeps over the joints",
+            f"  all drives         {total}; {sized['sweeps']} sweeps over the joints",
             "  in the scene       drives:",
             *written,
             cost_line(summary),

@@ -93,7 +93,7 @@ def describe(summary: Mapping[str, Any]) -> str:
 def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about the reference and the linearised motion."""
     lines = []
-    ref, found = summary["reference"], summary["spectrum"]
+    ref, spectrum = summary["reference"], summary["spectrum"]
     if ref is None:
         lines.append("  reference          none: no two methods get through at tight tolerance")
     else:
@@ -103,11 +103,11 @@ def _reference_lines(summary: Mapping[str, Any]) -> list[str]:
         )
         if ref["ends_early"]:
             lines.append(f"  the motion ends    {ref['ends_early']}")
-    if found is not None:
+    if spectrum is not None:
         lines.append(
-            f"  spectrum           stiffness ratio up to {found['stiffness_ratio']:.3g}; fastest decay "
-            f"{found['fastest_decay']:.3g} 1/s, oscillation {found['fastest_oscillation']:.3g} rad/s, growth "
-            f"{found['fastest_growth']:.3g} 1/s"
+            f"  spectrum           stiffness ratio up to {spectrum['stiffness_ratio']:.3g}; fastest decay "
+            f"{spectrum['fastest_decay']:.3g} 1/s, oscillation {spectrum['fastest_oscillation']:.3g} rad/s, growth "
+            f"{spectrum['fastest_growth']:.3g} 1/s"
         )
         limits = ", ".join(
             f"{x['method']} {small(x['largest_step'])} s" for x in summary["step_limits"] if x["largest_step"]
@@ -154,23 +154,23 @@ def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return a line about Baumgarte's gains."""
     lines = []
     for name, words in (("own", "as the scene asks"), ("fixed", "fixed step")):
-        found = (summary.get("baumgarte") or {}).get(name)
-        if found and "chosen" in found:
-            c = found["chosen"]
+        gains = (summary.get("baumgarte") or {}).get(name)
+        if gains and "chosen" in gains:
+            c = gains["chosen"]
             lines.append(
-                f"  Baumgarte          {words} ({found['method']}): alpha = beta = {c['alpha']:.3g} 1/s = "
+                f"  Baumgarte          {words} ({gains['method']}): alpha = beta = {c['alpha']:.3g} 1/s = "
                 f"{c['factor']:.3g}/h with h = {c['step']:.3g} s; drift {c['drift']:.1e}, error {c['error']:.1e}, "
                 f"of the projected run {c['integration_error']:.1e}"
             )
     return lines
 
 
-def _energy(found: Mapping[str, Any] | None, period: float) -> str:
+def _energy(energy: Mapping[str, Any] | None, period: float) -> str:
     """Return the largest error of the energy, and the number of periods if not all were run."""
-    if found is None:
+    if energy is None:
         return "-"
-    cut = "" if found["status"] == "ok" else f" ({found['until'] / period:.0f})"
-    return small(found["largest_relative"]) + cut
+    cut = "" if energy["status"] == "ok" else f" ({energy['until'] / period:.0f})"
+    return small(energy["largest_relative"]) + cut
 
 
 def describe_suite(summary: Mapping[str, Any]) -> str:

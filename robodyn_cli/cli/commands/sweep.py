@@ -184,18 +184,18 @@ def _variations(texts: Sequence[str]) -> dict[str, Variation]:
     """
     from robodyn_cli.expr.statements import FORMS, parse_variation
 
-    found: dict[str, Variation] = {}
+    variations: dict[str, Variation] = {}
     for text in texts:
         key, sign, spec = (part.strip() for part in text.partition("="))
         if not sign or not key:
             raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
-        if key in found:  # other spellings of one key are found once the scene is read
+        if key in variations:  # other spellings of one key are found once the scene is read
             raise SceneError(f"--vary {key}: is given twice")
         try:
-            found[key] = parse_variation(spec)
+            variations[key] = parse_variation(spec)
         except SceneError as error:
             raise SceneError(f"--vary {key}: {error.message}") from error
-    return found
+    return variations
 
 
 def _judge(summary: Mapping[str, Any], least: float | None, console: Console) -> int:
@@ -243,8 +243,8 @@ def _spreads(summary: Mapping[str, Any]) -> list[str]:
     if "sampler" not in summary:
         columns = {"least": "minimum", "greatest": "maximum"}
     rows = [["output", *columns, "as it stands", "unit"]]
-    for key, found in summary["results"].items():
-        figures = {**found, **found.get("quantiles", {})} if found is not None else {}
+    for key, spread in summary["results"].items():
+        figures = {**spread, **spread.get("quantiles", {})} if spread is not None else {}
         numbers = (shown(figures.get(name)) for name in (*columns.values(), "nominal"))
         rows.append([key, *numbers, _unit(figures.get("unit", ""))])
     return [table(rows)]
@@ -257,13 +257,13 @@ def _unit(unit: str) -> str:
 
 def _influences(summary: Mapping[str, Any]) -> list[str]:
     lines = []
-    for key, found in summary["influence"].items():
+    for key, influences in summary["influence"].items():
         indices = (summary.get("sobol_indices") or {}).get(key)
-        if not found or len(found) < 2:
+        if not influences or len(influences) < 2:
             continue
         head = ["influence on " + key, "5 to 95 %", "rank correlation"]
         rows = [[*head, "Sobol first", "total"] if indices else head]
-        for name, one in found.items():
+        for name, one in influences.items():
             row = [name, f"{one['swing']:+.4g}", f"{one['rank_correlation']:+.3f}"]
             if indices:
                 row += [_index(indices[name], "first"), _index(indices[name], "total")]
@@ -272,5 +272,5 @@ def _influences(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
-def _index(found: Mapping[str, float], order: str) -> str:
-    return f"{found[order]:.3f} ({found[order + '_low']:.3f} to {found[order + '_high']:.3f})"
+def _index(index: Mapping[str, float], order: str) -> str:
+    return f"{index[order]:.3f} ({index[order + '_low']:.3f} to {index[order + '_high']:.3f})"

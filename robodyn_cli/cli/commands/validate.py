@@ -25,14 +25,14 @@ def command(
     console = Console(as_json, quiet)
     report, codes = [], []
     for path in gather(scenes):
-        found = _findings(path, strict, console)
-        codes.append(worst(f.exit_code for f in found))
-        report.append(SceneFindings(str(path), codes[-1], found))
-        errors = sum(f.severity == "error" for f in found)
-        counts = {"error": errors, "warning": len(found) - errors}
-        words = [f"{n} {what}{'s' if n > 1 else ''}" for what, n in counts.items() if n]
+        findings = _findings(path, strict, console)
+        codes.append(worst(f.exit_code for f in findings))
+        report.append(SceneFindings(str(path), codes[-1], findings))
+        errors = sum(f.severity == "error" for f in findings)
+        counts = {"error": errors, "warning": len(findings) - errors}
+        words = [f"{n} {severity}{'s' if n > 1 else ''}" for severity, n in counts.items() if n]
         console.say(f"{path}: {', '.join(words) or 'ok'}")
-        for finding in found:
+        for finding in findings:
             console.say(f"  {finding.severity}: {finding.message}")
             if quiet and finding.severity == "error":
                 console.error(finding.message)

@@ -91,12 +91,12 @@ class Control:
         """Return the names of the states that only a sampled controller has."""
         if self.period is None:
             return []
-        found = [f"held.{name}" for name in self.joints]
+        names = [f"held.{name}" for name in self.joints]
         if self.controller.sensors.rates == "differences":
-            found += [f"last.{name}" for name in self.problem.model.q_names]
+            names += [f"last.{name}" for name in self.problem.model.q_names]
         if self.rest:
-            found += [f"waiting.{name}" for name in self.joints]
-        return found + [f"delayed{k + 1}.{name}" for k in range(self.whole) for name in self.joints]
+            names += [f"waiting.{name}" for name in self.joints]
+        return names + [f"delayed{k + 1}.{name}" for k in range(self.whole) for name in self.joints]
 
     def group(self, name: str) -> list[Expr]:
         """Return the states called ``name.JOINT``."""
@@ -178,14 +178,14 @@ class Control:
     def limits(self) -> list[float]:
         """Largest torque of each driven joint, infinite where there is none."""
         robot = {joint.name: joint for joint in self.problem.scene.robot.joints}
-        found = []
+        efforts = []
         for name in self.joints:
             own = _of_joint(self.controller.limit, name)
             if own is None:
                 limits = dict(robot[name].forces).get("limits")
                 own = None if limits is None else limits.effort
-            found.append(math.inf if own is None else own)
-        return found
+            efforts.append(math.inf if own is None else own)
+        return efforts
 
     def _limited(self, asked: Sequence[Any]) -> list[Any]:
         return [
@@ -196,12 +196,12 @@ class Control:
         """Return the torques after those of the last sample, which no more than ``rate_limit`` lies between."""
         assert self.period is not None
         last = self.group("delayed1") or self.group("waiting") or self.group("held")
-        found = []
+        torques = []
         for name, x, before in zip(self.joints, wanted, last):
             rate = _of_joint(self.controller.rate_limit, name)
             step = None if rate is None else rate * self.period
-            found.append(x if step is None else minimum(maximum(x, before - step), before + step))
-        return found
+            torques.append(x if step is None else minimum(maximum(x, before - step), before + step))
+        return torques
 
     # -- sensors --------------------------------------------------------------------------------------
     @cached_property
@@ -259,11 +259,11 @@ class Control:
 
     def _replaced(self, new: dict[str, Sequence[Any]]) -> list[Any]:
         """Return the states behind those of the law, some groups of which are new."""
-        found: list[Any] = []
+        states: list[Any] = []
         groups = dict.fromkeys(name.partition(".")[0] for name in self.names[len(self.own) :])
         for name in groups:
-            found += new.get(name, self.group(name))
-        return found
+            states += new.get(name, self.group(name))
+        return states
 
     def start(self, q: Array, v: Array, p: Array, noise: Array) -> Array:
         """Return the states (nc,) at t = 0, where the joints are at q (nq,) and v (nv,); sampled ones after an update.
@@ -303,8 +303,8 @@ class Control:
         """Expressions at whose sign changes a continuous law bends: limits, formulas that switch."""
         if self.period is not None:
             return []
-        found = switches([*self._law.given, *self._law.states])
-        return [(f"control {self.controller.type}", x) for x in found]
+        bends = switches([*self._law.given, *self._law.states])
+        return [(f"control {self.controller.type}", x) for x in bends]
 
     @cached_property
     def breakpoints(self) -> list[float]:

@@ -106,8 +106,8 @@ def passive_forces(problem: ControlledEquations, friction: bool) -> Vector:
     Losses of gears, which depend on the torque, are left out.
     """
     terms = problem.passive_forces(smooth=True) if friction else {}
-    found = (x for name, x in terms.items() if name in ("passive", "friction"))
-    return sum(found, zeros(problem.model.nv))
+    chosen = (x for name, x in terms.items() if name in ("passive", "friction"))
+    return sum(chosen, zeros(problem.model.nv))
 
 
 class ControllerModel:
@@ -197,10 +197,10 @@ class ControllerModel:
 
     def _of_all(self, entries: Sequence[Any]) -> list[Any]:
         """Return entries (nv,) of all joints, zero where they are not driven."""
-        found = [0.0] * self.problem.model.nv
+        full = [0.0] * self.problem.model.nv
         for k, x in zip(self.driven, entries):
-            found[k] = x
-        return found
+            full[k] = x
+        return full
 
     # -- a point --------------------------------------------------------------------------------------
     def point(
@@ -277,8 +277,8 @@ class Reference:
         if self.motion is None:
             return self._held(model.q_names), [0.0] * model.nv
         given = Followed(self.motion, self.until).expressions({**env, "t": t})
-        found = joint_expressions(given, model.q_names, t)
-        return found.q, found.v
+        motion = joint_expressions(given, model.q_names, t)
+        return motion.q, motion.v
 
     def _held(self, names: Sequence[str]) -> list[Any]:
         return [literal(float(self.start.get(name, 0.0)), f"initial.q.{name}") for name in names]
@@ -290,14 +290,14 @@ class Reference:
         known = Followed(self.motion, self.until).breakpoints
         if known is not None:
             return [float(x) for x in known]
-        found: set[float] = {self.motion.duration} if self.until > self.motion.duration else set()
+        times: set[float] = {self.motion.duration} if self.until > self.motion.duration else set()
         entries = [x for x in self.at(t, env)[0] if isinstance(x, Expr)]
         for switch in switches(entries):
             if is_of_time(switch, t):
-                found.update(switching_times(switch, t, self.until))
+                times.update(switching_times(switch, t, self.until))
         for x in entries:
-            found.update(beside(structure(x, t, self.until), found, self.until))
-        return sorted(found)
+            times.update(beside(structure(x, t, self.until), times, self.until))
+        return sorted(times)
 
 
 def reference_of(scene: Scene, start: Mapping[str, float]) -> Reference:

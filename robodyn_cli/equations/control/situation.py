@@ -52,12 +52,12 @@ class At:
 
     def names(self) -> dict[str, Any]:
         """Return what formulas may ask for, by name."""
-        model, found = self.problem.model, dict(self.env)
-        found |= {f"q.{name}": x for name, x in zip(model.q_names, self.seen.q)}
-        found |= {f"qd.{name}": x for name, x in zip(model.v_names, self.seen.v)}
+        model, values = self.problem.model, dict(self.env)
+        values |= {f"q.{name}": x for name, x in zip(model.q_names, self.seen.q)}
+        values |= {f"qd.{name}": x for name, x in zip(model.v_names, self.seen.v)}
         for group, entries in zip(("ref", "refd", "refdd"), self.reference):
-            found |= {f"{group}.{name}": x for name, x in zip(self.joints, entries)}
-        return found | {f"s.{name}": x for name, x in zip(self.state_names, self.states)}
+            values |= {f"{group}.{name}": x for name, x in zip(self.joints, entries)}
+        return values | {f"s.{name}": x for name, x in zip(self.state_names, self.states)}
 
     # -- the controller's model -----------------------------------------------------------------------
     @cached_property
@@ -91,8 +91,8 @@ class At:
             )
 
         def motion(times: Array) -> tuple[Array, Array, Array]:
-            found = target_of(self.model.problem.model, trajectory, times, scene.parameters)
-            return found.p, found.pd, found.pdd
+            target = target_of(self.model.problem.model, trajectory, times, scene.parameters)
+            return target.p, target.pd, target.pdd
 
         course = interpolated(
             motion, trajectory.duration, trajectory.knots, "the path that 'task_pd' follows"

@@ -122,8 +122,8 @@ def accelerations(values: Mapping[str, Array], tau: Array) -> tuple[Array, Array
 def multipliers(values: Mapping[str, Array], a: Array, tau: Array) -> Array:
     """Return the multipliers (T, m) of least norm of a motion with accelerations a and torques tau (T, nv)."""
     needed = values["M"] @ a[:, :, None] + (values["load"] - tau)[:, :, None]
-    found: Array = np.linalg.pinv(np.swapaxes(values["Psi"], 1, 2), rcond=RANK) @ needed
-    return found[:, :, 0]
+    lam: Array = np.linalg.pinv(np.swapaxes(values["Psi"], 1, 2), rcond=RANK) @ needed
+    return lam[:, :, 0]
 
 
 def linearise_states(
@@ -139,13 +139,13 @@ def linearise_states(
         a, lam = accelerations(values, states.tau)
     else:
         a, lam = states.a, multipliers(values, states.a, states.tau)
-    found = equations.derivatives(states, a, lam)
+    slopes = equations.derivatives(states, a, lam)
     A, B = np.zeros((len(states), 2 * n, 2 * n)), np.zeros((len(states), 2 * n, len(inputs)))
     rounding = np.zeros_like(A)
     dq, dv = np.zeros((len(states), nv, n)), np.zeros((len(states), nv, 2 * n))
     for k, time in enumerate(states.times):
         T, inverse = tangent(values["Psi"][k], places, float(time))
-        here = {name: x[k] for name, x in found.items()} | {"M": values["M"][k], "K": drift(found, k, nv)}
+        here = {name: x[k] for name, x in slopes.items()} | {"M": values["M"][k], "K": drift(slopes, k, nv)}
         dq[k], dv[k] = T, np.concatenate([-inverse @ here["w_q"] @ T, T], axis=1)
         reduced = T.T @ here["M"] @ T
         rates, forces = _parts(here, T, dv[k], inverse)

@@ -185,13 +185,13 @@ def evaluated(outputs: Mapping[str, Any], groups: Mapping[str, Array]) -> dict[s
         raise unknown_data(missing)
     samples = len(next(iter(groups.values())))
     values = iter(Interpreter(flat)({name: x.T for name, x in groups.items()}))
-    found = {}
+    arrays = {}
     for name, x in entries.items():
         rows = np.empty((samples, x.size))
         for k in range(x.size):
             rows[:, k] = next(values)
-        found[name] = rows.reshape(samples, *x.shape)
-    return found
+        arrays[name] = rows.reshape(samples, *x.shape)
+    return arrays
 
 
 def _brackets(problem: LinearisedEquations) -> tuple[Matrix, Matrix]:
@@ -209,8 +209,8 @@ def _brackets(problem: LinearisedEquations) -> tuple[Matrix, Matrix]:
     return by_steps(problem, rates) - turned, N
 
 
-def drift(found: Mapping[str, Array], sample: int, nv: int) -> Array:
+def drift(arrays: Mapping[str, Array], sample: int, nv: int) -> Array:
     """Return K (nv, nv) of ``_brackets`` at a sample."""
-    if not found["N"].shape[1]:
+    if not arrays["N"].shape[1]:
         return np.zeros((nv, nv))
-    return np.linalg.pinv(found["N"][sample]) @ found["bracket"][sample]
+    return np.linalg.pinv(arrays["N"][sample]) @ arrays["bracket"][sample]

@@ -119,8 +119,8 @@ def holding_torques(problem: Problem) -> list[Scalar]:
 def efforts(scene: Scene, problem: Problem) -> list[float] | None:
     """Return the effort limits (nv,) of the joints, None where one has none."""
     by_joint = {joint.name: dict(joint.forces).get("limits") for joint in scene.robot.joints}
-    found = [by_joint.get(name) for name in problem.model.v_names]
-    values = [None if limits is None else limits.effort for limits in found]
+    by_column = [by_joint.get(name) for name in problem.model.v_names]
+    values = [None if limits is None else limits.effort for limits in by_column]
     return None if any(x is None for x in values) else [x for x in values if x is not None]
 
 
@@ -164,17 +164,17 @@ class PositionLimits:
     @staticmethod
     def of(scene: Scene, model: Model, respected: bool = True) -> PositionLimits:
         """Return the limits of a scene; none where they are not to be respected."""
-        found = [
+        joints = [
             joint
             for joint in (limited_joints(scene, model) if respected else [])
             if joint.limits.lower is not None or joint.limits.upper is not None
         ]
-        lower = [-math.inf if x.limits.lower is None else float(x.limits.lower) for x in found]
-        upper = [math.inf if x.limits.upper is None else float(x.limits.upper) for x in found]
+        lower = [-math.inf if x.limits.lower is None else float(x.limits.lower) for x in joints]
+        upper = [math.inf if x.limits.upper is None else float(x.limits.upper) for x in joints]
         return PositionLimits(
-            tuple(x.name for x in found),
-            [x.place for x in found],
-            [x.velocity for x in found],
+            tuple(x.name for x in joints),
+            [x.place for x in joints],
+            [x.velocity for x in joints],
             np.array(lower, dtype=float),
             np.array(upper, dtype=float),
         )

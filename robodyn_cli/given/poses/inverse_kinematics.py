@@ -41,9 +41,9 @@ PATIENCE = 1000  # steps towards the nearest pose, to which they may go slowly
 SINGULAR = 1e-4  # smallest over largest singular value below which a pose is called singular
 
 
-def explain_miss(solver: InverseKinematics, found: Poses, k: int) -> str:
-    """Return why target k of ``found`` is not reached, as a part of a sentence."""
-    target, q, error = found.targets[k], found.q[k], float(found.error[k])
+def explain_miss(solver: InverseKinematics, poses: Poses, k: int) -> str:
+    """Return why target k of ``poses`` is not reached, as a part of a sentence."""
+    target, q, error = poses.targets[k], poses.q[k], float(poses.error[k])
     equations = solver.equations
     d = equations.data(target[None], q)
     nearer = equations.settle(equations.approach, q[None], d, PATIENCE)
@@ -102,10 +102,10 @@ def _at_limits(limits: PositionLimits, q: Array) -> str:
     """Return the joints that stand on a limit."""
     own = q[limits.places]
     gaps = np.minimum(np.abs(own - limits.lower), np.abs(limits.upper - own))
-    found = [
+    joints = [
         f"{name!r} at {q[place]:.6g}" for name, place, _, _, gap in _each(limits, gaps) if gap < AT_LIMIT
     ]
-    return f"joint {' and '.join(found)} on its limit" if found else ""
+    return f"joint {' and '.join(joints)} on its limit" if joints else ""
 
 
 def _each(limits: PositionLimits, values: Array) -> list[tuple[str, int, float, float, float]]:
@@ -185,8 +185,8 @@ class InverseKinematics(ThreadSafe):
     @one_at_a_time
     def forward(self, q: Array) -> tuple[Array, Array]:
         """Return positions (T, 3) [m] and rotations (T, 3, 3) of the frame in the world at positions q (T, nq)."""
-        found = self._forward(q=np.asarray(q, dtype=float))
-        return found["p"], found["R"].reshape(-1, 3, 3)
+        pose = self._forward(q=np.asarray(q, dtype=float))
+        return pose["p"], pose["R"].reshape(-1, 3, 3)
 
     @cached_property
     def _forward(self) -> SampleKernel:
@@ -228,15 +228,15 @@ class InverseKinematics(ThreadSafe):
         targets = packed_targets(self.task, position, rotation)
         start = self._near(near, len(targets))
         check_choice("branch", branch, (None, *self.branch_names))
-        found = nothing_found(targets, start)
+        poses = nothing_found(targets, start)
         if self.closed_form is not None:
-            found = self._from_closed_form(targets, start, branch)
-        left = np.flatnonzero(~found.reached)
+            poses = self._from_closed_form(targets, start, branch)
+        left = np.flatnonzero(~poses.reached)
         if len(left) and branch is None:
             rest = self._by_steps(targets[left], start[left])
-            for own, more in zip((found.q, found.error, found.reached), (rest.q, rest.error, rest.reached)):
+            for own, more in zip((poses.q, poses.error, poses.reached), (rest.q, rest.error, rest.reached)):
                 own[left] = more
-        return found
+        return poses
 
     def _from_closed_form(self, targets: Array, near: Array, branch: str | None) -> Poses:
         """Return the branch that the criterion chooses among those that are within the limits, or the one asked for."""
@@ -246,32 +246,32 @@ class InverseKinematics(ThreadSafe):
         equations = self.without_limits.equations
         d, p = equations.data(targets, near), equations.limits.numbers
         best = np.full(len(targets), np.inf)
-        found = nothing_found(targets, near)
+        poses = nothing_found(targets, near)
         for k in chosen:
             q = ways[k]
             _, error = equations.reach({"q": q, "d": d, "p": p}, CLOSE, 0)
             fits = (error <= CLOSE) & self.limits.within(q)
             value = self._values(q, targets, near)
-            better = np.where(fits, value < best, np.isinf(best) & (error < found.error))
+            better = np.where(fits, value < best, np.isinf(best) & (error < poses.error))
             best = np.where(better & fits, value, best)
-            found.q[better], found.error[better], found.branch[better] = q[better], error[better], k
+            poses.q[better], poses.error[better], poses.branch[better] = q[better], error[better], k
         reached = np.isfinite(best)
-        q, error = equations.reach({"q": found.q, "d": d, "p": p}, FINISHED * self.tolerance, POLISH)
-        kept = reached & (error <= found.error)
-        found.q[kept], found.error[kept] = q[kept], error[kept]
-        found.reached[:] = reached & (found.error <= self.tolerance)
-        return found
+        q, error = equations.reach({"q": poses.q, "d": d, "p": p}, FINISHED * self.tolerance, POLISH)
+        kept = reached & (error <= poses.error)
+        poses.q[kept], poses.error[kept] = q[kept], error[kept]
+        poses.reached[:] = reached & (poses.error <= self.tolerance)
+        return poses
 
     def _ways(self, targets: Array, near: Array) -> list[Array]:
         """Return q (T, nq) of each branch of the closed form, turned back within the limits where that goes."""
         assert self.closed_form is not None
         rotation = targets[:, 3:].reshape(-1, 3, 3)
-        found = self.closed_form.branches(targets[:, :3], rotation, near)
-        return [self.limits.unwound(found[name], near, self.model) for name in self.closed_form.names]
+        ways = self.closed_form.branches(targets[:, :3], rotation, near)
+        return [self.limits.unwound(ways[name], near, self.model) for name in self.closed_form.names]
 
     def _by_steps(self, targets: Array, near: Array) -> Poses:
         """Return what damped steps find: first from nearby, then from the same starts for all targets."""
-        found = nothing_found(targets, near)
+        poses = nothing_found(targets, near)
         wanted = 1 if self.equations.criterion is Criterion.NEAREST else CHOICE
         best, count = np.full(len(targets), np.inf), np.zeros(len(targets), dtype=int)
         for start in (None, *self._starts):
@@ -285,12 +285,12 @@ class InverseKinematics(ThreadSafe):
             q, error = self._from_start(q, targets[left], near[left])
             good = error <= self.tolerance
             value = np.where(good, self._values(q, targets[left], near[left]), np.inf)
-            better = np.where(good, value < best[left], ~found.reached[left] & (error < found.error[left]))
+            better = np.where(good, value < best[left], ~poses.reached[left] & (error < poses.error[left]))
             rows = left[better]
-            found.q[rows], found.error[rows], best[rows] = q[better], error[better], value[better]
-            found.reached[left] |= good
+            poses.q[rows], poses.error[rows], best[rows] = q[better], error[better], value[better]
+            poses.reached[left] |= good
             count[left] += good
-        return found
+        return poses
 
     def _from_start(self, q: Array, targets: Array, near: Array) -> tuple[Array, Array]:
         """Return positions and errors that steps from q (T, nq) lead to; of free mechanisms, the criterion's best."""
@@ -310,8 +310,8 @@ class InverseKinematics(ThreadSafe):
     def _values(self, q: Array, targets: Array, near: Array) -> Array:
         """Return the criterion's value (T,)."""
         groups = {"q": q, "d": self.equations.data(targets, near), "p": self.limits.numbers}
-        found: Array = self.equations.value.evaluate(len(q), groups)["value"][:, 0]
-        return found
+        values: Array = self.equations.value.evaluate(len(q), groups)["value"][:, 0]
+        return values
 
     @cached_property
     def _starts(self) -> Array:
@@ -363,8 +363,8 @@ class InverseKinematics(ThreadSafe):
         starts = np.concatenate([start, starts])
         q, error = self._polished(starts, targets, start, 4 * ROUNDS)
         q = self.limits.unwound(q, np.broadcast_to(start, q.shape), self.model)
-        found = different(q, np.flatnonzero(error <= self.tolerance))
-        return q[found], error[found]
+        kept = different(q, np.flatnonzero(error <= self.tolerance))
+        return q[kept], error[kept]
 
     def _polished(self, q: Array, targets: Array, near: Array, rounds: int) -> tuple[Array, Array]:
         """Return where steps from q (k, nq) lead, without regard to limits, for one target."""

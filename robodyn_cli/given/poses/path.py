@@ -77,16 +77,16 @@ def start_of(problem: Problem, task: PathTask) -> Mapping[str, float] | None:
     at, R = in_world(problem.model, task.moving, target.p, target.R, near)
     p = np.zeros((1, 3))
     p[:, : at.shape[1]] = at
-    found = solver.solve(p, R, near=near[0] if task.start else None, branch=wanted)
-    if not found.reached[0]:
+    poses = solver.solve(p, R, near=near[0] if task.start else None, branch=wanted)
+    if not poses.reached[0]:
         raise GeometryError(
             f"{task.where}point {task.trajectory.point!r} cannot reach its target at t = 0 s"
             + (f" on branch {wanted}" if wanted else "")
-            + f": {explain_miss(solver, found, 0)}",
+            + f": {explain_miss(solver, poses, 0)}",
             time=0.0,
-            distance=float(found.error[0]),
+            distance=float(poses.error[0]),
         )
-    return dict(zip(problem.model.q_names, found.q[0].tolist()))
+    return dict(zip(problem.model.q_names, poses.q[0].tolist()))
 
 
 def _near(task: PathTask) -> Array:
@@ -146,7 +146,7 @@ def drift_of(problem: Problem, task: PathTask) -> Drift:
     kernel = SampleKernel({"u": u, "rate": rates}, ("q", "v"))
 
     def drift(q: Array, v: Array) -> tuple[Array, Array]:
-        found = kernel.evaluate(len(q), {"q": q, "v": v})
-        return found["u"], found["rate"]
+        values = kernel.evaluate(len(q), {"q": q, "v": v})
+        return values["u"], values["rate"]
 
     return drift

@@ -150,8 +150,8 @@ class BdfStepper(Stepper[Taken]):
                 gap = gap / tolerance(w, f.abs(w.state[c]))
                 total.add_product(gap, gap)
         same = f.compare("olt", total.value, JUMP * JUMP)
-        asked = f.compare("olt", self._head(ANEW), 0.5)
-        return asked & same & f.compare("ogt", self._head(BEGUN), 0.5)
+        valid = f.compare("olt", self._head(ANEW), 0.5)
+        return valid & same & f.compare("ogt", self._head(BEGUN), 0.5)
 
     def _first_step(self, t: Value, h: Value) -> Value:
         """Return the length of a first step, at most h, and leave the rates in ``d``."""

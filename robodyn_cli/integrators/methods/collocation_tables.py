@@ -40,29 +40,29 @@ def times_linear(p: Polynomial, root: Decimal) -> Polynomial:
 
 def legendre(n: int) -> list[Polynomial]:
     """Return Legendre polynomials 0..n on [0, 1], with P(1) = 1."""
-    found: list[Polynomial] = [[Decimal(1)], [Decimal(-1), Decimal(2)]]
+    polynomials: list[Polynomial] = [[Decimal(1)], [Decimal(-1), Decimal(2)]]
     for k in range(1, n):
-        a, b = found[k], found[k - 1]
+        a, b = polynomials[k], polynomials[k - 1]
         longer = [Decimal(0), *[2 * c for c in a]]
         for j, c in enumerate(a):
             longer[j] -= c
         nxt = [Decimal(2 * k + 1) * c for c in longer]
         for j, c in enumerate(b):
             nxt[j] -= Decimal(k) * c
-        found.append([c / Decimal(k + 1) for c in nxt])
-    return found[: n + 1]
+        polynomials.append([c / Decimal(k + 1) for c in nxt])
+    return polynomials[: n + 1]
 
 
 def roots(p: Polynomial, guesses: np.ndarray) -> list[Decimal]:
     """Return roots by Newton's method from guesses of double precision."""
     slope = [k * c for k, c in enumerate(p)][1:]
-    found = []
+    zeros = []
     for guess in guesses:
         x = Decimal(float(guess))
         for _ in range(4):
             x -= evaluate(p, x) / evaluate(slope, x)
-        found.append(x)
-    return found
+        zeros.append(x)
+    return zeros
 
 
 def lagrange(c: list[Decimal]) -> list[Polynomial]:

@@ -87,13 +87,13 @@ class Gauss(Method):
         residual = self.residual_of(system)
         if residual is None:
             return [StepProgram("accelerations", system.dynamics.program, self.lanes)]
-        found = [
+        programs = [
             StepProgram("corrections of accelerations, each round", residual.correction, self.lanes),
             StepProgram("factors of the mass matrix, once per step", residual.factors, self.lanes),
         ]
         if not self.facts.fixed_step and self.is_steep(system):
-            found.append(StepProgram("accelerations at the ends of steps", system.dynamics.program))
-        return found
+            programs.append(StepProgram("accelerations at the ends of steps", system.dynamics.program))
+        return programs
 
     def choices(self, system: System) -> list[Decision]:
         residual = self.residual_of(system)

@@ -66,10 +66,10 @@ class GaussOutput(Stepper[StageRates]):
         if self.residual is None:
             w.dynamics(t, self.x, self.fresh)
             return
-        found = w.evaluate(self.residual.correction, t, self.x, a=guess, l=self.factors)
-        for k, d in enumerate(found["d"]):
+        outputs = w.evaluate(self.residual.correction, t, self.x, a=guess, l=self.factors)
+        for k, d in enumerate(outputs["d"]):
             self.fresh[k] = guess[k] + d
-        for k, rate in enumerate(found.get("z", [])):
+        for k, rate in enumerate(outputs.get("z", [])):
             self.fresh[w.nv + k] = rate
 
     def _spread(self, j: Int | int) -> list[Value]:
@@ -152,15 +152,15 @@ class GaussOutput(Stepper[StageRates]):
 
             def correct(j: Int | int, results: int) -> list[Value]:
                 sources = [stages.at(j), residual[0].at(j), residual[1].at(j)]
-                found = self._products(sources, rows[:results])
-                known[j] = found[0]
-                self.x[w.nv + j] = f.muladd(wide_h, found[1], f.splat(w.state[w.nv + j], m))
-                return found
+                sums = self._products(sources, rows[:results])
+                known[j] = sums[0]
+                self.x[w.nv + j] = f.muladd(wide_h, sums[1], f.splat(w.state[w.nv + j], m))
+                return sums
 
             for j in w.each(w.nv):
-                found = correct(j, 3)
+                products = correct(j, 3)
                 q, v = f.splat(w.state[j], m), f.splat(w.state[w.nv + j], m)
-                self.x[j] = f.muladd(wide_h2, found[2], f.muladd(wide_h * c, v, q))
+                self.x[j] = f.muladd(wide_h2, products[2], f.muladd(wide_h * c, v, q))
             for j in range(w.system.nz):
                 correct(w.nv + j, 2)
             times = f.muladd(wide_h, c, f.splat(t, m))

@@ -250,9 +250,9 @@ class AlphaStepper(Stepper[Solved]):
             self._place(unknowns)
             known = [self.a[k] for k in range(self.solved)]
             l = [self.l[k] for k in range(self.m)]
-            found = w.evaluate(self.program, t, self.x, a=known, l=l, g=unknowns.weights)
+            changes = w.evaluate(self.program, t, self.x, a=known, l=l, g=unknowns.weights)
             w.count(IntegerSlot.EVALUATIONS)
-            moved, size = self._update(known, found, h, unknowns.weights)
+            moved, size = self._update(known, changes, h, unknowns.weights)
             with f.strict():
                 rounds.leave(f.compare("ole", moved, size * CONVERGED**2))
                 f.store(f.muladd(moved, 0.0, 2.0), self.outcome)
@@ -261,18 +261,18 @@ class AlphaStepper(Stepper[Solved]):
         self._place(unknowns)
 
     def _update(
-        self, known: list[Value], found: dict[str, list[Value]], h: Value, weights: list[Value]
+        self, known: list[Value], changes: dict[str, list[Value]], h: Value, weights: list[Value]
     ) -> tuple[Value, Value]:
         """Take a round's changes over; return the squares of what they do to the state, and of the state."""
         f, s = self.f, self.w.system
         moved, size = Total(f), Total(f)
         with f.strict():
-            for k, change in enumerate(found["a"]):
+            for k, change in enumerate(changes["a"]):
                 self.a[k] = known[k] + change
                 weight = weights[0] if k < s.nv else weights[2]
                 moved.add_product(weight * change, weight * change)
                 size.add_product(weight * self.a[k], weight * self.a[k])
-            for k, change in enumerate(found["l"]):
+            for k, change in enumerate(changes["l"]):
                 self.l[k] = self.l[k] + change
                 moved.add_product(change, 0.0)
             for k in range(s.size):

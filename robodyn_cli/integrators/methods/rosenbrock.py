@@ -148,17 +148,17 @@ def rooted_trees(n: int) -> list[Tree]:
     """Return the rooted trees with n nodes, a tree being the sorted tuple of its branches."""
     if n == 1:
         return [()]
-    found: set[Tree] = set()
+    trees: set[Tree] = set()
 
     def fill(left: int, largest: int, chosen: Tree) -> None:
         if left == 0:
-            found.add(tuple(sorted(chosen, key=repr)))
+            trees.add(tuple(sorted(chosen, key=repr)))
         for k in range(min(left, largest), 0, -1):
             for tree in rooted_trees(k):
                 fill(left - k, k, (*chosen, tree))
 
     fill(n - 1, n - 1, ())
-    return sorted(found, key=repr)
+    return sorted(trees, key=repr)
 
 
 def nodes(tree: Tree) -> int:

@@ -70,29 +70,29 @@ class Limit:
     def largest_step(self, eigenvalues: Array) -> float:
         """Return the largest step of an explicit method at which no decaying or oscillating mode grows (modes that grow
         by themselves set no limit); infinite where there is none."""
-        found = np.asarray(eigenvalues, dtype=complex)
-        size = np.abs(found)
+        modes = np.asarray(eigenvalues, dtype=complex)
+        size = np.abs(modes)
         biggest = float(size.max(initial=0.0))
-        found = found[(found.real <= 1e-3 * size) & (size > 1e-12 * biggest)]
-        if not found.size:
+        modes = modes[(modes.real <= 1e-3 * size) & (size > 1e-12 * biggest)]
+        if not modes.size:
             return float("inf")
         # a real part that is only rounding does not decide which side of the axis a mode is on
-        found = np.where(found.real > 0.0, 1j * np.abs(found), found)
+        modes = np.where(modes.real > 0.0, 1j * np.abs(modes), modes)
         method = methods[self.method]
         assert isinstance(method, ExplicitRungeKutta)
         table = method.table
-        return float((radius(table, found / np.abs(found)) / np.abs(found)).min())
+        return float((radius(table, modes / np.abs(modes)) / np.abs(modes)).min())
 
 
 @lru_cache
 def limits() -> tuple[Limit, ...]:
     """Return the limits of the registered methods that have one; implicit ones that are solved exactly have none."""
-    found = []
+    rows = []
     for name, method in methods.items():
         if isinstance(method, ExplicitRungeKutta):
             along = radius(method.table, np.array([-1.0, 1j]))
-            found.append(Limit(name, "region", float(along[0]), float(along[1])))
+            rows.append(Limit(name, "region", float(along[0]), float(along[1])))
         elif isinstance(method, Gauss):
             reach = 1.0 / float(np.abs(np.linalg.eigvals(gauss_table(method.stages).A)).max())
-            found.append(Limit(name, "iteration", reach, reach, method.contraction))
-    return tuple(found)
+            rows.append(Limit(name, "iteration", reach, reach, method.contraction))
+    return tuple(rows)

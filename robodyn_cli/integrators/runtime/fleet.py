@@ -252,15 +252,15 @@ class Fleet:
     def _job(self, runs: Runs, stop: Integers) -> Integers:
         """Return the table ``JOB`` of these runs, all of whose arrays are kept by the caller."""
         run, trial, _ = self._engines[0].addresses
-        found: dict[str, int] = {
+        fields: dict[str, int] = {
             "run": run, "trial": trial, "stop": stop.ctypes.data, "clear": self._clear.ctypes.data,
             "events": len(self.system.events), "passing": self._passing, "all.status": runs.status.ctypes.data,
         }  # fmt: skip
         rows = {"w": runs.w, "n": runs.n, "y": runs.y, NUMBERS: runs.numbers, "out": runs.out}
         for name, array in rows.items():
-            found[f"all.{name}"] = array.ctypes.data
-            found[f"bytes.{name}"] = array.nbytes // max(len(array), 1)
-        return np.array([found[name] for name in JOB], dtype=np.int64)
+            fields[f"all.{name}"] = array.ctypes.data
+            fields[f"bytes.{name}"] = array.nbytes // max(len(array), 1)
+        return np.array([fields[name] for name in JOB], dtype=np.int64)
 
 
 def _callable(compiled: CompiledModule) -> Callable[..., int]:

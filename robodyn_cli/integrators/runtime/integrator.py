@@ -294,13 +294,13 @@ class Integrator:
 
     def _at_end(self) -> tuple[Event, ...]:
         """Return the events whose functions have come to zero exactly at the end of the run."""
-        found = []
+        events = []
         for k, (g, event) in enumerate(zip(self.event_values(), self.system.events)):
             sign = -float(np.sign(self.w[DoubleSlot.SIZE + k]))
             if g == 0.0 and event.crosses(-sign, sign):
                 self.w[DoubleSlot.SIZE + k] = sign * 1e-300
-                found.append(self._event(k, 0.0))
-        return tuple(found)
+                events.append(self._event(k, 0.0))
+        return tuple(events)
 
     def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
@@ -358,22 +358,22 @@ class Integrator:
             if time == time:
                 known[time] = there
                 low, high = (time, high) if k == 0 else (min(low, time), time)
-        found = first_roots(events, values, armed, seen, (start, low, high))
-        if not found.roots and events[seen].is_discontinuity:
+        located = first_roots(events, values, armed, seen, (start, low, high))
+        if not located.roots and events[seen].is_discontinuity:
             # the function may be zero here and switch only a few roundings later
             for k in range(BEYOND):
                 further = high + 2**k * resolution(start, high)
                 if further <= stop and events[seen].crosses(armed[seen], values(further)[seen]):
-                    found = first_roots(events, values, armed, seen, (start, low, further))
+                    located = first_roots(events, values, armed, seen, (start, low, further))
                     break
-        if not found.roots and high <= start:
+        if not located.roots and high <= start:
             # the step is shorter than the clock resolves, so that no trial step can end beyond the root: it is here
             return start, (Root(seen, start, start, -math.copysign(1.0, armed[seen])),)
-        if not found.roots and found.time <= start:
+        if not located.roots and located.time <= start:
             # no motion leads there: take the step, so that its failure is reported
             self._go(high, -1, flush)
-            found = LocatedRoots(high)
-        return found.time, found.roots
+            located = LocatedRoots(high)
+        return located.time, located.roots
 
     def _go(self, time: float, last: int, flush: Callable[[], None]) -> None:
         """Go to ``time`` from the saved state."""

@@ -91,12 +91,12 @@ class StepController:
             if self.trend_safety != 1.0:
                 trend = trend + math.log2(self.trend_safety)
             log = f.select(first, log, f.min(log, trend))
-        found = rough_exp2(f, log)
+        factor = rough_exp2(f, log)
         if attempt.scale is not None:
-            found = found * attempt.scale
+            factor = factor * attempt.scale
         if attempt.limit is not None:
-            found = f.min(found, attempt.limit)
-        return f.min(f.max(found, self.least), self._most(w, attempt.square))
+            factor = f.min(factor, attempt.limit)
+        return f.min(f.max(factor, self.least), self._most(w, attempt.square))
 
     def _most(self, w: Writer, square: Value | None) -> Value:
         f = w.f
@@ -160,8 +160,8 @@ def shorter(w: Writer, verdict: StepVerdict, h: Value) -> Value:
 def tolerance(w: Writer, size: Value) -> Value:
     """Return the error that is allowed in a component of this size: atol + rtol size, and not below rounding."""
     f = w.f
-    asked = f.muladd(size, w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL))
-    return f.max(asked, f.muladd(size, ROUNDING, 1e-300))
+    allowed = f.muladd(size, w.get(DoubleSlot.RTOL), w.get(DoubleSlot.ATOL))
+    return f.max(allowed, f.muladd(size, ROUNDING, 1e-300))
 
 
 def mean_squares(w: Writer, count: int, errors: Callable[[Int | int], Sequence[Value]]) -> list[Value]:

@@ -200,8 +200,8 @@ class JacobianInLoops:
         with f.count(self.length, step=LANES) as first:
             for k, axis in enumerate(axes):
                 direction[first + k] = axis
-            found = w.evaluate(w.system.tangents, t, wide, **{DIRECTION: direction})["d"]
-            for row, derivatives in enumerate(found):
+            rows = w.evaluate(w.system.tangents, t, wide, **{DIRECTION: direction})["d"]
+            for row, derivatives in enumerate(rows):
                 f.store(derivatives, f.offset(self.J.base, first + row * self.length), 8)
             for k in range(LANES):
                 direction[first + k] = 0.0
@@ -320,13 +320,13 @@ def _present(entries: Sequence[int | float]) -> list[bool]:
 class _Real:
     def __init__(self, w: Writer, t: Value, x: Array, g: Value) -> None:
         program = w.system.linearisation
-        found = w.evaluate(program, t, x, g=[g])
+        values = w.evaluate(program, t, x, g=[g])
         self.f = w.f
         self.n = w.system.size
-        self.lu = found["lu"]
+        self.lu = values["lu"]
         self.present = _present(program.outputs["lu"])
         self.ft = [
-            value if there else None for value, there in zip(found["ft"], _present(program.outputs["ft"]))
+            value if there else None for value, there in zip(values["ft"], _present(program.outputs["ft"]))
         ]
 
     def time_derivative(self, c: Int | int) -> Value | None:
@@ -354,10 +354,10 @@ class _Complex:
         wide = w.array(2, 1, g.re.width)
         for c in w.each(w.size):
             wide[c] = w.f.splat(x[c], g.re.width)
-        found = w.evaluate(program, w.f.splat(t, g.re.width), wide, g=[g.re, g.im])
+        values = w.evaluate(program, w.f.splat(t, g.re.width), wide, g=[g.re, g.im])
         self.f = w.f
         self.n = w.system.size
-        self.re, self.im = found["re"], found["im"]
+        self.re, self.im = values["re"], values["im"]
         self.has_re, self.has_im = _present(program.outputs["re"]), _present(program.outputs["im"])
 
     def _times(self, place: int, x: Complex) -> Complex | None:

@@ -98,9 +98,9 @@ class Method:
 
     def programs(self, system: System) -> list[StepProgram]:
         """Return what the steps evaluate beside events and corrections; for systems that are no loops over bodies."""
-        found = [StepProgram("accelerations", system.dynamics.program)]
+        programs = [StepProgram("accelerations", system.dynamics.program)]
         derivatives = self.linearisation(system)
-        return found if derivatives is None else [*found, derivatives]
+        return programs if derivatives is None else [*programs, derivatives]
 
     def choices(self, system: System) -> list[Decision]:
         """Return in which form the rates are evaluated, and where their code goes."""

@@ -143,17 +143,17 @@ class UpdateCode:
 
     def _inputs(self, number: Int) -> dict[str, Any]:
         """Return the inputs that only updates have: random numbers of the sample, torques from Python."""
-        f, asked = self.f, UpdateSlot.SIZE + self.seen
-        noise, channels = asked + len(self.updates.joints), self.updates.noise.shape[1]
+        f, torques = self.f, UpdateSlot.SIZE + self.seen
+        noise, channels = torques + len(self.updates.joints), self.updates.noise.shape[1]
         rows = Array(f, f.offset(self.at(noise), number * channels)) if channels else Array(f, self.at(noise))
-        return {"noise": rows, "asked": Array(f, self.at(asked))}
+        return {"noise": rows, "asked": Array(f, self.at(torques))}
 
     def _call_python(self, instant: Value, inputs: dict[str, Any]) -> None:
         """Hand what is measured to the function in Python, which leaves its torques in the block."""
         f, w, measurement = self.f, self.w, self.updates.measurement
         assert measurement is not None
-        found = w.evaluate(measurement, instant, w.state, **inputs)
-        for k, value in enumerate([*found["q"], *found["v"]]):
+        measured = w.evaluate(measurement, instant, w.state, **inputs)
+        for k, value in enumerate([*measured["q"], *measured["v"]]):
             f.store(value, self.at(UpdateSlot.SIZE + k))
         f.store(instant, self.at(UpdateSlot.TIME))
         failed = f.emit_int(f"call i64 {f.load_address(self.at(UpdateSlot.FUNCTION))}()")

@@ -73,8 +73,8 @@ class RolledPlan:
         bodies, gravity = place_root_alike([model.bodies[k] for k in order], model.gravity)
         for body in bodies:
             if body.joint.nv == 0:
-                what = f"joint {body.joint_name} is {body.joint.type}"
-                raise CapabilityError(f"{what}; rolled kernels take joints that move")
+                cause = f"joint {body.joint_name} is {body.joint.type}"
+                raise CapabilityError(f"{cause}; rolled kernels take joints that move")
         if any(isinstance(x, Expr) for x in gravity):
             raise CapabilityError("rolled kernels take gravity as numbers, not as symbols")
         joints = [_as_structure(b.joint) for b in bodies]

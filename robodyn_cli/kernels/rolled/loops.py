@@ -84,11 +84,11 @@ class TableLayout:
 
 
 def _used(program: Program) -> dict[str, set[int]]:
-    found: dict[str, set[int]] = {}
+    used: dict[str, set[int]] = {}
     for i in program.instructions:
         if i.op == "sym":
-            found.setdefault(i.value[0], set()).add(i.value[1])
-    return found
+            used.setdefault(i.value[0], set()).add(i.value[1])
+    return used
 
 
 class BodyLoops:

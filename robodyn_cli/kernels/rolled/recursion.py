@@ -169,12 +169,12 @@ class BodyStage:
 
     def _step(self, outward: bool, keep: Iterable[Scalar] = (), **outputs: Sequence[Scalar]) -> None:
         """End a step: its outputs, and values to keep for later steps."""
-        found: dict[Place, Scalar] = {}
+        by_place: dict[Place, Scalar] = {}
         for name, xs in outputs.items():
             for k, x in enumerate(self.kept.read(xs)):
-                found[name, k] = x
-        found.update(self.kept.add(keep))
-        self.drafts.append(Draft(outward, found))
+                by_place[name, k] = x
+        by_place.update(self.kept.add(keep))
+        self.drafts.append(Draft(outward, by_place))
 
     def _outward_motion(self, qdd: Vector) -> None:
         """Motion from the parent's, and the wrench that it needs; the joint's sines and cosines are kept."""
@@ -269,12 +269,12 @@ def structure_of(rows: Sequence[Sequence[Scalar]]) -> Structure:
     Zeros (a planar chain, joints without rotors), and ones in rotations. Any other number stays in the table,
     equal or not: the code is to serve all models of one structure.
     """
-    found: list[float | None] = []
+    constants: list[float | None] = []
     for k, column in enumerate(zip(*rows)):
         values = {None if isinstance(x, Expr) else float(x) for x in column}
         value = values.pop() if len(values) == 1 else None
-        found.append(value if value == 0.0 or (value == 1.0 and k < ROTATION) else None)
-    return tuple(found)
+        constants.append(value if value == 0.0 or (value == 1.0 and k < ROTATION) else None)
+    return tuple(constants)
 
 
 @lru_cache(maxsize=32)
@@ -340,7 +340,7 @@ def _needed(stages: Sequence[BodyStage]) -> list[set[Place]]:
             if place not in needed[j]:
                 needed[j].add(place)
                 outputs = (draft.outputs for draft in stages[j].drafts)
-                pending.extend((j, found[place]) for found in outputs if place in found)
+                pending.extend((j, own[place]) for own in outputs if place in own)
 
     everywhere = range(len(stages))
     for j, stage in enumerate(stages):

@@ -39,11 +39,11 @@ def contact_functions(problem: Problem, owner: Owner) -> tuple[ContactFunction, 
     Rigid stops: the distance. Rest: the rate along the direction of motion. Break: what is left of the bounds of the
     multiplier that holds the joint.
     """
-    found: list[ContactFunction] = []
+    functions: list[ContactFunction] = []
 
     def add(number: int, transition: Transition, value: Scalar) -> None:
         name = f"{transition.value} {problem.contact_joints[number].name}"
-        found.append(ContactFunction(name, value, -1, EventKind.CONTACT, owner, number, transition))
+        functions.append(ContactFunction(name, value, -1, EventKind.CONTACT, owner, number, transition))
 
     # forces that hold cost the accelerations, which the loops of a long chain do without
     for k, (joint, force) in enumerate(zip(problem.contact_joints, problem.holding)):
@@ -54,7 +54,7 @@ def contact_functions(problem: Problem, owner: Owner) -> tuple[ContactFunction, 
             add(k, Transition.REST, joint.direction * problem.v[joint.v])
         add(k, Transition.BREAK_HIGH, joint.hold * (joint.high - force))
         add(k, Transition.BREAK_LOW, joint.hold * (force - joint.low))
-    return tuple(found)
+    return tuple(functions)
 
 
 def known_sides(

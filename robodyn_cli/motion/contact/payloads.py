@@ -101,13 +101,13 @@ class Payloads(Watcher):
         return self._log
 
     def facts(self, end: float) -> dict[str, Any]:
-        found = {x.name: PayloadFacts() for x in self.payloads}
+        facts = {x.name: PayloadFacts() for x in self.payloads}
         for event in self._log:
             name, time = event["name"], event["time"]
             gripped = event["kind"] == "grip"
             more = {"gripped": time, "energy_lost": event["energy_lost"]} if gripped else {"released": time}
-            found[name] = dataclasses.replace(found[name], **more)
-        return {"payloads": found}
+            facts[name] = dataclasses.replace(facts[name], **more)
+        return {"payloads": facts}
 
     def again(self) -> Payloads:
         other = copy.copy(self)
@@ -190,7 +190,7 @@ class Payloads(Watcher):
         old = self._numbers(t, x, self.phase)
         v = x[list(self.system.v_places)]
         new = self._numbers(t, x, phase)
-        before, after = (found["M"].reshape(nv, nv) for found in (old, new))
+        before, after = (values["M"].reshape(nv, nv) for values in (old, new))
         psi = old["psi"].reshape(-1, nv) if "psi" in old else np.zeros((0, nv))
         momentum = old["momentum"].reshape(-1, nv)[gripped].sum(axis=0)
         then = v
@@ -235,26 +235,28 @@ def _on_grid(scene: Scene, time: float | None) -> float | None:
 
 
 def _functions(problem: Problem, owner: Payloads) -> list[Change]:
-    found = []
+    changes = []
     for number, payload in enumerate(owner.payloads):
         for name, instant in payload.spec.instants.items():
             if instant.when is not None:
                 value = instant.when.evaluate(problem.environment)
-                found.append(Change(payload.name, value, 1, EventKind.PAYLOAD, owner, number, name == "from"))
-    return found
+                changes.append(
+                    Change(payload.name, value, 1, EventKind.PAYLOAD, owner, number, name == "from")
+                )
+    return changes
 
 
 def _outputs(problem: Problem, payloads: Sequence[CarriedMass]) -> dict[str, list[Scalar]]:
     """Return M, Psi, the potential energy, and of each payload's own motion the generalised momentum and the energy."""
     own = [own_motion(problem, payload) for payload in payloads]
-    found: dict[str, list[Scalar]] = {
+    outputs: dict[str, list[Scalar]] = {
         "M": list(problem.mass_matrix.ravel()),
         "psi": list(problem.psi.ravel()),
         "potential": [potential_energy(problem)],
         "momentum": [x for momentum, _ in own for x in momentum],
         "own": [energy for _, energy in own],
     }
-    return {name: entries for name, entries in found.items() if entries}
+    return {name: entries for name, entries in outputs.items() if entries}
 
 
 def _refuse_company(problem: Problem) -> None:

@@ -121,8 +121,8 @@ class ContactStates(Watcher):
 
     def rates(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return accelerations (nv,) and multipliers of held joints in the present contact states."""
-        found = self._rates.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
-        return found["a"][0], found["lam"][0]
+        values = self._rates.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+        return values["a"][0], values["lam"][0]
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
@@ -156,9 +156,9 @@ class ContactStates(Watcher):
 
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix (nv, nv) and Psi (m, nv) at a state."""
-        found = self._matrices.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+        values = self._matrices.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
         nv = self.problem.model.nv
-        return found["M"].reshape(nv, nv), found.get("psi", np.zeros(0)).reshape(-1, nv)
+        return values["M"].reshape(nv, nv), values.get("psi", np.zeros(0)).reshape(-1, nv)
 
     def arm(self, x: Array) -> Outcome:
         """Return the present contact states, and the sides from which event functions start."""
@@ -291,21 +291,21 @@ class ContactStates(Watcher):
         strongest = max(float(np.abs(lam).max()), *(max(g.breakaway) for g in self.joints))
         # where a joint leaves its stop the multiplier is zero, and says nothing about the size of forces
         largest = max(strongest, self._load)
-        found = []
+        contradictions = []
         for k in still:
             low, high = self._bounds(k)
             if self.state[k] == HELD:
                 over, under = float(lam[k] - high) / largest, float(low - lam[k]) / largest
                 if max(over, under) > FORCE:
-                    found.append((max(over, under), k, -1 if over > under else 1))
+                    contradictions.append((max(over, under), k, -1 if over > under else 1))
                 continue
             # the force that would have to be added for the joint not to move against its direction
             short = -self.state[k] * a[self.joints[k].v] * self._inertia[self.joints[k].v] / largest
             if short > FORCE:
-                found.append((float(short), k, HELD))
-        if not found:
+                contradictions.append((float(short), k, HELD))
+        if not contradictions:
             self._load = largest
-        return found
+        return contradictions
 
     # -- impacts --------------------------------------------------------------------------------------
     def _strike(self, t: float, x: Array, k: int, push: float, at: float) -> Array:

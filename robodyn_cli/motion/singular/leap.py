@@ -143,14 +143,14 @@ class LeapEquations:
 
     def constraints(self, t: Array, q: Array) -> tuple[Array, Array]:
         """Return eta (T, m) and Psi (T, m, nv)."""
-        found = self.values(self.geometry, t, q, np.zeros((len(t), self.nv)))
-        return found["eta"], found["psi"].reshape(len(t), self.m, self.nv)
+        values = self.values(self.geometry, t, q, np.zeros((len(t), self.nv)))
+        return values["eta"], values["psi"].reshape(len(t), self.m, self.nv)
 
     def singular_values(self, t: Array, q: Array) -> Array:
         """Return those of the loops' Psi (T, r), largest first, but for the ones that are zero in every pose."""
         psi = self.constraints(t, q)[1][:, self.loops]
-        found: Array = np.asarray(np.linalg.svd(psi, compute_uv=False), dtype=float)
-        return found[:, : self.loop_rank]
+        sigma: Array = np.asarray(np.linalg.svd(psi, compute_uv=False), dtype=float)
+        return sigma[:, : self.loop_rank]
 
     def moved(self, q: Array, dq: Array) -> Array:
         """Return positions (T, nq) after steps dq (T, nv) along the joints' manifolds."""
@@ -250,28 +250,28 @@ class Collocation:
         """Return v put on the constraints, q-dot, v-dot and z-dot at the nodes."""
         e, n = self.equations, self.n
         _, psi = e.constraints(self.times, q)
-        found = e.values(e.rates, self.times, q, v, z)
+        values = e.values(e.rates, self.times, q, v, z)
         inverse = bases.inverse(psi)
-        drift = np.einsum("nij,nj->ni", psi, v) + found["eta_t"]
+        drift = np.einsum("nij,nj->ni", psi, v) + values["eta_t"]
         v = v - bases.step(inverse, drift)
-        found = e.values(e.rates, self.times, q, v, z)
-        M = found["M"].reshape(n, e.nv, e.nv)
-        bound = -bases.step(inverse, found["gamma"])
+        values = e.values(e.rates, self.times, q, v, z)
+        M = values["M"].reshape(n, e.nv, e.nv)
+        bound = -bases.step(inverse, values["gamma"])
         N = inverse[:, :, e.rank :]
         Nt = np.swapaxes(N, 1, 2)
-        force = found["f"] - np.einsum("nij,nj->ni", M, bound)
+        force = values["f"] - np.einsum("nij,nj->ni", M, bound)
         free = np.linalg.solve(Nt @ M @ N, (Nt @ force[:, :, None]))[:, :, 0]
         a = bound + np.einsum("nij,nj->ni", N, free)
-        return v, found["qd"], a, self._work_rate(found, inverse, bases, np.einsum("nij,nj->ni", M, a))
+        return v, values["qd"], a, self._work_rate(values, inverse, bases, np.einsum("nij,nj->ni", M, a))
 
-    def _work_rate(self, found: dict[str, Array], inverse: Array, bases: Bases, Ma: Array) -> Array:
+    def _work_rate(self, values: dict[str, Array], inverse: Array, bases: Bases, Ma: Array) -> Array:
         """Return z-dot (n, nz): the power of what is applied, and -lambda eta_t of rows that depend on time."""
         if not self.equations.work:
             return np.zeros((self.n, 0))
-        power = found["power"][:, 0] if "power" in found else np.zeros(self.n)
-        if np.any(found["eta_t"] != 0.0):
-            given = np.einsum("nji,nj->ni", inverse[:, :, : self.equations.rank], Ma - found["f"])
-            power = power - np.einsum("nr,nrm,nm->n", given, bases.combination, found["eta_t"])
+        power = values["power"][:, 0] if "power" in values else np.zeros(self.n)
+        if np.any(values["eta_t"] != 0.0):
+            given = np.einsum("nji,nj->ni", inverse[:, :, : self.equations.rank], Ma - values["f"])
+            power = power - np.einsum("nr,nrm,nm->n", given, bases.combination, values["eta_t"])
         return power[:, None]
 
     def solve(self, history: Sequence[LeapState]) -> PoseLeap:
@@ -307,8 +307,8 @@ class Collocation:
         """Return the Legendre coefficients (n, k) of what has the values x (n, k) at the nodes."""
         if not x.shape[1]:
             return x
-        found: Array = np.asarray(legendre.legfit(2 * self.c - 1, x, self.n - 1), dtype=float)
-        return found
+        coefficients: Array = np.asarray(legendre.legfit(2 * self.c - 1, x, self.n - 1), dtype=float)
+        return coefficients
 
 
 @record
@@ -324,14 +324,14 @@ class PoseLeap:
     def at(self, t: Array) -> tuple[Array, Array, Array]:
         """Return q, v and z at times t (T,) within the step."""
         x = 2.0 * (t - self.start.time) / self.length - 1.0
-        found = []
+        series = []
         for x0, rates in ((self.start.q, self.qd), (self.start.v, self.a), (self.start.z, self.zd)):
             if not len(x0):
-                found.append(np.zeros((len(t), 0)))
+                series.append(np.zeros((len(t), 0)))
                 continue
             integral = legendre.legint(rates, lbnd=-1)
-            found.append(x0 + 0.5 * self.length * legendre.legval(x, integral).T)
-        return found[0], found[1], found[2]
+            series.append(x0 + 0.5 * self.length * legendre.legval(x, integral).T)
+        return series[0], series[1], series[2]
 
     @property
     def end(self) -> float:
@@ -368,12 +368,12 @@ def extrapolated(times: Sequence[float], values: Sequence[Array], t: float) -> A
     """Return values at t by Neville's scheme, of the degree whose last correction is smallest."""
     near = np.argsort(np.abs(np.array(times) - t))[:HISTORY]
     x, T = np.array(times)[near], np.array(values)[near]
-    best, found = np.inf, T[0]
+    best, estimate = np.inf, T[0]
     for k in range(1, len(x)):
         span = (x[:-k] - x[k:])[:, None]
         before = T[0]
         T = ((t - x[k:])[:, None] * T[:-1] + (x[:-k] - t)[:, None] * T[1:]) / span
         change = float(np.abs(T[0] - before).max())
         if change < best:
-            best, found = change, T[0]
-    return found
+            best, estimate = change, T[0]
+    return estimate

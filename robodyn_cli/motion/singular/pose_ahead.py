@@ -184,17 +184,17 @@ class PoseApproach:
         centre = predicted
         for _ in range(3):
             leap = self._tried(here, 2.0 * (centre - here.time))
-            found = self._located(leap, centre)
-            if abs(found - centre) < 0.01 * leap.length:
+            located = self._located(leap, centre)
+            if abs(located - centre) < 0.01 * leap.length:
                 break
-            centre = found
-        q = leap.at(np.array([found]))[0]
-        sigma = self.equations.singular_values(np.array([found]), q)[0]
+            centre = located
+        q = leap.at(np.array([located]))[0]
+        sigma = self.equations.singular_values(np.array([located]), q)[0]
         lost = int((sigma < LOST * sigma[0]).sum())
         if not lost:
             raise NotSmooth("the constraints keep their rank")
-        self.check(leap, found)
-        return PoseAhead(found, lost, leap)
+        self.check(leap, located)
+        return PoseAhead(located, lost, leap)
 
     def _tried(self, here: LeapState, length: float) -> PoseLeap:
         leap = Collocation(self.equations, here, length, self.nodes).solve(self.states)

@@ -92,12 +92,12 @@ class PosesAhead(Watcher):
         self.equations.in_contact(self._given(event))
         approach = PoseApproach(self.equations, advance, turning, self.nodes, self.reach, self.check)
         try:
-            found = approach.pose_ahead(self._moment(event.time, event.state), self.end)
+            pose = approach.pose_ahead(self._moment(event.time, event.state), self.end)
         except NumericalError:
             return None  # the run itself comes to the same place and says what is wrong
-        if found is not None:
-            refuse_dependent_rows(self.problem, found.state.q, found.time)
-        return found
+        if pose is not None:
+            refuse_dependent_rows(self.problem, pose.state.q, pose.time)
+        return pose
 
     def check(self, leap: FoundLeap, pose: float) -> None:
         """Refuse a leap over a pose at a time [s] that the run is not to make (NotSmooth)."""
@@ -129,18 +129,18 @@ class RankLoss(PosesAhead):
         ------
         SingularConfigurationError : Psi loses rank.
         """
-        found = self.ahead(event)
-        if found is None:
+        pose = self.ahead(event)
+        if pose is None:
             return GO_ON
-        q = found.state.q
+        q = pose.state.q
         kind = classify(self.problem, q, ())
-        named = culprit(self.problem, q, range(self.problem.model.nv), found.time)
-        several = f" in {found.lost} directions" if isinstance(found, PoseAhead) and found.lost > 1 else ""
+        named = culprit(self.problem, q, range(self.problem.model.nv), pose.time)
+        several = f" in {pose.lost} directions" if isinstance(pose, PoseAhead) and pose.lost > 1 else ""
         raise SingularConfigurationError(
-            f"bifurcation at t = {found.time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank{several} "
+            f"bifurcation at t = {pose.time:.9g} s: the constraint Jacobian of loop {named.loop} loses rank{several} "
             f"and lets joint {named.joint} go, so the multipliers are not unique and the motion may branch; set "
             "simulate.singular: pass to go on",
-            time=found.time, kind="bifurcation", singular_values=kind.psi.tolist(), q=q.tolist(),
+            time=pose.time, kind="bifurcation", singular_values=kind.psi.tolist(), q=q.tolist(),
             loop=named.loop, joint=named.joint,
         )  # fmt: skip
 
@@ -192,21 +192,21 @@ class Passage(PosesAhead):
         ------
         SingularConfigurationError : a pose that no smooth branch leads over.
         """
-        found = self.ahead(event)
-        if found is None:
+        pose = self.ahead(event)
+        if pose is None:
             return GO_ON
         held = self._beside.refuse_held(event.parameters)
-        if held and isinstance(found, PoseAhead):
-            found = Unresolved(found.state, found.regular_until, held)
-        if isinstance(found, Unresolved):
+        if held and isinstance(pose, PoseAhead):
+            pose = Unresolved(pose.state, pose.regular_until, held)
+        if isinstance(pose, Unresolved):
             loops = ", ".join(self.problem.model.closures)
             raise SingularConfigurationError(
-                f"the singular configuration at t = {found.time:.9g} s, in which the constraints of {loops} lose rank, "
-                f"cannot be passed: {found.reason}",
-                time=found.time, kind="bifurcation",
+                f"the singular configuration at t = {pose.time:.9g} s, in which the constraints of {loops} lose rank, "
+                f"cannot be passed: {pose.reason}",
+                time=pose.time, kind="bifurcation",
             )  # fmt: skip
-        self.crossed.append(found.time)
-        leap = found.leap
+        self.crossed.append(pose.time)
+        leap = pose.leap
         self._rounding += leap_rounding(self.equations, leap)
 
         def states(t: Array) -> Array:

@@ -37,10 +37,10 @@ def interrupt(process: subprocess.Popen[bytes]) -> None:
 def _summary(printed: bytes) -> dict[str, Any]:
     """Return what a worker printed of a run that failed; nothing if it did not get as far."""
     try:
-        found = json.loads(printed)
+        summary = json.loads(printed)
     except ValueError:
         return {}
-    return found if isinstance(found, dict) else {}
+    return summary if isinstance(summary, dict) else {}
 
 
 class Clock:

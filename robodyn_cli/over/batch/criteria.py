@@ -39,13 +39,13 @@ def judge(
     SceneError : a key that a summary of this command does not have.
     """
     facts = {**summary, EXIT_CODE: exit_code(summary)}
-    found: list[JudgedCriterion] = []
+    outcomes: list[JudgedCriterion] = []
     for key, expected in expect.items():
         value = lookup(facts, key)
         if value is _ABSENT:
             if summary.get("status") != "failed":
                 raise _unknown(key, facts, place, f"expect.{key}")
-            found.append(NotReached(key, expected.text, None, False))
+            outcomes.append(NotReached(key, expected.text, None, False))
             continue
         if isinstance(value, (Mapping, list)):
             inner = ", ".join(
@@ -54,8 +54,8 @@ def judge(
             raise SceneError(
                 f"{place}expect.{key}: holds several values; name one: {inner}", key=f"expect.{key}"
             )
-        found.append(JudgedCriterion(key, expected.text, value, expected.holds(value)))
-    return found
+        outcomes.append(JudgedCriterion(key, expected.text, value, expected.holds(value)))
+    return outcomes
 
 
 def lookup(facts: Mapping[str, Any], key: str) -> Any:

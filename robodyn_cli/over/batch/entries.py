@@ -64,8 +64,8 @@ class BatchEntry:
     @property
     def problems(self) -> list[str]:
         """What went wrong, in words."""
-        found = [str(outcome) for outcome in self.criteria if not outcome.holds]
-        return [*([self.message] if self.message else []), *found, *self.differences]
+        texts = [str(outcome) for outcome in self.criteria if not outcome.holds]
+        return [*([self.message] if self.message else []), *texts, *self.differences]
 
 
 def listed(paths: Sequence[Path]) -> list[BatchEntry]:

@@ -25,11 +25,11 @@ def findings(path: Path, strict: bool = False) -> list[Finding]:
     if examined.scene is None or examined.root is None:
         return [_error(e) for e in examined.errors]
     scene, root = examined.scene, examined.root
-    found = [_error(e) for e in _trial(scene, root)]
+    listed = [_error(e) for e in _trial(scene, root)]
     code = SceneError.exit_code if strict else 0
     for error in _physical(scene, root):
-        found.append(Finding("error" if strict else "warning", error.message, code, **_place(error)))
-    return found
+        listed.append(Finding("error" if strict else "warning", error.message, code, **_place(error)))
+    return listed
 
 
 def _error(error: RobodynError) -> Finding:
@@ -41,9 +41,9 @@ def _place(error: RobodynError) -> dict[str, Any]:
 
 
 def _physical(scene: Scene, root: Node) -> list[SceneError]:
-    found = [SceneError(text) for text in scene.warnings]
-    found += [_at(root, path, f"{name}: {text}") for path, name, text in doubtful_bodies(scene)]
-    return found
+    errors = [SceneError(text) for text in scene.warnings]
+    errors += [_at(root, path, f"{name}: {text}") for path, name, text in doubtful_bodies(scene)]
+    return errors
 
 
 def _at(root: Node, path: tuple[str | int, ...], message: str) -> SceneError:
@@ -66,10 +66,10 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
 
 def _missing(root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:
     """Return an error for each link or payload that lacks data which the command needs."""
-    found: list[RobodynError] = []
+    errors: list[RobodynError] = []
     for path in owners(root, names):
         owner = name_of(nearest(root, path))
         here = [name for name in names if name.endswith(f" of {owner}")]
-        what = f"{command} needs {listed_data(here)}, which the scene does not give"
-        found.append(_at(root, path, what))
-    return found
+        message = f"{command} needs {listed_data(here)}, which the scene does not give"
+        errors.append(_at(root, path, message))
+    return errors

@@ -81,19 +81,19 @@ def _dataset(item: Difference) -> checks.DatasetReport:
     )  # fmt: skip
 
 
-def comparison_of(found: Comparison, rtol: float, atol: float) -> checks.ComparisonReport:
+def comparison_of(comparison: Comparison, rtol: float, atol: float) -> checks.ComparisonReport:
     """Return what ``compare`` says of two results."""
     return checks.ComparisonReport(
-        "ok" if found.agrees else "failed", rtol, atol, datasets_of(found.differences)
+        "ok" if comparison.agrees else "failed", rtol, atol, datasets_of(comparison.differences)
     )
 
 
-def trees_of(found: Sequence[Compared], rtol: float, atol: float) -> checks.TreeReport:
+def trees_of(compared: Sequence[Compared], rtol: float, atol: float) -> checks.TreeReport:
     """Return what ``compare`` says of two directories with results."""
-    code = worst(item.exit_code for item in found)
+    code = worst(item.exit_code for item in compared)
     results = [
         checks.ResultReport(item.name, item.verdict, item.message or None, datasets_of(item.differing))
-        for item in found
+        for item in compared
     ]
     return checks.TreeReport("failed" if code else "ok", code, rtol, atol, results)
 
@@ -239,18 +239,18 @@ class Baseline:
         """
         if entry.directory is None or entry.exit_code not in (0, FAILED):
             return
-        found = self._compare(entry.directory, entry)
-        if found is None:
+        compared = self._compare(entry.directory, entry)
+        if compared is None:
             return
         entry.baseline = BaselineReport(
-            str(self.directory), found.verdict, found.message or None, self.rtol, self.atol,
-            datasets_of(found.differing),
+            str(self.directory), compared.verdict, compared.message or None, self.rtol, self.atol,
+            datasets_of(compared.differing),
         )  # fmt: skip
-        if found.verdict != "equal":
-            entry.differences = [f"baseline: {line}" for line in found.lines]
+        if compared.verdict != "equal":
+            entry.differences = [f"baseline: {line}" for line in compared.lines]
         if not self.update:
             # without a stored result nothing is known of this one
-            code = FAILED if found.verdict == "extra" else found.exit_code
+            code = FAILED if compared.verdict == "extra" else compared.exit_code
             entry.exit_code = worst([entry.exit_code, code])
 
     def _compare(self, directory: Path, entry: BatchEntry) -> Compared | None:

@@ -85,17 +85,17 @@ def gather(words: Sequence[str]) -> list[Path]:
     A folder means all YAML files below it, a pattern those that match it; files that are made to be included (a
     robot, a trajectory) and hidden folders are passed over there. A file that is named is taken as it is.
     """
-    found: dict[str, Path] = {}
+    paths: dict[str, Path] = {}
     for word in words:
         here = list(_of(word))
         if not here:
-            what = "there is no scene in it" if os.path.isdir(word) else "no file matches"
+            reason = "there is no scene in it" if os.path.isdir(word) else "no file matches"
             raise SceneError(
-                f"{word}: {what}; allowed: scenes, folders with scenes, patterns such as 'configs/*.yaml'"
+                f"{word}: {reason}; allowed: scenes, folders with scenes, patterns such as 'configs/*.yaml'"
             )
         for path in here:
-            found.setdefault(os.path.realpath(path), path)
-    return list(found.values())
+            paths.setdefault(os.path.realpath(path), path)
+    return list(paths.values())
 
 
 def _of(word: str) -> Iterator[Path]:
@@ -142,12 +142,12 @@ class Compared:
     @property
     def lines(self) -> list[str]:
         """Why the two could not be compared, or the datasets that differ most, in words."""
-        found = [self.message] if self.message else []
-        found += [f"{item.path}: {item.text}" for item in self.differing[:MOST_TOLD]]
+        lines = [self.message] if self.message else []
+        lines += [f"{item.path}: {item.text}" for item in self.differing[:MOST_TOLD]]
         more = len(self.differing) - MOST_TOLD
         if more > 0:
-            found.append(f"and {more} more; robodyn compare of these two results lists all")
-        return found
+            lines.append(f"and {more} more; robodyn compare of these two results lists all")
+        return lines
 
     @property
     def sort_key(self) -> tuple[float, ...]:
@@ -186,29 +186,29 @@ def _required(root: Path, other: Path) -> set[str]:
             f"{root} is no directory with results below it, but {other} is; name two results or two such directories",
             path=str(root),
         )
-    found = runs_below(root)
-    if not found:
+    runs = runs_below(root)
+    if not runs:
         raise ResultFileError(f"{root}: there is no result in it, nor below it", path=str(root))
-    return found
+    return runs
 
 
 def runs_below(root: Path) -> set[str]:
     """Return the output directories of runs below a directory, by their paths from there."""
-    found = set()
+    runs = set()
     for folder, below, _ in os.walk(root):
         below[:] = [name for name in below if not name.startswith(".")]
         if is_run(Path(folder)):
-            found.add(Path(folder).relative_to(root).as_posix())
-    return found
+            runs.add(Path(folder).relative_to(root).as_posix())
+    return runs
 
 
 def compare_stored(name: str, result: Path, baseline: Path, *, rtol: float, atol: float) -> Compared:
     """Return how the results of two output directories compare."""
     try:
-        found = compare(read_run(result), read_run(baseline), rtol=rtol, atol=atol)
+        comparison = compare(read_run(result), read_run(baseline), rtol=rtol, atol=atol)
     except RobodynError as error:
         return Compared(name, "unreadable", error.message)
-    return Compared(name, "equal" if found.agrees else "differs", differing=found.differing)
+    return Compared(name, "equal" if comparison.agrees else "differs", differing=comparison.differing)
 
 
 def read_run(directory: Path) -> Result:

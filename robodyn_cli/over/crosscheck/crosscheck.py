@@ -38,9 +38,9 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
     """
     command = command or compared_command(scene)
     moves, compare = COMPARED[command]
-    asked = translate(scene, moves)
-    other = _engine(engine)(asked.model)
-    compared = compare(asked, other)
+    translated = translate(scene, moves)
+    other = _engine(engine)(translated.model)
+    compared = compare(translated, other)
     return CrosscheckReport(
         status="ok" if all(one.agrees for one in compared) else "differs",
         title=scene.title or "scene",
@@ -48,8 +48,8 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
         engine=other.name,
         version=other.version,
         compared=compared,
-        handed_over=list(asked.given),
-        by_own_formulas=list(asked.own),
+        handed_over=list(translated.given),
+        by_own_formulas=list(translated.own),
     )
 
 
@@ -80,45 +80,45 @@ def _engine(name: str) -> Callable[[Any], PeerEngine]:
     return InMujoco
 
 
-def _torques(asked: Translation, other: PeerEngine) -> list[ComparedQuantity]:
+def _torques(translated: Translation, other: PeerEngine) -> list[ComparedQuantity]:
     """Compare the torques along the scene's trajectory.
 
     The engine's error is M (FD(ID(a)) - a): what its own two algorithms differ by.
     """
-    found = inverse(asked.scene)
-    handed = asked.evaluator(smooth=False)
-    t, q, v, a = found["time"].ravel(), found["q"], found["qd"], found["qdd"]
+    result = inverse(translated.scene)
+    handed = translated.evaluator(smooth=False)
+    t, q, v, a = result["time"].ravel(), result["q"], result["qd"], result["qdd"]
     theirs, apart = np.empty_like(v), 0.0
     for k in range(len(t)):
         rigid = other.torques(q[k], v[k], a[k])
         back = other.free_accelerations(q[k], v[k], rigid) - a[k]
         apart = max(apart, float(np.abs(other.mass_matrix(q[k]) @ back).max()))
         given = {"t": [t[k]], "q": q[k].tolist(), "v": v[k].tolist(), "a": a[k].tolist(), "p": []}
-        theirs[k] = rigid - asked.plain(q[k], v[k]) - np.array(handed(given), dtype=float)
-    own = found.summary["error_estimate"].get("torque_rounding")
+        theirs[k] = rigid - translated.plain(q[k], v[k]) - np.array(handed(given), dtype=float)
+    own = result.summary["error_estimate"].get("torque_rounding")
     if own is None:
         raise CapabilityError(
             "the torques have no error estimate, so there is nothing to compare a difference with"
         )
-    names = asked.model.v_names
-    return [_compare("tau", names, (found["tau"], theirs), t, (float(own), apart))]
+    names = translated.model.v_names
+    return [_compare("tau", names, (result["tau"], theirs), t, (float(own), apart))]
 
 
-def _motion(asked: Translation, other: PeerEngine) -> list[ComparedQuantity]:
+def _motion(translated: Translation, other: PeerEngine) -> list[ComparedQuantity]:
     """Compare the motion at the samples.
 
     The engine's accelerations are integrated twice by an explicit pair of order 8; the error of its answer is the
     difference of the two.
     """
-    scene = asked.scene
-    found = simulate(scene)
-    ours, t = np.column_stack([found["q"], found["qd"]]), found["time"].ravel()
-    fine, coarse = (_integrated(asked, other, t, ours[0], rtol) for rtol in RTOL)
-    nq, estimate = asked.model.nq, found.summary["error_estimate"] or {}
+    scene = translated.scene
+    result = simulate(scene)
+    ours, t = np.column_stack([result["q"], result["qd"]]), result["time"].ravel()
+    fine, coarse = (_integrated(translated, other, t, ours[0], rtol) for rtol in RTOL)
+    nq, estimate = translated.model.nq, result.summary["error_estimate"] or {}
     compared = []
     for quantity, columns, names in (
-        ("q", slice(0, nq), asked.model.q_names),
-        ("qd", slice(nq, None), asked.model.v_names),
+        ("q", slice(0, nq), translated.model.q_names),
+        ("qd", slice(nq, None), translated.model.v_names),
     ):
         own = estimate.get(f"{quantity}_max")
         if own is None:
@@ -131,24 +131,24 @@ def _motion(asked: Translation, other: PeerEngine) -> list[ComparedQuantity]:
     return compared
 
 
-def _integrated(asked: Translation, other: PeerEngine, times: Array, start: Array, rtol: float) -> Array:
+def _integrated(translated: Translation, other: PeerEngine, times: Array, start: Array, rtol: float) -> Array:
     """Return states (T, nq + nv) at times (T,): q-dot = N(q) v, v-dot from the engine."""
     from scipy.integrate import solve_ivp
 
-    model, loops = asked.model, asked.model.loops
-    handed = asked.evaluator(smooth=True)
+    model, loops = translated.model, translated.model.loops
+    handed = translated.evaluator(smooth=True)
 
     def rate(t: float, x: Array) -> Array:
         q, v = x[: model.nq], x[model.nq :]
         given = {"t": [t], "q": q.tolist(), "v": v.tolist(), "p": []}
-        tau = asked.plain(q, v) + np.array(handed(given), dtype=float)
+        tau = translated.plain(q, v) + np.array(handed(given), dtype=float)
         qd = np.empty(model.nq)
         for body in model.bodies:
             own = vector(v[body.v : body.v + body.joint.nv])
             qd[body.q : body.q + body.joint.nq] = body.joint.velocity_map(slice_q(body, q), own)
         return np.concatenate([qd, other.accelerations(q, v, tau, loops)])
 
-    breaks = sorted({x for x in asked.rest.switching.breakpoints if times[0] < x < times[-1]})
+    breaks = sorted({x for x in translated.rest.switching.breakpoints if times[0] < x < times[-1]})
     edges = [float(times[0]), *breaks, float(times[-1])]
     states, x = np.empty((len(times), len(start))), start
     for low, high in zip(edges, edges[1:]):

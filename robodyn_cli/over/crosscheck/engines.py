@@ -17,10 +17,10 @@ XYZW = (1, 2, 3, 0)  # places of x, y, z, w among w, x, y, z
 
 
 def _composite(pin: Any, *parts: Any) -> Any:
-    found = pin.JointModelComposite()
+    composite = pin.JointModelComposite()
     for part in parts:
-        found.addJoint(part)
-    return found
+        composite.addJoint(part)
+    return composite
 
 
 # by our joint: Pinocchio's, and where each of its positions is among ours

@@ -229,11 +229,11 @@ class Making:
         """Make one run as the command does."""
         result = self.result
         result.one_by_one[row] = True
-        found = ended(lambda: self.command.single(self._scene(row)))
-        result.code[row], result.reason[row] = found.code, found.reason
-        if found.result is None:
+        run = ended(lambda: self.command.single(self._scene(row)))
+        result.code[row], result.reason[row] = run.code, run.reason
+        if run.result is None:
             return
-        summary, own = found.summary, found.result
+        summary, own = run.summary, run.result
         for key, column in result.outputs.items():
             column[row], result.errors[key][row] = number_of(summary, key), error_of(summary, key)
         if self.asked.samples and len(own.time) == self.asked.samples:

@@ -73,10 +73,10 @@ class Built:
             if farthest is None:
                 farthest = away.max(axis=0)
             share = np.where(near, 0.0, away / np.maximum(farthest, 1e-300))
-            found = self._built_elsewhere(values, share, build)
-            if found is None:
+            row = self._built_elsewhere(values, share, build)
+            if row is None:
                 return False
-            along = share[found] >= min(ALONG, 1.0 / len(farthest))
+            along = share[row] >= min(ALONG, 1.0 / len(farthest))
             if not along.any():  # nothing farther can be built
                 return True
             self._confirmed = np.where(along, np.maximum(self._confirmed, farthest), self._confirmed)
@@ -94,8 +94,8 @@ class Built:
                 other = build(values[row])
             except RobodynError:
                 continue
-            found: np.intp = row
-            return found if self._has_numbers_of(other) else None
+            place: np.intp = row
+            return place if self._has_numbers_of(other) else None
         return None
 
     def _has_numbers_of(self, other: Built) -> bool:

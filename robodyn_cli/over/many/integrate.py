@@ -106,9 +106,9 @@ class Driven:
 def method_of(batch: RunBatch) -> NDArray[np.str_]:
     """Return the method of each run: what the scene asks for, or what ``choose`` would take."""
     choice, count = batch.structure.motion.choice, len(batch.values)
-    found = np.full(count, DEFAULT if choice.may_change else choice.method, dtype="<U20")
+    methods = np.full(count, DEFAULT if choice.may_change else choice.method, dtype="<U20")
     if not choice.may_change:
-        return found
+        return methods
 
     def cost(method: str, rows: NDArray[np.int64], trials: Array) -> Array:
         limits = FleetLimits(steps=np.full(len(rows), MOST))
@@ -119,8 +119,8 @@ def method_of(batch: RunBatch) -> NDArray[np.str_]:
         return costs
 
     rows, _, slow, fast = compare(_decays(batch), batch.ends, cost)
-    found[rows[fast < slow]] = STIFF
-    return found
+    methods[rows[fast < slow]] = STIFF
+    return methods
 
 
 def _decays(batch: RunBatch) -> Array:
@@ -129,8 +129,8 @@ def _decays(batch: RunBatch) -> Array:
     groups = {"t": [0.0], "q": x.T[: system.nq], "v": x.T[system.nq : system.nq + system.nv],
               "z": x.T[system.nq + system.nv :], "p": []}  # fmt: skip
     J = batch.numbers.evaluate(batch.structure.jacobian, groups).reshape(len(x), system.size, system.size)
-    found: Array = largest_decays(J)
-    return found
+    decays: Array = largest_decays(J)
+    return decays
 
 
 def first_run(batch: RunBatch, method: str, sampling: Sampling = NO_SAMPLES) -> Runs:
@@ -148,7 +148,7 @@ def integrate(batch: RunBatch, method: str, samples: int = 0) -> Driven:
     if not batch.structure.motion.scene.simulate.error_estimate:
         runs = first_run(batch, method, Sampling(samples))
         return Driven(runs, _trusted(batch, runs))
-    sampling, asked, judged = _samplings(batch, method, samples)
+    sampling, wanted, judged = _samplings(batch, method, samples)
     runs = first_run(batch, method, sampling)
     trusted = _trusted(batch, runs)
     errors, steps = np.full(runs.y.shape, np.nan), np.zeros(len(runs), dtype=np.int64)
@@ -168,7 +168,7 @@ def integrate(batch: RunBatch, method: str, samples: int = 0) -> Driven:
 
         errors[rows] = courses.at_end(courses.floor(own.steps, part.ends, conditioning))
         steps[rows], trusted[rows] = second.steps, done
-    return Driven(dataclasses.replace(runs, out=runs.out[:, :, asked]), trusted, errors, second_steps=steps)
+    return Driven(dataclasses.replace(runs, out=runs.out[:, :, wanted]), trusted, errors, second_steps=steps)
 
 
 def _samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
@@ -201,26 +201,26 @@ def second_runs(
 
     arrived : tells which runs did.
     """
-    found: Runs
+    second: Runs
     done = np.zeros(len(batch.values), dtype=bool)
 
     def once(attempt: Attempt) -> tuple[Any, Masks]:
-        nonlocal found
+        nonlocal second
         rows = attempt.rows
         own = sampling if sampling.step is None else Sampling(sampling.count, sampling.step[rows])
         limits = FleetLimits(attempt.step, attempt.most)
         runs = batch.part(rows).drive(first.method, attempt.options, limits, own)
         if len(rows) == len(done):
-            found = runs
+            second = runs
         else:
-            found.put(rows, runs)
+            second.put(rows, runs)
         done[rows] = arrived(runs)
         given_up: Masks = runs.status == Status.MAX_STEPS
         # what failed otherwise is not made once more
         return np.where(done[rows], runs.steps, np.iinfo(np.int64).max), given_up
 
     integrate_again(first, once)
-    return found, done
+    return second, done
 
 
 def _keeps_energy(batch: RunBatch, runs: Runs) -> Masks:
@@ -243,5 +243,5 @@ def _keeps_energy(batch: RunBatch, runs: Runs) -> Masks:
     risen, level = potential_end - potential, np.abs(potential_end)
     drift = np.abs(kinetic_end - kinetic + risen - work)
     exchanged = kinetic_end + kinetic + np.abs(risen) + np.abs(work) + level * EPS
-    found: Masks = drift <= allowed_drift(exchanged, level, runs.steps, batch.options.rtol)
-    return found
+    kept: Masks = drift <= allowed_drift(exchanged, level, runs.steps, batch.options.rtol)
+    return kept

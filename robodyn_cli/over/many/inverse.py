@@ -144,7 +144,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
 
     def _figures(self, keys: Sequence[str], joints: Sequence[str], loaded: Loaded) -> dict[str, Array]:
         """Return the keys of the summary (N,) that joints have."""
-        found: dict[str, Array] = {}
+        by_key: dict[str, Array] = {}
         columns: dict[str, Array] = {}
         for key in keys:
             for k, joint in enumerate(joints):
@@ -152,8 +152,8 @@ class InverseRuns(BatchCommand[InverseStructure]):
                     if key in (f"joints.{joint}.{name}", f"{name}.{joint}"):
                         if name not in columns:
                             columns[name] = figure(loaded)[0].reshape(-1, len(joints))
-                        found[key] = columns[name][:, k]
-        return found
+                        by_key[key] = columns[name][:, k]
+        return by_key
 
     def single(self, scene: Scene) -> Result:
         return inverse(scene)

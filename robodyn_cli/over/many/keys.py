@@ -67,21 +67,21 @@ def understand(family: Family, name: str) -> Key:
     ------
     SceneError : the scene has no such key, or it takes no numbers.
     """
-    found: list[tuple[float, Scene]] = []
+    scenes: list[tuple[float, Scene]] = []
     refused: SceneError | None = None
     for value in TRIED:
         try:
-            found.append((value, family.scene([setting(name, value)])))
+            scenes.append((value, family.scene([setting(name, value)])))
         except SceneError as error:
             refused = refused or error
-        if len(found) == 2:
+        if len(scenes) == 2:
             break
-    if not found:
+    if not scenes:
         assert refused is not None
         raise refused
-    if len(found) == 1:  # whole numbers, or a narrow range
+    if len(scenes) == 1:  # whole numbers, or a narrow range
         return _structure(family, name)
-    return _sort(name, found) or _structure(family, name)
+    return _sort(name, scenes) or _structure(family, name)
 
 
 def _structure(family: Family, name: str) -> Key:
@@ -109,15 +109,15 @@ def value_of(family: Family, name: str) -> float | None:
         changes = list(_differences(with_places(family.own), with_places(other), (), None))
         if not changes:  # it has this very value
             return value
-        found = [c.one for c in changes if isinstance(c.two, (int, float)) and float(c.two) == value]
-        return float(found[0]) if found and isinstance(found[0], (int, float)) else None
+        numbers = [c.one for c in changes if isinstance(c.two, (int, float)) and float(c.two) == value]
+        return float(numbers[0]) if numbers and isinstance(numbers[0], (int, float)) else None
     assert refused is not None
     raise refused
 
 
-def _sort(name: str, found: Sequence[tuple[float, Scene]]) -> Key | None:
+def _sort(name: str, scenes: Sequence[tuple[float, Scene]]) -> Key | None:
     """Return what a key is, from two values of it; None of structure."""
-    (x, one), (y, two) = found
+    (x, one), (y, two) = scenes
     changes = list(_differences(with_places(one), with_places(two), (), None))
     if len(changes) != 1 or (changes[0].one, changes[0].two) != (x, y):
         return None
@@ -193,13 +193,13 @@ class Allowed:
 
     def refusals(self, values: Array) -> dict[int, SceneError]:
         """Return the rows of values (N, keys) that the scene does not allow, with the errors."""
-        found: dict[int, SceneError] = {}
+        refused: dict[int, SceneError] = {}
         if self._box_holds(values):
-            return found
+            return refused
         for k, row in enumerate(values):
             if (error := self._refusal(row)) is not None:
-                found[k] = error
-        return found
+                refused[k] = error
+        return refused
 
     def _box_holds(self, values: Array) -> bool:
         """Tell whether all values between the extremes are allowed, as far as that can be told at once."""

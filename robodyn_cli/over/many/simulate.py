@@ -74,10 +74,10 @@ class MotionCommand(BatchCommand[Structure]):
     def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
         own_q, own_qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
         batch = RunBatch.of(structure, asked.result.values[rows], own_q, own_qd, asked.threads)
-        found = method_of(batch)
+        methods = method_of(batch)
         left: list[int] = []
-        for method in dict.fromkeys(found.tolist()):
-            chosen = np.flatnonzero(found == method)
+        for method in dict.fromkeys(methods.tolist()):
+            chosen = np.flatnonzero(methods == method)
             part = batch if len(chosen) == len(rows) else batch.part(chosen)
             driven = self.drive(part, method, max(0, asked.samples - 1))
             self._keep(part, driven, rows[chosen], asked)
@@ -104,8 +104,8 @@ class MotionCommand(BatchCommand[Structure]):
         """Return an output of those runs that can be trusted, which are these rows."""
         section, _, name = key.partition(".")
         if section == "counters":
-            found: Array = getattr(driven.runs, name)[driven.trusted]
-            return found
+            counts: Array = getattr(driven.runs, name)[driven.trusted]
+            return counts
         if key == SECOND_STEPS:
             if driven.second_steps is None:
                 return np.full(len(rows), np.nan)
@@ -127,8 +127,8 @@ def column_of(result: ManyRuns, group: str, name: str, rows: Rows) -> Array:
     names = result.q_names if group == "q" else result.qd_names
     if name not in names:
         return np.full(len(rows), np.nan)
-    found: Array = getattr(result, group)[rows, names.index(name)]
-    return found
+    column: Array = getattr(result, group)[rows, names.index(name)]
+    return column
 
 
 ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
@@ -195,11 +195,11 @@ class Deploy(MotionCommand):
         return build_deployment(scene, Stopwatch())
 
     def obstacle(self, motion: Motion) -> str:
-        asked = motion.scene.deploy
+        options = motion.scene.deploy
         reasons = {
-            "multipliers are judged on samples": asked.criterion != "dead_point",
-            "the motion goes on as the locked structure": asked.after == "continue",
-            "loads are judged on samples": bool(asked.loads),
+            "multipliers are judged on samples": options.criterion != "dead_point",
+            "the motion goes on as the locked structure": options.after == "continue",
+            "loads are judged on samples": bool(options.loads),
         }
         return first_of(reasons)
 
@@ -214,8 +214,8 @@ class Deploy(MotionCommand):
         def locked(runs: Runs) -> Masks:
             event = runs.n[:, IntegerSlot.EVENT]
             alone = runs.n[:, IntegerSlot.LOCATED] != 0
-            found: Masks = (runs.status == Status.EVENT) & alone & dead[event]
-            return found
+            at_lock: Masks = (runs.status == Status.EVENT) & alone & dead[event]
+            return at_lock
 
         runs = first_run(batch, method)
         trusted = locked(runs) & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
@@ -230,9 +230,9 @@ class Deploy(MotionCommand):
             first = First(batch.options, method, runs.steps[rows], time)
             second, done = second_runs(batch.part(rows), first, locked)
             pace = time / np.maximum(second.time, 1e-300)
-            found = time_errors(first, np.abs(second.time - time), np.rint(second.steps * pace), time)
-            errors[rows], steps[rows] = found, second.steps
-            trusted[rows] = done & (found <= TRUSTED * time)
+            new_errors = time_errors(first, np.abs(second.time - time), np.rint(second.steps * pace), time)
+            errors[rows], steps[rows] = new_errors, second.steps
+            trusted[rows] = done & (new_errors <= TRUSTED * time)
         return Driven(runs, trusted, time_errors=errors, second_steps=steps)
 
     @staticmethod

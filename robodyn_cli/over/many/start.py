@@ -88,12 +88,12 @@ def _given(
     """Return what is given of the initial positions or rates, by column."""
     if array is not None:
         return {column: array[:, k] for k, column in enumerate(columns)}
-    found: dict[str, Array | float] = dict(scene)
+    by_column: dict[str, Array | float] = dict(scene)
     for column in columns:
         own = structure.column(f"{name}.{column}", values)
         if own is not None:
-            found[column] = own
-    return found
+            by_column[column] = own
+    return by_column
 
 
 class _ManyClosing:
@@ -180,8 +180,8 @@ class _ManyClosing:
         alike = np.ones(len(q), dtype=bool)
         if own.shape[0] == own.shape[1]:
             alike = np.sign(np.linalg.det(block)) == np.sign(np.linalg.det(own))
-        found: Rows = near & regular & alike
-        return found
+        same: Rows = near & regular & alike
+        return same
 
     def _rates(self, psi: Array, v: Array) -> tuple[Array, Rows]:
         """Return rates with Psi v = 0 that keep those given, and where there are such."""
@@ -205,10 +205,10 @@ def _least_steps(J: Array, F: Array) -> Array:
     wide = J.shape[1] <= J.shape[2]
     try:
         if wide:
-            found = transposed @ np.linalg.solve(J @ transposed, right)
+            solved = transposed @ np.linalg.solve(J @ transposed, right)
         else:
-            found = np.linalg.solve(transposed @ J, transposed @ right)
+            solved = np.linalg.solve(transposed @ J, transposed @ right)
     except np.linalg.LinAlgError:
-        found = np.linalg.pinv(J, rcond=1e-12) @ right
-    steps: Array = found[..., 0]
+        solved = np.linalg.pinv(J, rcond=1e-12) @ right
+    steps: Array = solved[..., 0]
     return steps

@@ -108,7 +108,7 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
         "contact states begin and change in Python": begins or bool(system.parameters),
         "a controller acts": problem.control is not None,
         "steps have to end at times that formulas or tables give": bool(system.breakpoints)
-        or any(times_vary or not found.resolved for _, found in problem.switching.time_structures),
+        or any(times_vary or not corners.resolved for _, corners in problem.switching.time_structures),
         "a motion is prescribed": bool(constraints.rheonomic),
         "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
         "Baumgarte's gains are found by trial runs": motion.gains is not None,

@@ -105,7 +105,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
     equations = PlanEquations(ledger.here, problem, Plane(ledger.here.model), tuple(idle), tuple(spare))
     for term in itertools.chain(*(terms(equations) for terms in MECHANISM), subject.terms(equations)):
         ledger.enter(term)
-    found = PlanReport(
+    report = PlanReport(
         status="failed" if missing else "ok",
         command=command,
         title=problem.scene.title,
@@ -124,7 +124,7 @@ def plan(scene: sc.Scene, command: str | None = None) -> dict[str, Any]:
         terms_counted=ledger.counted,
         equation_36=subject.equation_36(ledger) or ABSENT,
     )
-    return as_keys(found)
+    return as_keys(report)
 
 
 def _built(subject: Subject) -> tuple[list[Kernel], list[Decision], list[str]]:

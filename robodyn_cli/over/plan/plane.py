@@ -140,15 +140,15 @@ def at_samples(name: str, code: Code, compiled: bool = True, beside: int = 0) ->
     """Return a program that runs over samples; ``beside`` : operations of what goes with it."""
     if not compiled:
         return dataclasses.replace(_kernel(name, code, 1, "blocks of samples"), engine="interpreted")
-    found = _kernel(name, code, machine().lanes, "samples")
-    return dataclasses.replace(found, operations=found.operations + beside)
+    kernel = _kernel(name, code, machine().lanes, "samples")
+    return dataclasses.replace(kernel, operations=kernel.operations + beside)
 
 
 def in_steps(name: str, code: Code, lanes: int = 1, lanes_hold: str = "stages") -> Kernel:
     """Return a program of the stepping loop."""
     placed = "inlined" if isinstance(code, Program) and is_inlined(code) else "function"
-    found = _kernel(name, code, lanes, "state" if lanes == 1 else lanes_hold)
-    return dataclasses.replace(found, placed=placed)
+    kernel = _kernel(name, code, lanes, "state" if lanes == 1 else lanes_hold)
+    return dataclasses.replace(kernel, placed=placed)
 
 
 def _kernel(name: str, code: Code, lanes: int, hold: str) -> Kernel:

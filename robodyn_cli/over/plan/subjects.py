@@ -48,15 +48,15 @@ from robodyn_cli.works.inverse import program_of
 
 def solver(problem: Problem) -> Decision:
     """Return the way that ``Problem.forward`` takes, and why."""
-    what = "accelerations"
+    quantity = "accelerations"
     if problem.has_multipliers:
-        return Decision(what, "factored mass matrix", "the multipliers need the factor of M")
+        return Decision(quantity, "factored mass matrix", "the multipliers need the factor of M")
     ways = problem.ways_to_accelerations(problem.applied - problem.bias)
     counts = {name: count_operations(list(a)) for name, a in ways.items()}
     reason = "fewer operations"
     if len(counts) == 1:
         reason = f"{problem.model.nv} joints: the factored mass matrix grows with their cube"
-    return Decision(what, min(counts, key=counts.__getitem__), reason, counts)
+    return Decision(quantity, min(counts, key=counts.__getitem__), reason, counts)
 
 
 PROJECTION = "projection"
@@ -93,21 +93,21 @@ class Forward:
         observed_by = dict(motion.observer.kernels)
         method = methods[motion.choice.method]
         if isinstance(s.dynamics, Rolled):
-            found = [in_steps("accelerations", s.dynamics, method.lanes)]
+            programs = [in_steps("accelerations", s.dynamics, method.lanes)]
         else:
-            found = [in_steps(p.name, p.program, p.lanes, p.hold) for p in method.programs(s)]
+            programs = [in_steps(p.name, p.program, p.lanes, p.hold) for p in method.programs(s)]
         for name, program in s.programs.items():
             lanes = LANES if program is s.switching else 1
-            found.append(in_steps(name, program, lanes, "times"))
+            programs.append(in_steps(name, program, lanes, "times"))
         if isinstance(s.dynamics, Rolled):
             beside = s.dynamics.program.operations
-            found.append(at_samples("accelerations at the samples", s.dynamics.plan, beside=beside))
+            programs.append(at_samples("accelerations at the samples", s.dynamics.plan, beside=beside))
         kernels = itertools.chain(
             observed_by.items(), *(watcher.kernels.items() for watcher in motion.watchers)
         )
-        found += [at_samples(name, kernel.program, kernel.compiled) for name, kernel in kernels]
+        programs += [at_samples(name, kernel.program, kernel.compiled) for name, kernel in kernels]
         once: dict[str, Kernel] = {}
-        for kernel in found:  # some have the same code, in another loop
+        for kernel in programs:  # some have the same code, in another loop
             once.setdefault(kernel.digest, kernel)
         return list(once.values())
 
@@ -301,27 +301,27 @@ class InversePlan:
 
     def kernels(self) -> list[Kernel]:
         """Return the compiled programs."""
-        found, title = [], "torque terms, energies, places"
+        programs, title = [], "torque terms, energies, places"
         if self.problem.model.closures:
             title = "torque terms, rows of the loops, energies, places"
         if self.torques is not None:
             code = self.torques.code
             beside = self.torques.operations - code.operations
-            found.append(at_samples("torques (InverseDynamics)", code, beside=beside))
-        found.append(at_samples(title, self.function.program, self.function.compiled))
+            programs.append(at_samples("torques (InverseDynamics)", code, beside=beside))
+        programs.append(at_samples(title, self.function.program, self.function.compiled))
         if self.task is not None and self.task.method == "newton":
             point = make_program(dict(self.task.kinematics().outputs()), ("q", "v"))
-            found.append(at_samples(f"kinematics of {self.task.trajectory.point}", point))
-        return found
+            programs.append(at_samples(f"kinematics of {self.task.trajectory.point}", point))
+        return programs
 
     def choices(self) -> list[Decision]:
         """Return the decisions of the builders."""
-        found = [self.function.decision]
+        decisions = [self.function.decision]
         if self.torques is not None:
             joints = plural(self.problem.model.nv, "joint")
             reason = f"{joints}; a loop over the bodies pays from {CROSSOVER} on"
-            found.append(Decision("shape of the torque kernel", self.torques.shape, reason))
-        return found
+            decisions.append(Decision("shape of the torque kernel", self.torques.shape, reason))
+        return decisions
 
     def terms(self, e: PlanEquations) -> Iterator[Term]:
         """Yield the stages around the torques."""

@@ -264,12 +264,12 @@ class Ledger:
     def enter(self, term: Term) -> None:
         """Put a term into its list."""
         if isinstance(term.operations, int):
-            found: int | None = term.operations
+            operations: int | None = term.operations
         else:
             more, less = map(self.operations, term.operations)
-            found = None if more is None or less is None else max(0, more - less)
+            operations = None if more is None or less is None else max(0, more - less)
         if term.kept:
-            share = None if found is None or not self.total else round(found / self.total, 4)
-            self.kept.append(Kept(term.name, term.reason, found, share))
+            share = None if operations is None or not self.total else round(operations / self.total, 4)
+            self.kept.append(Kept(term.name, term.reason, operations, share))
         else:
-            self.left_out.append(LeftOut(term.name, term.reason, found))
+            self.left_out.append(LeftOut(term.name, term.reason, operations))

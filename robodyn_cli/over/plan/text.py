@@ -37,8 +37,8 @@ def listed_data(names: Iterable[str]) -> str:
     """Return names such as ``inertia.xx of link2`` as a phrase, links with the same data together."""
     of_link: dict[str, list[str]] = {}
     for name in names:
-        what, _, link = name.partition(" of ")
-        of_link.setdefault(link, []).append(what)
+        datum, _, link = name.partition(" of ")
+        of_link.setdefault(link, []).append(datum)
     same: dict[tuple[str, ...], list[str]] = {}
     for link, whats in of_link.items():
         same.setdefault(tuple(whats), []).append(link)
@@ -48,8 +48,8 @@ def listed_data(names: Iterable[str]) -> str:
 def _short(whats: Sequence[str]) -> list[str]:
     """Return ``inertia.xx, yy`` for ``inertia.xx``, ``inertia.yy``."""
     tensor = [w.partition(".")[2] for w in whats if w.startswith("inertia.")]
-    found = [w for w in whats if not w.startswith("inertia.")]
-    return [*found, f"inertia.{tensor[0]}", *tensor[1:]] if tensor else found
+    plain = [w for w in whats if not w.startswith("inertia.")]
+    return [*plain, f"inertia.{tensor[0]}", *tensor[1:]] if tensor else plain
 
 
 WIDTH, NARROWEST = 100, 48  # columns
@@ -187,15 +187,15 @@ def idle_constants(scene: sc.Scene, outputs: Callable[[Model], Sequence[Scalar]]
 
 def _given(scene: sc.Scene) -> dict[str, str]:
     """Return the paths of the links' data that are given and not zero, with their names in messages."""
-    found: dict[str, str] = {}
+    paths: dict[str, str] = {}
     for link in scene.robot.links:
         path = f"links.{link.name}"
         if link.mass:
-            found[f"{path}.mass"] = f"mass of {link.name}"
+            paths[f"{path}.mass"] = f"mass of {link.name}"
         for k, x in enumerate(link.com or ()):
             if x:
-                found[f"{path}.com.{k}"] = f"com[{k}] of {link.name}"
+                paths[f"{path}.com.{k}"] = f"com[{k}] of {link.name}"
         for key in TENSOR:
             if getattr(link.inertia, key):
-                found[f"{path}.inertia.{key}"] = f"inertia.{key} of {link.name}"
-    return found
+                paths[f"{path}.inertia.{key}"] = f"inertia.{key} of {link.name}"
+    return paths

@@ -116,10 +116,10 @@ class VariantProblem(Problem):
 
     @cached_property
     def constraints(self) -> Constraints:
-        found, rows = super().constraints, self.variant.rows
+        constraints, rows = super().constraints, self.variant.rows
         if rows is None:
-            return found
-        return found.only([i for i, name in enumerate(found.names) if name in rows])
+            return constraints
+        return constraints.only([i for i, name in enumerate(constraints.names) if name in rows])
 
 
 # -- one part made general -----------------------------------------------------------------------------------
@@ -269,15 +269,15 @@ def one_prescribed(v: Variant) -> Variant:
 
 def general(v: Variant) -> Variant:
     """Every constant a symbol: code for any scene with this tree of joints."""
-    found = v.with_bodies(forces=lambda b: ())
+    variant = v.with_bodies(forces=lambda b: ())
     for change in (
         general_directions, general_levers, general_inertia, general_gravity, general_rotors, general_loops,
         general_drives,
     ):  # fmt: skip
-        found = change(found)
+        variant = change(variant)
     for element in ELEMENTS:
-        found = with_element(found, element) if element.everywhere else found
-    return dataclasses.replace(found, rows=None, dependent=())
+        variant = with_element(variant, element) if element.everywhere else variant
+    return dataclasses.replace(variant, rows=None, dependent=())
 
 
 def _ends(v: Variant, plane: Plane) -> tuple[FixedFrame, FixedFrame]:

@@ -146,17 +146,17 @@ class InverseSlopes:
         times = (sampled.times + step * moved["t"][:, 0, k])[part]
         motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
-        found = InverseFigures(
+        figures = InverseFigures(
             Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem, sampled)
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
-            found = dataclasses.replace(
-                found, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(times, data, self.loads.names))
+            figures = dataclasses.replace(
+                figures, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(times, data, self.loads.names))
             )
         if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
-            found = dataclasses.replace(found, drives=self._drives(sampled, step, k))
-        return found
+            figures = dataclasses.replace(figures, drives=self._drives(sampled, step, k))
+        return figures
 
     @cached_property
     def wrenches(self) -> Mapping[str, Array]:

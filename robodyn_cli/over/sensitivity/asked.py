@@ -54,14 +54,14 @@ class AskedSlopes:
     @property
     def outputs(self) -> list[float]:
         """The outputs of the scene as it stands."""
-        found: list[float] = self.nominal.rows["outputs"][0].tolist()
-        return found
+        outputs: list[float] = self.nominal.rows["outputs"][0].tolist()
+        return outputs
 
     @property
     def errors(self) -> list[float]:
         """Their estimated errors, nan where the run tells none."""
-        found: list[float] = self.nominal.rows["errors"][0].tolist()
-        return found
+        errors: list[float] = self.nominal.rows["errors"][0].tolist()
+        return errors
 
     def changed(self, numbers: Iterable[int], part: float) -> Scene:
         """Return the scene with some keys, by number, changed by a part of their values."""
@@ -88,9 +88,9 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
     """
     scene = family.own
     if scene.command not in STUDIED:
-        what = "is missing" if scene.command is None else f"is {scene.command}"
+        message = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {what}: it says whose summary is meant; allowed: {', '.join(STUDIED)}",
+            f"{family.path}: key 'command' {message}: it says whose summary is meant; allowed: {', '.join(STUDIED)}",
             file=family.path, key="command",
         )  # fmt: skip
     if not to:
@@ -98,7 +98,7 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
             f"{family.path}: no key is named that varies; give --to KEY, e.g. robot.links.NAME.mass"
         )
     refuse_doubles(family.root, to, "--to")
-    found = [_of_key(family, name) for name in to]
+    pairs = [_of_key(family, name) for name in to]
     task = Task(family, scene.command, tuple(to), tuple(dict.fromkeys(of)))
     nominal = run_nominal(task, "--of")
     for reason in nominal.reasons.values():
@@ -107,8 +107,8 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
         )
     model = build_model(scene)
     return AskedSlopes(
-        task, tuple(key for key, _ in found), tuple(value for _, value in found), nominal,
-        tuple(_unit(family, key, model) for key, _ in found),
+        task, tuple(key for key, _ in pairs), tuple(value for _, value in pairs), nominal,
+        tuple(_unit(family, key, model) for key, _ in pairs),
         tuple(units_of_keys(task, model).values()),
     )  # fmt: skip
 

@@ -72,12 +72,12 @@ SIDES = (1.0, -1.0)
 
 def differences(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
     """Return the derivatives of all outputs by some keys, which are named by their numbers."""
-    found: dict[int, list[Slope]] = {}
+    by_key: dict[int, list[Slope]] = {}
     # keys that may move times keep runs out of compiled code
     for moves in (False, True):
         if some := [k for k in keys if times_vary([asked.keys[k]]) == moves]:
-            found.update(_together(asked, some, jobs))
-    return found
+            by_key.update(_together(asked, some, jobs))
+    return by_key
 
 
 def _together(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
@@ -94,13 +94,13 @@ def _together(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, l
     rows = np.empty_like(made.rows)
     rows[made.runs] = made.rows
     integrated = COMMANDS[task.command].streamed
-    found = {}
+    by_key = {}
     for place, (k, own) in enumerate(zip(keys, numbers.reshape(len(keys), LEVELS, 2))):
         why = [made.reasons[run] for run in own.flat if run in made.reasons]
         scale = 0.0 if integrated else 1.0 / (abs(asked.values[k]) or 1.0)
         sides = Sides(points[place, :, :, place], rows[own], why[0] if why else "", scale)
-        found[k] = [sides.slope(output) for output in range(len(task.outputs))]
-    return found
+        by_key[k] = [sides.slope(output) for output in range(len(task.outputs))]
+    return by_key
 
 
 @record

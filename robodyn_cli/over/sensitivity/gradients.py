@@ -76,13 +76,13 @@ class Gradients:
 
     def __call__(self, samples: int, groups: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
         """Return values and derivatives by name at so many samples."""
-        found = self.kernel.evaluate(samples, groups)
+        outputs = self.kernel.evaluate(samples, groups)
         J = np.zeros((samples, sum(self.sizes.values()), self.columns.count))
         if len(self._rows):
-            J[:, self._rows, self._columns] = found[""]
+            J[:, self._rows, self._columns] = outputs[""]
         out, first = {}, 0
         for name, size in self.sizes.items():
-            values = found[name] if size else np.zeros((samples, 0))
+            values = outputs[name] if size else np.zeros((samples, 0))
             out[name] = values, J[:, first : first + size]
             first += size
         return out
@@ -125,8 +125,8 @@ class MotionGradients:
 
     def __call__(self, groups: Mapping[str, Array], p: Sequence[float] = ()) -> Along:
         """Evaluate at samples: arrays (T, n) by group of symbols."""
-        found = self._gradients(len(groups["t"]), {**groups, "p": np.array(p, dtype=float)})
-        return Along(found, self._columns)
+        along = self._gradients(len(groups["t"]), {**groups, "p": np.array(p, dtype=float)})
+        return Along(along, self._columns)
 
 
 KEYS = "keys"
@@ -183,13 +183,13 @@ def slopes_along(
     own = [
         name for name in wanted if not name.startswith(ESTIMATES) and lookup_number(keys, name) is not None
     ]
-    found: dict[str, list[Slope]] = {name: [] for name in own}
+    by_output: dict[str, list[Slope]] = {name: [] for name in own}
     for k, number in enumerate(numbers):
         scale = abs(asked.values[number]) or 1.0
         step = _step([(y, change[..., k]) for y, change in arrays], scale)
         for name, slope in zip(own, _slopes(own, partial(give, k), step)):
-            found[name].append(slope)
-    return found
+            by_output[name].append(slope)
+    return by_output
 
 
 def _step(arrays: Sequence[tuple[Array, Array]], scale: float) -> float:

@@ -48,20 +48,20 @@ def given_changes(asked: AskedSlopes, numbers: Sequence[int], give: Callable[[Sc
     CapabilityError : an array jumps.
     """
     own = give(asked.scene)
-    found = [np.zeros((*x.shape, len(numbers))) for x in own]
+    changes = [np.zeros((*x.shape, len(numbers))) for x in own]
     if _alike(own, give(asked.changed(numbers, WIDEST))):
-        return found
+        return changes
     for place, k in enumerate(numbers):
         if _alike(own, give(asked.changed([k], WIDEST))):
             continue
-        for array, slope in zip(found, _slopes(asked, k, give)):
+        for array, slope in zip(changes, _slopes(asked, k, give)):
             array[..., place] = slope
-    return found
+    return changes
 
 
 def _slopes(asked: AskedSlopes, k: int, give: Callable[[Scene], Arrays]) -> list[Array]:
     """Return the derivatives of arrays by one key."""
-    found = []
+    slopes = []
     parts = [WIDEST / NARROWER**level for level in range(LEVELS)]
     steps = [2.0 * part * (abs(asked.values[k]) or 1.0) for part in parts]
     sides = [[give(asked.changed([k], way * part)) for way in (1.0, -1.0)] for part in parts]
@@ -74,8 +74,8 @@ def _slopes(asked: AskedSlopes, k: int, give: Callable[[Scene], Arrays]) -> list
             raise CapabilityError(
                 "the motion that the trajectory gives jumps at a sample when the key changes"
             )
-        found.append(slope)
-    return found
+        slopes.append(slope)
+    return slopes
 
 
 def _alike(one: Arrays, two: Arrays) -> bool:
@@ -101,8 +101,8 @@ class LedCourse:
         """The times, and positions or values, rates and accelerations (T, k) that are asked for."""
         if self.lead is not None:
             return [self.times, *self.lead.asked(self.times)]
-        found = plan_motion(self.problem, self.times).motion
-        return [self.times, found.q, found.qd, found.qdd]
+        motion = plan_motion(self.problem, self.times).motion
+        return [self.times, motion.q, motion.qd, motion.qdd]
 
 
 class LedSlopes:

@@ -55,9 +55,9 @@ def exact_slopes(asked: AskedSlopes) -> tuple[dict[tuple[str, int], Slope], dict
     """Return exact derivatives by output and number of the key, and for keys without any the reason."""
     why = {k: reason for k, key in enumerate(asked.keys) if (reason := _obstacle(asked, key))}
     work = works.get(asked.task.command)
-    found: dict[tuple[str, int], Slope] = {}
+    exact: dict[tuple[str, int], Slope] = {}
     if work is None:
-        return found, dict.fromkeys(range(len(asked.keys)), f"{asked.task.command} has no exact derivatives")
+        return exact, dict.fromkeys(range(len(asked.keys)), f"{asked.task.command} has no exact derivatives")
 
     def attempt(numbers: Sequence[int]) -> None:
         try:
@@ -68,11 +68,11 @@ def exact_slopes(asked: AskedSlopes) -> tuple[dict[tuple[str, int], Slope], dict
             for k in numbers if len(numbers) > 1 else ():  # one key may stand in the way of the others
                 attempt([k])
             return
-        found.update({(name, k): s for name, column in slopes.items() for k, s in zip(numbers, column)})
+        exact.update({(name, k): s for name, column in slopes.items() for k, s in zip(numbers, column)})
 
     if able := [k for k in range(len(asked.keys)) if k not in why]:
         attempt(able)
-    return found, why
+    return exact, why
 
 
 def _obstacle(asked: AskedSlopes, key: Key) -> str:
@@ -107,8 +107,8 @@ def refuse_structure(asked: AskedSlopes, numbers: Sequence[int], own: Programs, 
     for x, y in pairs:
         slopes: Mapping[int, Any] = by_keys(x)
         expected = math.fsum(float(slope) * steps[k] for k, slope in slopes.items())
-        found, size = float(y) - float(x), abs(float(x)) + abs(float(y))
-        if abs(found - expected) > FOLLOWS * max(abs(found), abs(expected)) + ROUNDING * size + nothing:
+        change, size = float(y) - float(x), abs(float(x)) + abs(float(y))
+        if abs(change - expected) > FOLLOWS * max(abs(change), abs(expected)) + ROUNDING * size + nothing:
             raise CapabilityError(
                 "numbers of the equations follow from the key in a way that has no derivative"
             )
@@ -126,10 +126,10 @@ def compared(
     kind: Callable[[AskedSlopes, Scene, Sequence[int]], Direct], asked: AskedSlopes, numbers: Sequence[int]
 ) -> Found:
     """Return the derivatives of a command without any integration, by keys that are no structure."""
-    found = kind(asked, asked.scene, numbers)
+    direct = kind(asked, asked.scene, numbers)
     other = kind(asked, asked.changed(numbers, NEARBY), numbers)
-    refuse_structure(asked, numbers, found.programs, other.programs)
-    return found.slopes()
+    refuse_structure(asked, numbers, direct.programs, other.programs)
+    return direct.slopes()
 
 
 def simulate(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
@@ -249,16 +249,16 @@ def sensitivities(asked: AskedSlopes, jobs: int = 1) -> Sensitivities:
     return Sensitivities(asked, slopes, obstacles)
 
 
-def report(found: Sensitivities, seconds: float) -> Result:
+def report(derivatives: Sensitivities, seconds: float) -> Result:
     """Return the result: for each output its derivatives by the keys, their errors, and which are exact."""
-    asked = found.asked
+    asked = derivatives.asked
     task = asked.task
     result = Result("sensitivity", asked.scene.title or task.command, "ok", asked.scene.text)
     key_units = tuple(unit or "1" for unit in asked.units)
     result.add(
         "keys/value", asked.values, units=unit_text(key_units), column_units=key_units, names=task.keys
     )
-    for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes)):
+    for k, (name, slopes) in enumerate(zip(task.outputs, derivatives.slopes)):
         units = tuple(quotient(asked.output_units[k], unit) for unit in asked.units)
         value = asked.outputs[k]
         columns = {
@@ -283,8 +283,8 @@ def report(found: Sensitivities, seconds: float) -> Result:
                 name: NominalNumber(x, unit) for name, x, unit in zip(task.keys, asked.values, asked.units)
             },
             sensitivities={
-                name: _ranked(found, k, slopes)
-                for k, (name, slopes) in enumerate(zip(task.outputs, found.slopes))
+                name: _ranked(derivatives, k, slopes)
+                for k, (name, slopes) in enumerate(zip(task.outputs, derivatives.slopes))
             },
             seconds=seconds,
         )
@@ -301,13 +301,15 @@ MEANINGS = {
 }
 
 
-def _ranked(found: Sensitivities, output: int, slopes: Sequence[Slope]) -> dict[str, SlopeKeys]:
+def _ranked(derivatives: Sensitivities, output: int, slopes: Sequence[Slope]) -> dict[str, SlopeKeys]:
     """Return the derivatives of one output by key, those first that move it most."""
-    asked = found.asked
+    asked = derivatives.asked
     value, name_of = asked.outputs[output], asked.task.outputs[output]
     keys = {}
     for k, (name, slope) in enumerate(zip(asked.task.keys, slopes)):
-        reason = slope.reason or ("" if slope.method == EXACT else found.obstacles.get(k, why_not(name_of)))
+        reason = slope.reason or (
+            "" if slope.method == EXACT else derivatives.obstacles.get(k, why_not(name_of))
+        )
         keys[name] = SlopeKeys(
             derivative=_finite(slope.value),
             error=_finite(slope.error),
@@ -379,5 +381,5 @@ def sensitivity(
         if isinstance(scene, Scene)
         else Family(scene)
     )
-    found = sensitivities(prepare(family, to, of), jobs)
-    return report(found, time.perf_counter() - start)
+    derivatives = sensitivities(prepare(family, to, of), jobs)
+    return report(derivatives, time.perf_counter() - start)

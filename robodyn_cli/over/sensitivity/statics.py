@@ -119,14 +119,14 @@ class StaticsSlopes:
         groups = {"t": np.zeros((1, 1)), "q": q[None], "v": still, "a": still}
         lam = np.zeros((1, len(self.problem.constraints.rows)))
         along = self.gradients({**groups, "lam": lam}, p)
-        found = self._balanced(along) if self.balances else self._held(along, q)
-        found.values["q"] = q
+        rest = self._balanced(along) if self.balances else self._held(along, q)
+        rest.values["q"] = q
         if self.loads is not None:
-            along = self.gradients({**groups, "lam": found.values["lam"][None]}, p)
-            moved = {name: found.changes[name][None] for name in ("q", "lam")}
+            along = self.gradients({**groups, "lam": rest.values["lam"][None]}, p)
+            moved = {name: rest.changes[name][None] for name in ("q", "lam")}
             for path in self.loads.names:
-                found.values[path], found.changes[path] = along[path][0], along.change(path, moved)[0]
-        return found
+                rest.values[path], rest.changes[path] = along[path][0], along.change(path, moved)[0]
+        return rest
 
     def _balanced(self, along: Along) -> Rest:
         nv, rows = self.problem.model.nv, len(self.problem.constraints.rows)

@@ -26,14 +26,14 @@ CROSSINGS = 4  # passes through the middle that make a motion an oscillation
 def period(ref: TrialReference | None, spectrum: Spectrum | None, duration: float) -> Period:
     """Return the period of a motion: the longest that its quantities show, else that of its slowest mode."""
     if ref is not None and len(ref.times) > 8:
-        found = []
+        periods = []
         for column in (ref.states - ref.states.mean(axis=0)).T:
             side = np.sign(column[np.abs(column) > 1e-9 * np.abs(column).max(initial=0.0)])
             turns = int((side[1:] != side[:-1]).sum())
             if turns >= CROSSINGS:
-                found.append(2.0 * ref.until / turns)
-        if found:
-            return Period(max(found), "passes of the joints through the middle of their motion")
+                periods.append(2.0 * ref.until / turns)
+        if periods:
+            return Period(max(periods), "passes of the joints through the middle of their motion")
     if spectrum is not None and len(spectrum.eigenvalues):
         rates = np.abs(spectrum.eigenvalues[0].imag)
         rates = rates[rates > 1e-6 * max(float(rates.max(initial=0.0)), 1.0 / duration)]
@@ -119,13 +119,13 @@ def growths(scene: Scene, methods: Sequence[str], duration: float, budget: Budge
 
     A method that is cut off there still tells how its error grows, up to the time that it has reached.
     """
-    found: list[Growth] = []
+    followed: list[Growth] = []
     for method in methods:
-        found.append(growth(scene, method, duration, budget))
-        if found[-1].status == "ok":
-            allowed = max(LEAST_SECONDS, PATIENCE * found[-1].seconds)
+        followed.append(growth(scene, method, duration, budget))
+        if followed[-1].status == "ok":
+            allowed = max(LEAST_SECONDS, PATIENCE * followed[-1].seconds)
             budget = dataclasses.replace(budget, seconds=min(budget.seconds, allowed))
-    return found
+    return followed
 
 
 def _growth(method: str, done: TrialSolution) -> Growth:

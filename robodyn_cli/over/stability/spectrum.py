@@ -127,11 +127,11 @@ def spectrum(problem: Problem, system: System, times: Array, states: Array, dura
     ]
     kept = [(t, j) for t, j in rows if np.all(np.isfinite(j))]
     complete = system.nv <= DENSE
-    found = [_eigenvalues(j, complete) for _, j in kept]
+    eigenvalues = [_eigenvalues(j, complete) for _, j in kept]
     whole = J[[bool(np.all(np.isfinite(j))) for _, j in rows]]
-    width = max((len(x) for x in found), default=0)
-    table = np.zeros((len(found), width), dtype=complex)
-    for row, values in zip(table, found):
+    width = max((len(x) for x in eigenvalues), default=0)
+    table = np.zeros((len(eigenvalues), width), dtype=complex)
+    for row, values in zip(table, eigenvalues):
         row[: len(values)] = values
     return Spectrum(np.array([t for t, _ in kept]), table, whole, system.nv, complete, duration)
 
@@ -238,7 +238,7 @@ def tangents(problem: Problem, system: System, times: Array, states: Array) -> l
     nv, nz, m = problem.model.nv, system.nz, len(rows)
     rates = [sum((x * v for x, v in zip(row.psi, problem.v)), row.eta_t) for row in rows]
     groups = _samples(system.groups(np.asarray(times, dtype=float), states, _parameters(system)))
-    found: list[Array | None] = []
+    bases: list[Array | None] = []
     psi = np.zeros((len(times), m, nv))
     for k, value in enumerate(evaluate(list(problem.psi.ravel()), groups)):
         psi[:, k // nv, k % nv] = value
@@ -251,14 +251,14 @@ def tangents(problem: Problem, system: System, times: Array, states: Array) -> l
     for one, two in zip(psi, turn):
         C = np.block([[one, np.zeros((m, nv))], [two, one]])
         if not np.all(np.isfinite(C)):
-            found.append(None)
+            bases.append(None)
             continue
         _, s, vt = np.linalg.svd(C)
         rank = int((s > 1e-9 * s.max(initial=0.0)).sum())
         along = vt[rank:].T
         free = np.zeros((2 * nv, nz)), np.zeros((nz, along.shape[1])), np.eye(nz)  # states of a controller
-        found.append(np.block([[along, free[0]], [free[1], free[2]]]))
-    return found
+        bases.append(np.block([[along, free[0]], [free[1], free[2]]]))
+    return bases
 
 
 class StepEnds:

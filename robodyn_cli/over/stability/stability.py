@@ -76,12 +76,12 @@ def stability(
         ref, first = find_reference(ready, setup, effort)
     progress(1, stages)
     with watch.stage("spectrum"):
-        found = along(setup, ref) or first
+        modes = along(setup, ref) or first
     with watch.stage("methods"):
         trials = attempts(ready, ref, effort.trial, methods_tried(quick))
     progress(2, stages)
     with watch.stage("energy"):
-        energy = follow_energy(ready, ref, found, trials, effort)
+        energy = follow_energy(ready, ref, modes, trials, effort)
     progress(3, stages)
     planes: dict[str, store.GainPlane] = {}
     has_gains = bool(setup.problem.constraints.rows) and bool(scene.loops) and not setup.problem.dependent
@@ -93,15 +93,15 @@ def stability(
     summary = StabilitySummary(
         termination=Termination("report made", ref.until if ref else 0.0),
         reference=ref.keys if ref else None,
-        spectrum=found.keys if found else None,
-        step_limits=step_limits(found),
+        spectrum=modes.keys if modes else None,
+        step_limits=step_limits(modes),
         methods=trials,
         energy_growth=energy.keys,
         baumgarte={name: plane.keys for name, plane in planes.items()} if has_gains else ABSENT,
     )
     result.summarise(summary, seconds=watch.report())
     store.add_gains(result, planes)
-    store.add_spectrum(result, found)
+    store.add_spectrum(result, modes)
     store.add_trials(result, trials)
     store.add_energy(result, energy)
     return result
@@ -131,12 +131,12 @@ def find_reference(
 def follow_energy(
     scene: Scene,
     ref: TrialReference | None,
-    found: Spectrum | None,
+    modes: Spectrum | None,
     trials: Sequence[MethodTrial],
     effort: Effort,
 ) -> EnergyGrowth:
     """Follow the energy over many periods: one method of each family, the scene's, and what ``auto`` chose."""
-    long = period(ref, found, scene.simulate.duration)
+    long = period(ref, modes, scene.simulate.duration)
     own = {*REPRESENTATIVES, scene.simulate.integrator, *(t.chosen for t in trials if t.method == "auto")}
     usable = [t.method for t in trials if t.status in ("stable", "inaccurate") and t.method in own - {"auto"}]
     return EnergyGrowth(long, PERIODS, growths(scene, usable, PERIODS * long.seconds, effort.long))
@@ -160,10 +160,10 @@ def eigenvalues(setup: Setup, times: Array, q: Array, v: Array) -> Spectrum | No
         raise unknown_data(missing)
     states = np.stack([system.join(*x) for x in zip(q, v)])
     try:
-        found = spectrum(problem, system, times, states, problem.scene.simulate.duration)
+        modes = spectrum(problem, system, times, states, problem.scene.simulate.duration)
     except (RobodynError, np.linalg.LinAlgError):
         return None
-    return found if len(found.times) else None
+    return modes if len(modes.times) else None
 
 
 def along(setup: Setup, ref: TrialReference | None) -> Spectrum | None:
@@ -174,10 +174,10 @@ def along(setup: Setup, ref: TrialReference | None) -> Spectrum | None:
     return eigenvalues(setup, *instants(setup.problem.scene, ref, model.nq, model.nv))
 
 
-def step_limits(found: Spectrum | None) -> list[StepLimit]:
+def step_limits(modes: Spectrum | None) -> list[StepLimit]:
     """Return, for each method whose step stability limits, the extents of its region and its largest step [s]."""
     table = limits()
-    steps = found.step_limits.T if found is not None else [np.zeros(0)] * len(table)
+    steps = modes.step_limits.T if modes is not None else [np.zeros(0)] * len(table)
     return [
         StepLimit(
             limit.method,

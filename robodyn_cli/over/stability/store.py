@@ -27,15 +27,15 @@ class GainPlane:
     steps: Array | None = None
 
 
-def add_spectrum(result: Result, found: Spectrum | None) -> None:
+def add_spectrum(result: Result, spectrum: Spectrum | None) -> None:
     """Store eigenvalues, stiffness ratios and step limits along the run."""
-    if found is None:
+    if spectrum is None:
         return
-    result.add("stability/time", found.times)
-    for name, part in (("real", found.eigenvalues.real), ("imaginary", found.eigenvalues.imag)):
+    result.add("stability/time", spectrum.times)
+    for name, part in (("real", spectrum.eigenvalues.real), ("imaginary", spectrum.eigenvalues.imag)):
         result.add(f"stability/eigenvalues_{name}", part)
-    result.add("stability/stiffness_ratio", found.ratios())
-    result.add("stability/step_limit", found.step_limits, names=tuple(limit.method for limit in limits()))
+    result.add("stability/stiffness_ratio", spectrum.ratios())
+    result.add("stability/step_limit", spectrum.step_limits, names=tuple(limit.method for limit in limits()))
 
 
 def add_trials(result: Result, trials: Sequence[MethodTrial]) -> None:

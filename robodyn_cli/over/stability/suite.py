@@ -40,16 +40,16 @@ class Verdict:
 
     def report(self) -> CaseKeys:
         """Return what the summary says of the case."""
-        ref, found = self.reference, self.spectrum
+        ref, spectrum = self.reference, self.spectrum
         return CaseKeys(
             name=self.case.name,
             expects=self.case.expects,
             holds=not self.complaints,
             found="; ".join(self.complaints) or "as expected",
             reference=None if ref is None else dataclasses.replace(ref.keys, ends_early=ABSENT),
-            stiffness_ratio=None if found is None else found.stiffness_ratio,
-            fastest_decay=None if found is None else found.fastest_decay,
-            fastest_oscillation=None if found is None else found.fastest_oscillation,
+            stiffness_ratio=None if spectrum is None else spectrum.stiffness_ratio,
+            fastest_decay=None if spectrum is None else spectrum.fastest_decay,
+            fastest_oscillation=None if spectrum is None else spectrum.fastest_oscillation,
             methods={t.method: t for t in self.trials},
             seconds=self.seconds,
             scene=self.scene,
@@ -119,15 +119,15 @@ def run_case(case: Case, quick: bool) -> Verdict:
     trial_budget, reference_budget = QUICK if quick else FULL
     watch = Stopwatch()
     scene = load_scene_text(text, f"{case.name}.yaml")
-    ref, found = None, None
+    ref, spectrum = None, None
     if case.stops is None:
-        found, stiff = _spectrum(scene)
+        spectrum, stiff = _spectrum(scene)
         ref = reference(scene, reference_budget, stiff)
         if ref is not None:
-            found = along(prepare(scene), ref) or found
+            spectrum = along(prepare(scene), ref) or spectrum
     trials = attempts(scene, ref, trial_budget, methods_tried(quick))
     complaints = judge(case, trials, ref)
-    return Verdict(case, text, ref, found, trials, complaints, watch.report()["total"])
+    return Verdict(case, text, ref, spectrum, trials, complaints, watch.report()["total"])
 
 
 def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
@@ -135,8 +135,8 @@ def _spectrum(scene: Scene) -> tuple[Spectrum | None, bool]:
         setup = prepare(scene)
     except RobodynError:
         return None, False
-    found = at_start(setup)
-    return found, found is not None and found.fastest_decay * scene.simulate.duration > STIFF
+    spectrum = at_start(setup)
+    return spectrum, spectrum is not None and spectrum.fastest_decay * scene.simulate.duration > STIFF
 
 
 def judge(case: Case, trials: Sequence[MethodTrial], ref: TrialReference | None) -> list[str]:

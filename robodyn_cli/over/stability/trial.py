@@ -99,8 +99,8 @@ def reference(scene: Scene, budget: Budget, stiff: bool = False) -> TrialReferen
         count = min(count, len(a.times) - 1, len(b.times) - 1)  # the last sample is where each one stopped
     x, y = a.states[:count], b.states[:count]
     ends_early = a.error.message if a.error is not None else ""
-    found = agreed(a.times[:count], x, y, ranges(x, a.positions), AGREED, (first, second))
-    return None if found is None else dataclasses.replace(found, ends_early=ends_early)
+    common = agreed(a.times[:count], x, y, ranges(x, a.positions), AGREED, (first, second))
+    return None if common is None else dataclasses.replace(common, ends_early=ends_early)
 
 
 def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[str, TrialSolution]]:
@@ -114,16 +114,16 @@ def _two_runs(scene: Scene, budget: Budget, order: Sequence[str]) -> list[tuple[
         through = one.result is not None and len(one.times) > 1 and _proper_end(one)
         return one if through else None
 
-    found: list[tuple[str, TrialSolution]] = []
+    solutions: list[tuple[str, TrialSolution]] = []
     for name in order:
         if (one := run(name, 1.0)) is not None:
-            found.append((name, one))
-        if len(found) == 2:
-            return found
-    if len(found) == 1 and (one := run(found[0][0], LOOSER)) is not None:
-        name = found[0][0]
-        found.append((f"{name} at {LOOSER * tight(name):.0e}", one))
-    return found
+            solutions.append((name, one))
+        if len(solutions) == 2:
+            return solutions
+    if len(solutions) == 1 and (one := run(solutions[0][0], LOOSER)) is not None:
+        name = solutions[0][0]
+        solutions.append((f"{name} at {LOOSER * tight(name):.0e}", one))
+    return solutions
 
 
 def ranges(states: Array, positions: int) -> Array:

@@ -43,8 +43,8 @@ class Host:
     @staticmethod
     def own() -> Host:
         """Return what this process runs on."""
-        found = machine()
-        return Host(found.lanes, found.fused, f"{platform.system()} {' '.join(platform.libc_ver())}".strip())
+        cpu = machine()
+        return Host(cpu.lanes, cpu.fused, f"{platform.system()} {' '.join(platform.libc_ver())}".strip())
 
     def __str__(self) -> str:
         return f"{self.lanes} lanes{'' if self.fused else ' without fused multiply-add'}, {self.library}"
@@ -136,14 +136,14 @@ class Cluster:
             raise CapabilityError(
                 f"--scheduler {self.address}: it has no workers; start one: dask worker {self.address}"
             ) from error
-        for worker, found in self._client.run(_version, on_error="return").items():
-            if found != _version():
-                what = "does not have robodyn"
-                if isinstance(found, tuple):
-                    same = found[0] == __version__
-                    what = f"has robodyn {found[0]}" + (" with other code" if same else "")
+        for worker, version in self._client.run(_version, on_error="return").items():
+            if version != _version():
+                fault = "does not have robodyn"
+                if isinstance(version, tuple):
+                    same = version[0] == __version__
+                    fault = f"has robodyn {version[0]}" + (" with other code" if same else "")
                 raise CapabilityError(
-                    f"--scheduler {self.address}: the worker {worker} {what}; needed on all of them: {__version__}"
+                    f"--scheduler {self.address}: the worker {worker} {fault}; needed on all of them: {__version__}"
                 )
 
     def __exit__(
@@ -180,10 +180,10 @@ class Cluster:
 
     def _workers(self) -> int:
         """Return how many workers there are."""
-        found = len(self._client.nthreads())
-        if not found:
+        workers = len(self._client.nthreads())
+        if not workers:
             self._say(f"there is no worker at {self.address}; waiting for one")
-        return found
+        return workers
 
     def _ended(self, futures: list[Any]) -> list[Any]:
         """Wait a while; return the tasks that have ended."""

@@ -63,13 +63,13 @@ class Moments:
         known = errors[np.isfinite(errors)]
         self.largest_error = max(self.largest_error, float(known.max(initial=-math.inf)))
         there = np.isfinite(values)
-        found = values[there]
-        if not found.size:
+        finite = values[there]
+        if not finite.size:
             return
-        runs, mean = self.runs + found.size, float(found.mean())
+        runs, mean = self.runs + finite.size, float(finite.mean())
         away = mean - self.mean
-        self._squares += float(((found - mean) ** 2).sum()) + away**2 * self.runs * found.size / runs
-        self.mean += away * found.size / runs
+        self._squares += float(((finite - mean) ** 2).sum()) + away**2 * self.runs * finite.size / runs
+        self.mean += away * finite.size / runs
         self.runs = runs
         self._extremes(first, np.where(there, values, math.nan))
 
@@ -207,11 +207,11 @@ def sobol(keys: Sequence[str], output: Array) -> dict[str, SobolIndex] | None:
     blocks = output.reshape(k + 2, n)
     # scipy fails on the single number of one output and one key, so the output stands there twice
     twice = np.stack([blocks, blocks], axis=1)
-    found = sobol_indices(func={"f_A": twice[0], "f_B": twice[1], "f_AB": twice[2:]}, n=n)
+    indices = sobol_indices(func={"f_A": twice[0], "f_B": twice[1], "f_AB": twice[2:]}, n=n)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # resamples may not vary, see _sides
-        spreads = found.bootstrap(confidence_level=CONFIDENCE)
-    orders = ((found.first_order, spreads.first_order), (found.total_order, spreads.total_order))
+        spreads = indices.bootstrap(confidence_level=CONFIDENCE)
+    orders = ((indices.first_order, spreads.first_order), (indices.total_order, spreads.total_order))
     columns = [column for value, order in orders for column in (value, *_sides(order))]
     by_key = np.array([column.reshape(2, k)[0] for column in columns]).T
     return {key: SobolIndex(*(float(x) for x in row)) for key, row in zip(keys, by_key)}
@@ -239,22 +239,22 @@ def report(study: Study, file: RowFile, writer: ResultWriter, seconds: float) ->
         _store(study, first, rows, writer)
     result = Result("sweep", study.scene.title or study.task.command, "ok", study.scene.text)
     result.attributes[DIGEST] = study.digest
-    found = StudyFindings(study, file)
-    options, sampled = study.asked.options, found.sampled
+    findings = StudyFindings(study, file)
+    options, sampled = study.asked.options, findings.sampled
     summary = StudySummary(
         runs=len(file),
         of=study.task.command,
         sampler=options.sampler if sampled else ABSENT,
         seed=options.seed if sampled else ABSENT,
         inputs={key: InputKeys(v.text, study.units[key]) for key, v in options.vary.items()},
-        results=found.spreads(),
-        failures={str(code): count for code, count in sorted(found.failures.items())},
-        failed=share(found.failures.total(), len(file), sampled),
-        cases=found.cases(),
-        influence=found.influences(),
-        sobol_indices=found.sobol_indices() if study.design.indices else ABSENT,
+        results=findings.spreads(),
+        failures={str(code): count for code, count in sorted(findings.failures.items())},
+        failed=share(findings.failures.total(), len(file), sampled),
+        cases=findings.cases(),
+        influence=findings.influences(),
+        sobol_indices=findings.sobol_indices() if study.design.indices else ABSENT,
         seconds=seconds,
-        yield_=share(found.held, len(file), sampled) if study.scene.expect else ABSENT,
+        yield_=share(findings.held, len(file), sampled) if study.scene.expect else ABSENT,
     )
     result.summarise(summary)
     return result
@@ -312,12 +312,12 @@ class StudyFindings:
 
     def spreads(self) -> dict[str, Spread | None]:
         """Return how each output spreads."""
-        study, found = self.study, {}
+        study, spreads = self.study, {}
         for k, (key, sample, blocks) in enumerate(self._columns()):
             moments = self._moments[k]
             levels = quantiles(blocks, moments.runs, sample) if self.sampled and moments.runs else None
-            found[key] = moments.spread(study.nominal["outputs"][k], study.output_units[key], levels)
-        return found
+            spreads[key] = moments.spread(study.nominal["outputs"][k], study.output_units[key], levels)
+        return spreads
 
     def influences(self) -> dict[str, dict[str, Influence]]:
         """Return the influence of each key on each output."""

@@ -154,10 +154,10 @@ class RowFile:
 
         They lie in a file of their own until they are taken over, for the case that this process is killed before.
         """
-        found, reasons = _lines(self._reasons_path)
-        if found.get("study") != self._head["study"]:
+        head, reasons = _lines(self._reasons_path)
+        if head.get("study") != self._head["study"]:
             self.forget()
-        elif found["design"] == self._head["design"]:
+        elif head["design"] == self._head["design"]:
             self.reasons = reasons
         elif self._old.exists():
             discard(self.path)
@@ -279,11 +279,11 @@ class _ByValues:
 
 
 def _mixed(values: Array) -> NDArray[np.uint64]:
-    found = np.zeros(len(values), dtype=np.uint64)
+    mixed = np.zeros(len(values), dtype=np.uint64)
     for column in np.ascontiguousarray(values).view(np.uint64).T:
-        found = (found ^ column) * MIX
-        found ^= found >> np.uint64(29)
-    return found
+        mixed = (mixed ^ column) * MIX
+        mixed ^= mixed >> np.uint64(29)
+    return mixed
 
 
 def _lines(path: Path) -> tuple[dict[str, str], dict[int, tuple[int, str]]]:

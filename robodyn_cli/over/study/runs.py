@@ -81,8 +81,8 @@ def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, status: str) -> Ar
     """Return in which runs (N,) all that a scene expects holds; in none that is refused."""
     holds = runs.ok.copy()
     for key, expected in expect.items():
-        found = {EXIT_CODE: runs.code.tolist(), STATUS: [status] * len(runs)}.get(key)
-        values = runs.outputs[key].tolist() if found is None else found
+        common = {EXIT_CODE: runs.code.tolist(), STATUS: [status] * len(runs)}.get(key)
+        values = runs.outputs[key].tolist() if common is None else common
         holds &= np.array([expected.holds(x) for x in values], dtype=bool)
     return holds
 
@@ -100,17 +100,17 @@ def make_alone(task: Task, points: Points) -> RunRows:
 def make_one(task: Task, run: int, values: Array) -> tuple[RunRows, Mapping[str, Any]]:
     """Return what a run with these values gives, and its summary; whatever ends it is part of its row."""
     words, holds = settings(task.keys, values), False
-    found = ended(lambda: execute(task.command, task.family.scene(words), no_progress, Stopwatch()))
-    if found.summary:
+    ending = ended(lambda: execute(task.command, task.family.scene(words), no_progress, Stopwatch()))
+    if ending.summary:
         try:
-            holds = all(outcome.holds for outcome in judge(task.family.own.expect, found.summary))
+            holds = all(outcome.holds for outcome in judge(task.family.own.expect, ending.summary))
         except SceneError as error:  # the scene expects something that this run does not have
-            found = dataclasses.replace(found, code=error.exit_code, reason=error.message)
+            ending = dataclasses.replace(ending, code=error.exit_code, reason=error.message)
     row = np.zeros(1, task.layout)
-    row["values"], row["code"], row["holds"], row["done"] = values, found.code, holds, True
-    row["outputs"] = [number_of(found.summary, key) for key in task.outputs]
-    row["errors"] = [error_of(found.summary, key) for key in task.outputs]
-    return RunRows(np.array([run]), row, {run: found.reason} if found.code else {}), found.summary
+    row["values"], row["code"], row["holds"], row["done"] = values, ending.code, holds, True
+    row["outputs"] = [number_of(ending.summary, key) for key in task.outputs]
+    row["errors"] = [error_of(ending.summary, key) for key in task.outputs]
+    return RunRows(np.array([run]), row, {run: ending.reason} if ending.code else {}), ending.summary
 
 
 # -- side by side ---------------------------------------------------------------------------------------

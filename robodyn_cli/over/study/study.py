@@ -106,9 +106,9 @@ def prepare(asked: AskedStudy) -> Study:
     family, options = asked.family, asked.options
     scene = family.own
     if scene.command not in STUDIED:
-        what = "is missing" if scene.command is None else f"is {scene.command}"
+        message = "is missing" if scene.command is None else f"is {scene.command}"
         raise SceneError(
-            f"{family.path}: key 'command' {what}: it says what each run does; allowed: {', '.join(STUDIED)}"
+            f"{family.path}: key 'command' {message}: it says what each run does; allowed: {', '.join(STUDIED)}"
         )
     if options.least_yield is not None and not scene.expect:
         raise SceneError(
@@ -179,13 +179,13 @@ def run_nominal(task: Task, source: str) -> RunRows:
 
 
 def _numbers(facts: Mapping[str, Any], path: str = "") -> list[str]:
-    found = []
+    keys = []
     for name, value in facts.items():
         if isinstance(value, Mapping) and name not in NO_NUMBERS:
-            found += _numbers(value, f"{path}{name}.")
+            keys += _numbers(value, f"{path}{name}.")
         elif isinstance(value, (int, float)) and not isinstance(value, bool):
-            found.append(f"{path}{name}")
-    return found
+            keys.append(f"{path}{name}")
+    return keys
 
 
 Make = Callable[[Task, RowFile], Iterator[RunRows]]

@@ -62,10 +62,10 @@ def tight_runs(motion: Motion, run: Callable[[str, Options], T]) -> Iterator[tup
         if not supported(method, motion.system):
             continue
         try:
-            found = run(method, Options(tight(method), tight(method), max_steps=5 * LONGEST))
+            outcome = run(method, Options(tight(method), tight(method), max_steps=5 * LONGEST))
         except (NumericalError, SingularConfigurationError):
             continue
-        yield method, found
+        yield method, outcome
 
 
 def positions_and_rates(system: System, states: Array) -> Array:
@@ -120,8 +120,8 @@ def _time_without_output(driver: Driver, motion: Motion, end: float) -> float:
 
 def values_of(entry: TimedRun, names: Sequence[str]) -> list[float]:
     """Return figures of an entry, NaN where there is none."""
-    found = (getattr(entry, name) for name in names)
-    return [np.nan if x is None or x is ABSENT else float(x) for x in found]
+    figures = (getattr(entry, name) for name in names)
+    return [np.nan if x is None or x is ABSENT else float(x) for x in figures]
 
 
 def fields_of(entry: TimedRun) -> dict[str, Any]:

@@ -78,7 +78,7 @@ def _distances(motion: Motion, grid: Grid, method: str) -> tuple[Array, Array, f
     step = np.zeros_like(start)
     step[places] = CHANGE * (1.0 + np.abs(start[places]))
     size, offset, first = float(step.max()), 0.0, 0
-    found: list[Array] = []
+    pieces: list[Array] = []
     scale: Array | None = None
     growth = 1.0
     for _ in range(MOST):
@@ -92,13 +92,13 @@ def _distances(motion: Motion, grid: Grid, method: str) -> tuple[Array, Array, f
         apart = np.max(np.abs(a - b) / scale, axis=1)
         beyond = np.flatnonzero(apart > SATURATED)
         last = int(beyond[0]) if len(beyond) else count - 1
-        found.append(np.log(np.maximum(apart[: last + 1], 1e-300))[bool(first) :] + offset)
+        pieces.append(np.log(np.maximum(apart[: last + 1], 1e-300))[bool(first) :] + offset)
         first += last
         if motion.watchers or last < 2 or first >= grid.count - 2 or not len(beyond):
             break
         start, step = a[last], (b[last] - a[last]) * (apart[0] / apart[last])
         offset += float(np.log(apart[last] / apart[0]))
-    logarithms = np.concatenate(found)
+    logarithms = np.concatenate(pieces)
     return grid.times(0, len(logarithms)), logarithms, growth
 
 

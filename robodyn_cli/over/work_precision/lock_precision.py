@@ -43,8 +43,8 @@ def run_to_lock(driver: Driver, motion: Motion) -> float | None:
     duration = motion.scene.simulate.duration
     driver.run(duration, Grid(duration, 0.0, 0), lambda t, x: None)
     dead = watcher_of(motion, DeadPoint)
-    found = dead.found if dead else []
-    return found[0][0] if found else None
+    events = dead.found if dead else []
+    return events[0][0] if events else None
 
 
 def lock_reference(motion: Motion) -> LockReference | None:
@@ -60,17 +60,17 @@ def lock_reference(motion: Motion) -> LockReference | None:
         driver.start(0.0, motion.start)
         return run_to_lock(driver, motion)
 
-    found: list[tuple[str, float]] = []
+    times: list[tuple[str, float]] = []
     for method, time in tight_runs(motion, run):
         if time is not None:
-            found.append((method, time))
-        elif not found:
+            times.append((method, time))
+        elif not times:
             return None
-        if len(found) == 2:
+        if len(times) == 2:
             break
-    if len(found) < 2:
+    if len(times) < 2:
         raise NumericalError("no two methods come to the lock at tight tolerance, so there is no reference")
-    (first, one), (second, other) = found
+    (first, one), (second, other) = times
     apart = abs(one - other) / one
     if apart > AGREED:
         raise NumericalError(

@@ -55,12 +55,12 @@ def two_references(motion: Motion, grid: Grid) -> list[tuple[str, Array]]:
     NumericalError : fewer than two do.
     """
     runs = tight_runs(motion, lambda method, options: motion_at(motion, method, motion.start, grid, options))
-    found = list(itertools.islice(runs, 2))
-    if len(found) < 2:
+    pair = list(itertools.islice(runs, 2))
+    if len(pair) < 2:
         raise NumericalError(
             "no two methods get through this scene at tight tolerance, so there is no reference"
         )
-    return found
+    return pair
 
 
 def reference(motion: Motion, duration: float) -> tuple[TrialReference, Sensitivity]:
@@ -111,12 +111,12 @@ def formulations(
         # a motion that the choice cannot follow (through a singular pose) is compared without that curve
         with contextlib.suppress(NumericalError):
             gains = GainStudy(motion).choose()
-    found = {"projection": motion}
+    motions = {"projection": motion}
     if not problem.dependent and not problem.contact_joints:
-        found["independent"] = in_formulation(motion, "independent")
+        motions["independent"] = in_formulation(motion, "independent")
     if gains is not None:
-        found["baumgarte"] = in_formulation(motion, Baumgarte(alpha=gains.alpha, beta=gains.beta))
-    return {**found, "none": in_formulation(motion, "none")}, gains
+        motions["baumgarte"] = in_formulation(motion, Baumgarte(alpha=gains.alpha, beta=gains.beta))
+    return {**motions, "none": in_formulation(motion, "none")}, gains
 
 
 def judge_motion(driver: Driver, entry: TimedRun, motion: Motion, ref: TrialReference) -> None:
@@ -229,9 +229,9 @@ def prepared(scene: Ready, watch: Stopwatch) -> tuple[Motion, Measure]:
 
         motion = build_motion(scene, watch, follow_deployment, work=False)
         with watch.stage("reference"):
-            found = lock_measure(motion)
-        if found is not None:
-            return motion, found
+            measure = lock_measure(motion)
+        if measure is not None:
+            return motion, measure
     motion = build_motion(scene, watch, follow_changes, work=False)
     with watch.stage("reference"):
         return motion, motion_measure(motion)

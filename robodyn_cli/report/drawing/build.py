@@ -130,11 +130,11 @@ def drawing_of(
 
 def _trails(result: Result) -> tuple[Trail, ...]:
     """Return the paths of the named points that move."""
-    found = []
+    trails = []
     for place, (name, path) in enumerate(moving_paths(result).items()):
         keep = evenly(len(path), TRAIL)
-        found.append(Trail(name, result.time[keep], path[keep], colour_of(place)))
-    return tuple(found)
+        trails.append(Trail(name, result.time[keep], path[keep], colour_of(place)))
+    return tuple(trails)
 
 
 def flat_axis(points: Array) -> int | None:

@@ -193,13 +193,13 @@ class View:
 
     def tips(self, k: int) -> list[tuple[Array, Array]]:
         """Return tail and vector (2,) of each arrow at an instant."""
-        found = []
+        drawn = []
         for arrow in self.drawing.arrows:
             tail = self.drawing.vertices[k, arrow.vertex]
             tip = tail + self.scale * arrow.force[k]
             a, b = self.project(np.stack([tail, tip]), k)[:, :2]
-            found.append((a, b - a))
-        return found
+            drawn.append((a, b - a))
+        return drawn
 
     def _extent(self) -> tuple[Array, Array]:
         """Return the corners (2,) of what is to be seen."""
@@ -272,12 +272,12 @@ def _level_axes(up: Array) -> Array:
 def _lines(low: Array, high: Array, pitch: float, axis: int, shift: Array) -> list[Array]:
     """Return lines across one axis at whole multiples of the pitch, moved back by ``shift``."""
     marks = np.arange(math.ceil(low[axis] / pitch), math.floor(high[axis] / pitch) + 1)[:MOST_LINES]
-    found = []
+    lines = []
     for mark in marks:
         line = np.array([low, high], dtype=float)
         line[:, axis] = mark * pitch
-        found.append(line - shift)
-    return found
+        lines.append(line - shift)
+    return lines
 
 
 def _arrow_scale(drawing: Drawing) -> float:

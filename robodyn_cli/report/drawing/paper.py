@@ -123,23 +123,23 @@ def axes_below(sheet: Sheet, views: list[View]) -> list[Axes]:
     high, wide, box = _height_below(views), _width_below(views), sheet.ax.get_position()
     more = room_below(views) / total
     sheet.ax.set_position((box.x0, box.y0 + more, box.width, box.height - more))
-    found = []
+    axes = []
     for place, view in enumerate(views):
         left = box.x0 + place * (wide + APART) / width
         ax = sheet.figure.add_axes((left, box.y0, wide / width, high / total))
         set_up(ax, view)
         for axis in (ax.xaxis, ax.yaxis):
             axis.set_major_locator(MaxNLocator(4))
-        found.append(ax)
-    return found
+        axes.append(ax)
+    return axes
 
 
 def put(ax: Axes, view: View, k: int, before: list[Stroke] | None = None, grid: bool = True) -> Any:
     """Add the drawing at its k-th instant to axes that are set up; ``before`` lies below it."""
-    found = ax.add_artist(Painted([*(before or []), *strokes(view, k, grid)]))
+    artist = ax.add_artist(Painted([*(before or []), *strokes(view, k, grid)]))
     if not view.flat:
         cross_of_axes(ax, view)
-    return found
+    return artist
 
 
 def ground(ax: Axes, view: View) -> None:
@@ -188,12 +188,12 @@ def caption(view: View, grid: bool = True) -> str:
 
 def outlines(view: View, k: int) -> dict[str, Array]:
     """Return the line (n, 2) of each link at an instant, for names beside it."""
-    found = {}
+    lines = {}
     for part in view.drawing.links:
         points = view.corners[k, list(part.vertices), :2]
         if len(points) and np.isfinite(points).all():
-            found[part.name] = symbols.hull(points) if len(points) > 2 else points
-    return found
+            lines[part.name] = symbols.hull(points) if len(points) > 2 else points
+    return lines
 
 
 ALONG = (0.5, 0.35, 0.65, 0.22, 0.78)  # places along a line that are tried

@@ -43,13 +43,13 @@ def carriers(robot: Robot) -> dict[str, str]:
         for k, joint in enumerate(robot.joints)
         if joint.type == "fixed"
     }
-    found: dict[str, str] = {}
+    holders: dict[str, str] = {}
     for link in [GROUND, *(link.name for link in robot.links)]:
         holder = link
         while holder in fixed:
             holder = fixed[holder]
-        found[link] = holder
-    return found
+        holders[link] = holder
+    return holders
 
 
 class Links:
@@ -106,17 +106,17 @@ class Links:
 
     def _centres(self, place: int, body: Body) -> list[int]:
         """Return the centres of mass of the links that a body is made of, where they are given."""
-        found = []
+        vertices = []
         for part in body.parts:
             if numbers([part.m, *part.c]) and part.m > 0.0:
                 number = self.expressions.vertex(place, part.frame.point(part.c))
-                found += [] if number is None else [number]
-        return found
+                vertices += [] if number is None else [number]
+        return vertices
 
     def _shapes(self) -> list[DrawnPart]:
         """Return the shapes that the scene gives to links, where these are known."""
         place = {body.name: k for k, body in enumerate(self.model.bodies)}
-        found = []
+        shapes = []
         for link in self.scene.robot.links:
             frame, name = self.model.links[link.name], self.carrier[link.name]
             colour = colour_of(place[name]) if name in place else GREY
@@ -133,8 +133,8 @@ class Links:
                 ]
                 known = tuple(number for number in at if number is not None)
                 if len(known) == len(CORNERS):
-                    found.append(DrawnPart("shape", name, known, colour, surface=surface))
-        return found
+                    shapes.append(DrawnPart("shape", name, known, colour, surface=surface))
+        return shapes
 
     def _boxes(self, place: int, body: Body) -> list[tuple[int, ...]]:
         """Return the corners of cuboids with the masses and inertias of a body's links, where these are given."""
@@ -146,8 +146,8 @@ class Links:
             if corners is None:
                 continue
             at = [part.frame.point(part.c + vector(corner)) for corner in corners.tolist()]
-            found = [self.expressions.vertex(place, p) for p in at]
-            boxes.append(tuple(number for number in found if number is not None))
+            vertices = [self.expressions.vertex(place, p) for p in at]
+            boxes.append(tuple(number for number in vertices if number is not None))
         return [box for box in boxes if len(box) == len(CORNERS)]
 
 
@@ -181,7 +181,7 @@ def numbers(entries: Iterable[object]) -> bool:
 # -- payloads ----------------------------------------------------------------------------------------------
 def payload_parts(model: Model, expressions: DrawnExpressions) -> list[DrawnPart]:
     """Return a box for each payload whose mass is known, where it is carried."""
-    found = []
+    boxes = []
     for payload in model.payloads:
         corners = _corners(payload)
         if corners is None or payload.part is None or payload.body == BASE:
@@ -194,8 +194,8 @@ def payload_parts(model: Model, expressions: DrawnExpressions) -> list[DrawnPart
         ]
         known = tuple(number for number in at if number is not None)
         if len(known) == len(CORNERS):
-            found.append(DrawnPart("payload", payload.name, known, OF_PAYLOADS))
-    return found
+            boxes.append(DrawnPart("payload", payload.name, known, OF_PAYLOADS))
+    return boxes
 
 
 def _corners(payload: CarriedMass) -> Array | None:
@@ -215,8 +215,8 @@ def carried(payload: Any, events: Mapping[str, float], times: Array) -> Array:
     payload : its keys in the scene. At the time of an event itself it is as before.
     """
     grip = -np.inf if payload.start is None else events.get("grip", np.inf)
-    found: Array = (times > grip) & (times <= events.get("let_go", np.inf))
-    return found
+    held: Array = (times > grip) & (times <= events.get("let_go", np.inf))
+    return held
 
 
 def hide(result: Result, model: Model, parts: list[DrawnPart], times: Array, vertices: Array) -> None:

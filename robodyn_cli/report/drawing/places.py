@@ -90,8 +90,8 @@ class DrawnExpressions:
         for k, value in enumerate(values):
             table[:, k] = value
         ends = np.cumsum([3 * len(kind) for kind in self._entries.values()])[:-1]
-        found = [block.reshape(len(t), -1, 3) for block in np.split(table, ends, axis=1)]
-        return found[0], found[1], found[2]
+        blocks = [block.reshape(len(t), -1, 3) for block in np.split(table, ends, axis=1)]
+        return blocks[0], blocks[1], blocks[2]
 
 
 def evenly(count: int, most: int) -> Array:
@@ -129,14 +129,14 @@ SAME = 1e-9  # [m]
 
 def moving_paths(result: Result) -> dict[str, Array]:
     """Return the places (T, 3) of the named points that move; of points that go the same way the first."""
-    found: dict[str, Array] = {}
+    paths: dict[str, Array] = {}
     for name, item in result.group("points").items():
         path = finite(item.data)
-        same = (np.allclose(path, other, rtol=0.0, atol=SAME, equal_nan=True) for other in found.values())
+        same = (np.allclose(path, other, rtol=0.0, atol=SAME, equal_nan=True) for other in paths.values())
         if _extent(path) > 0.0 and not any(same):
-            found[name] = path
-    size = max((_extent(path) for path in found.values()), default=0.0)
-    return {name: path for name, path in found.items() if _extent(path) > STILL * size}
+            paths[name] = path
+    size = max((_extent(path) for path in paths.values()), default=0.0)
+    return {name: path for name, path in paths.items() if _extent(path) > STILL * size}
 
 
 def drawing_of_paths(paths: list[Array], gravity: Array) -> Drawing:
@@ -176,15 +176,15 @@ class Load:
 
 def loads(result: Result, expressions: DrawnExpressions, samples: Array | None) -> list[Load]:
     """Return the forces of a scene at some samples of its result; without samples only those from outside."""
-    found = outside(expressions)
+    forces = outside(expressions)
     if samples is not None:
-        found += reactions(result, expressions, samples)
-    return found
+        forces += reactions(result, expressions, samples)
+    return forces
 
 
 def outside(expressions: DrawnExpressions) -> list[Load]:
     """Return the forces that act from outside the mechanism, as expressions."""
-    problem, found = expressions.problem, []
+    problem, forces = expressions.problem, []
     for force, effect in zip(problem.model.forces, problem.elements.effects):
         if force.element.term != "external":
             continue
@@ -195,8 +195,8 @@ def outside(expressions: DrawnExpressions) -> list[Load]:
             world = expressions.rotated(end.body, end.R @ f) if action.local else problem.model.base.E.T @ f
             entry = expressions.force(world)
             if vertex is not None and entry is not None:
-                found.append(Load(force.name, vertex, entry))
-    return found
+                forces.append(Load(force.name, vertex, entry))
+    return forces
 
 
 def reactions(result: Result, expressions: DrawnExpressions, samples: Array) -> list[Load]:
@@ -209,7 +209,7 @@ def reactions(result: Result, expressions: DrawnExpressions, samples: Array) -> 
         places.append((f"reactions/{body.joint_name}", k, zeros(3), joint_axes(joints[body.joint_name])))
     for loop in problem.model.loops:
         places.append((f"loop_reactions/{loop.name}", loop.first.body, loop.first.p, loop.first.R))
-    found = []
+    forces = []
     for path, body_index, p, R in places:
         vertex = expressions.vertex(body_index, p)
         if path not in result.variables or vertex is None:
@@ -219,8 +219,8 @@ def reactions(result: Result, expressions: DrawnExpressions, samples: Array) -> 
             numbers = [expressions.axis(body_index, R[:, k]) for k in range(3)]
             axes = tuple(number for number in numbers if number is not None)
         components = _forces(result.variables[path], samples)
-        found.append(Load(path.partition("/")[2], vertex, None, components, axes))
-    return found
+        forces.append(Load(path.partition("/")[2], vertex, None, components, axes))
+    return forces
 
 
 def _forces(wrench: Variable, samples: Array) -> Array:
@@ -229,10 +229,10 @@ def _forces(wrench: Variable, samples: Array) -> Array:
     return np.stack([np.zeros(len(samples)) if c is None else c for c in columns], axis=1)
 
 
-def arrows(found: Sequence[Load], axes: Array, forces: Array) -> tuple[Arrow, ...]:
+def arrows(shown: Sequence[Load], axes: Array, forces: Array) -> tuple[Arrow, ...]:
     """Return the arrows from evaluated axes (T, M, 3) and forces (T, F, 3); those that are never there left out."""
     drawn = []
-    for load in found:
+    for load in shown:
         force = _world(load, axes, forces)
         if np.any(np.nan_to_num(force) != 0.0):
             drawn.append(Arrow(load.name, load.vertex, force, load.entry is None))

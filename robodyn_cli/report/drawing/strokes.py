@@ -31,32 +31,32 @@ PUSH, REACTION = ALARM, "#CC79A7"
 
 def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
     """Return the strokes of the k-th instant in the order in which they are painted."""
-    found: list[Stroke] = []
+    drawn: list[Stroke] = []
     if grid and (lines := view.grid(k)):
-        found.append(Stroke(symbols.joined(lines), LINES, 0.7, layer=GRID))
+        drawn.append(Stroke(symbols.joined(lines), LINES, 0.7, layer=GRID))
     if not view.flat:
-        found += _shadows(view, k)
-    found += _trails(view, k)
+        drawn += _shadows(view, k)
+    drawn += _trails(view, k)
     width = view.link_width
     for place, part in enumerate(view.drawing.parts):
-        found += _part(view, k, part, width, place)
-    found += _masses(view, k, width)
-    found += pin_strokes(view, k, width, BODY if not view.flat else ON_TOP)
-    found += _latch(view, k, width)
-    found += _arrows(view, k)
-    return sorted(found, key=lambda stroke: (stroke.layer, stroke.depth))
+        drawn += _part(view, k, part, width, place)
+    drawn += _masses(view, k, width)
+    drawn += pin_strokes(view, k, width, BODY if not view.flat else ON_TOP)
+    drawn += _latch(view, k, width)
+    drawn += _arrows(view, k)
+    return sorted(drawn, key=lambda stroke: (stroke.layer, stroke.depth))
 
 
 def silhouette(view: View, k: int) -> list[Array]:
     """Return the outline (n, 2) of each link, bar and payload at an instant: what a faint pose consists of."""
-    found = []
+    lines = []
     for part in view.drawing.parts:
         if part.kind in ("link", "bar", "payload"):
             points = view.corners[k, list(part.vertices), :2]
             if np.isfinite(points).all():
                 corners = _outline(points, view.pt)
-                found.append(np.concatenate([corners, corners[:1]]) if len(corners) > 2 else corners)
-    return found
+                lines.append(np.concatenate([corners, corners[:1]]) if len(corners) > 2 else corners)
+    return lines
 
 
 def _outline(points: Array, pt: float) -> Array:
@@ -128,15 +128,15 @@ def _solid(view: View, k: int, part: DrawnPart, depth: float) -> list[Stroke]:
     normals = np.cross(b - a, c - a)
     sizes = np.linalg.norm(normals, axis=1)
     shown = (sizes > 0.0) & (normals[:, 2] > 0.0 if surface.closed else True)
-    found = []
+    drawn = []
     for n in np.flatnonzero(shown):
         rows = seen[list(surface.faces[n])]
         light = float(normals[n] @ LAMP) / math.copysign(sizes[n], normals[n, 2])
         shade = _lit(part.colour, round(SHADES * max(0.0, light)))
         nearness = float(rows[:, 2].mean())
         look = (edge, 0.8) if part.surface is None else (shade, 0.5)
-        found.append(Stroke(rows[:, :2], *look, shade, True, BODY, nearness))
-    return found
+        drawn.append(Stroke(rows[:, :2], *look, shade, True, BODY, nearness))
+    return drawn
 
 
 def _flat_outline(part: DrawnPart, seen: Array) -> Array:
@@ -168,7 +168,7 @@ def _ground(points: Array, view: View) -> list[Stroke]:
 
 def _shadows(view: View, k: int) -> list[Stroke]:
     """Return the shadows of links on the ground, straight below them."""
-    found = []
+    drawn = []
     for part in view.drawing.parts:
         if part.kind in ("link", "bar", *PALER):
             below = view.on_ground(_places(view, k, part))
@@ -176,27 +176,27 @@ def _shadows(view: View, k: int) -> list[Stroke]:
             if len(points) > 1 and np.isfinite(points).all():
                 corners = _outline(points, view.pt)
                 closed = len(corners) > 2
-                found.append(Stroke(corners, FAINT, 3.0, FAINT if closed else None, closed, SHADOW))
-    return found
+                drawn.append(Stroke(corners, FAINT, 3.0, FAINT if closed else None, closed, SHADOW))
+    return drawn
 
 
 def _trails(view: View, k: int) -> list[Stroke]:
     """Return the paths of points: faint as a whole, and in colour as far as they have come."""
-    found = []
+    drawn = []
     now = view.drawing.times[k]
     for trail in view.drawing.trails:
         path = view.project(trail.points, k)[:, :2]
         faint = mixed(trail.colour, PAPER, 0.65)
-        found.append(Stroke(path, faint, 0.9, layer=TRAIL, depth=0.0))
+        drawn.append(Stroke(path, faint, 0.9, layer=TRAIL, depth=0.0))
         passed = path[trail.times <= now]
         if len(passed) > 1:
-            found.append(Stroke(passed, trail.colour, 1.3, layer=TRAIL, depth=1.0))
-    return found
+            drawn.append(Stroke(passed, trail.colour, 1.3, layer=TRAIL, depth=1.0))
+    return drawn
 
 
 def _masses(view: View, k: int, width: float) -> list[Stroke]:
     """Return marks of centres of mass, and discs for bodies without extent."""
-    found = []
+    drawn = []
     layer, bias = (ON_TOP, 0.0) if view.flat else (BODY, view.nearer)
     colours = {vertex: part.colour for part in view.drawing.links for vertex in part.vertices}
     sliders = {pin.vertex for pin in view.drawing.pins if pin.kind in ("slide", "sleeve", "table")}
@@ -208,15 +208,15 @@ def _masses(view: View, k: int, width: float) -> list[Stroke]:
             colour = colours.get(vertex, INK)
             disc = symbols.circle(np.array([x, y]), (0.55 * width + 2.5) * view.pt)
             edge, fill = mixed(colour, INK, 0.35), mixed(colour, PAPER, 0.5)
-            found.append(Stroke(disc, edge, 0.9, fill, True, layer, depth + bias))
+            drawn.append(Stroke(disc, edge, 0.9, fill, True, layer, depth + bias))
     radius = float(np.clip(0.36 * width, 1.6, 3.2)) * view.pt
     for vertex in view.drawing.masses:
         x, y, depth = view.corners[k, vertex]
         if np.isfinite(x + y):
             centre = np.array([x, y])
-            found.append(Stroke(symbols.circle(centre, radius), INK, 0.6, PAPER, True, layer, depth + bias))
-            found.append(Stroke(symbols.quartered(centre, radius), INK, 0.0, INK, True, layer, depth + bias))
-    return found
+            drawn.append(Stroke(symbols.circle(centre, radius), INK, 0.6, PAPER, True, layer, depth + bias))
+            drawn.append(Stroke(symbols.quartered(centre, radius), INK, 0.0, INK, True, layer, depth + bias))
+    return drawn
 
 
 def _latch(view: View, k: int, width: float) -> list[Stroke]:
@@ -236,21 +236,21 @@ def _latch(view: View, k: int, width: float) -> list[Stroke]:
     closed = view.drawing.times[k] >= latch.closes * (1.0 - 1e-12)
     colour = ALARM if closed else mixed(INK, PAPER, 0.3)
     plate = symbols.joined([np.array([joint, arm]) for arm in (arms if closed else arms[:1])])
-    found = [Stroke(plate, colour, max(0.45 * width, 2.0), layer=LATCH)]
+    drawn = [Stroke(plate, colour, max(0.45 * width, 2.0), layer=LATCH)]
     for arm in arms if closed else arms[:1]:
-        found.append(Stroke(symbols.circle(arm, 0.3 * width * view.pt), colour, 0.8, PAPER, True, LATCH, 1.0))
+        drawn.append(Stroke(symbols.circle(arm, 0.3 * width * view.pt), colour, 0.8, PAPER, True, LATCH, 1.0))
     if closed:
-        found.append(Stroke(symbols.circle(joint, 1.3 * width * view.pt), ALARM, 1.4, None, True, LATCH, 2.0))
-    return found
+        drawn.append(Stroke(symbols.circle(joint, 1.3 * width * view.pt), ALARM, 1.4, None, True, LATCH, 2.0))
+    return drawn
 
 
 def _arrows(view: View, k: int) -> list[Stroke]:
-    found = []
+    drawn = []
     for arrow, (tail, vector) in zip(view.drawing.arrows, view.tips(k)):
         if not np.isfinite([tail, vector]).all() or not np.hypot(*vector) > 2.0 * view.pt:
             continue
         colour = REACTION if arrow.reaction else PUSH
         shaft, head = symbols.arrow(tail, vector, 7.0 * view.pt)
-        found.append(Stroke(shaft, colour, 1.5, layer=LOAD))
-        found.append(Stroke(head, colour, 0.6, colour, True, LOAD))
-    return found
+        drawn.append(Stroke(shaft, colour, 1.5, layer=LOAD))
+        drawn.append(Stroke(head, colour, 0.6, colour, True, LOAD))
+    return drawn

@@ -157,18 +157,18 @@ SUPPORT = 11.0  # height of the triangle below a joint on the ground [pt]
 def pin_strokes(view: View, k: int, width: float, layer: int) -> list[Stroke]:
     """Return the strokes of all joints and closures at an instant; ``width`` of the links [pt]."""
     radius = float(np.clip(0.36 * width + 0.9, 1.7, 4.0)) * view.pt
-    found: list[Stroke] = []
+    drawn: list[Stroke] = []
     for pin in view.drawing.pins:
         at = view.corners[k, pin.vertex]
         if not np.isfinite(at).all():
             continue
         depth = float(at[2]) + view.nearer
         if pin.grounded and view.flat:
-            found += _on_ground(view, pin, at[:2], radius)
+            drawn += _on_ground(view, pin, at[:2], radius)
         if pin.wound:
-            found.append(Stroke(coil(at[:2], 3.2 * radius), INK, 1.0, layer=layer, depth=depth))
-        found += [stroke._replace(layer=layer, depth=depth) for stroke in _mark(view, k, pin, at[:2], radius)]
-    return found
+            drawn.append(Stroke(coil(at[:2], 3.2 * radius), INK, 1.0, layer=layer, depth=depth))
+        drawn += [stroke._replace(layer=layer, depth=depth) for stroke in _mark(view, k, pin, at[:2], radius)]
+    return drawn
 
 
 def _mark(view: View, k: int, pin: Pin, at: Array, r: float) -> list[Stroke]:
@@ -244,5 +244,5 @@ def _down(view: View) -> Array:
     """Return the direction of gravity in the drawing; downwards where it has none there."""
     g = np.array([view.drawing.gravity @ view.camera.right, view.drawing.gravity @ view.camera.up])
     strong = np.hypot(*g) > 0.5 * float(np.linalg.norm(view.drawing.gravity))
-    found = direction(g) if strong else None
-    return np.array([0.0, -1.0]) if found is None else found
+    down = direction(g) if strong else None
+    return np.array([0.0, -1.0]) if down is None else down

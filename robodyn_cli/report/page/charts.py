@@ -195,7 +195,7 @@ def _is_narrow(y: Array) -> bool:
 
 def _collected(ax: Axes, collection: Any, arrays: Arrays) -> list[dict[str, Any]]:
     """Return the lines of a collection."""
-    segments, found = collection.get_segments(), []
+    segments, drawn = collection.get_segments(), []
     colours, widths = collection.get_colors(), collection.get_linewidths()
     dashes = collection.get_linestyles()
     for k, points in enumerate(segments):
@@ -208,8 +208,8 @@ def _collected(ax: Axes, collection: Any, arrays: Arrays) -> list[dict[str, Any]
             "marker": None,
             "fill": None,
         }
-        found.append({**look, **_points(ax, collection, points[:, 0], points[:, 1], arrays)})
-    return found
+        drawn.append({**look, **_points(ax, collection, points[:, 0], points[:, 1], arrays)})
+    return drawn
 
 
 def _band(ax: Axes, patch: Any) -> dict[str, Any]:

@@ -150,5 +150,5 @@ def _plane(camera: Camera) -> str:
 
 def _fields(record: Any) -> dict[str, Any]:
     """Return the fields of a record that are no arrays."""
-    found = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
-    return {name: value for name, value in found.items() if not isinstance(value, np.ndarray)}
+    fields = {f.name: getattr(record, f.name) for f in dataclasses.fields(record)}
+    return {name: value for name, value in fields.items() if not isinstance(value, np.ndarray)}

@@ -89,13 +89,13 @@ def _head(shown: Shown, alone: bool) -> Html:
     said = [
         element("li", note, class_="alarm" if note.startswith(ALARMS) else None) for note in notes(result)
     ]
-    found = [
+    parts = [
         element("h1" if alone else "h2", result.title or shown.label),
         element("p", words),
         [element("p", alarm, class_="alarm") for alarm in alarms],
         element("ul", said, class_="notes") if said else None,
     ]
-    return markup(found)
+    return markup(parts)
 
 
 def _motion(result: Result, store: Store) -> Html:
@@ -154,14 +154,14 @@ def _controls(data: Mapping[str, Any]) -> Html:
 
 def _moments(result: Result) -> Html | None:
     """Return buttons that go to the moments of the run."""
-    found = moments(result)
-    if not found:
+    marks = moments(result)
+    if not marks:
         return None
     buttons = [
         element("button", f"{number(moment.time, 5)} s: {moment.text}", type="button", data_time=moment.time)
-        for moment in found[:LISTED]
+        for moment in marks[:LISTED]
     ]
-    left = len(found) - LISTED
+    left = len(marks) - LISTED
     return element("p", buttons, f" and {left} more" if left > 0 else None, class_="moments")
 
 

@@ -136,8 +136,8 @@ def _cell(value: Any, aligned: bool) -> Html:
 
 def main_figures(result: Result) -> Html | None:
     """Return the main figures of a result with their errors, None of a command that has none."""
-    found = [_first_rows(one.head, one.rows) for one in figures.tables(result)]
-    return element("div", element("h3", "Main figures"), found) if found else None
+    parts = [_first_rows(one.head, one.rows) for one in figures.tables(result)]
+    return element("div", element("h3", "Main figures"), parts) if parts else None
 
 
 def summary_tables(summary: Mapping[str, Any], unit_of: UnitOfKey) -> list[Html]:
@@ -148,21 +148,21 @@ def summary_tables(summary: Mapping[str, Any], unit_of: UnitOfKey) -> list[Html]
     definitions = summary.get("definitions")
     meaning = definitions if isinstance(definitions, Mapping) else {}
     facts = with_units({key: value for key, value in summary.items() if key not in APART}, unit_of)
-    found = _entry_tables(facts, is_open=True)
+    parts = _entry_tables(facts, is_open=True)
     if meaning:
         rows = [(named(key), text) for key, text in meaning.items()]
-        found.append(_folded("definitions", [table(("", ""), rows)], is_open=False))
-    return found
+        parts.append(_folded("definitions", [table(("", ""), rows)], is_open=False))
+    return parts
 
 
 def _entry_tables(facts: Mapping[str, Any], is_open: bool) -> list[Html]:
     """Return the table of the plain entries, and below it those of the others, which can be folded away."""
     nested = {key: value for key, value in facts.items() if _holds_several(value)}
     plain = [(named(key), value) for key, value in facts.items() if key not in nested]
-    found = [table(("", ""), plain)] if plain else []
+    parts = [table(("", ""), plain)] if plain else []
     for key, value in nested.items():
-        found.append(_folded(named(key), _nested(value), is_open))
-    return found
+        parts.append(_folded(named(key), _nested(value), is_open))
+    return parts
 
 
 def _holds_several(value: Any) -> bool:
@@ -221,17 +221,17 @@ def error_note(summary: Mapping[str, Any]) -> Html | None:
 def plan_tables(plan: Mapping[str, Any]) -> list[Html]:
     """Return the terms that the equations keep and leave out, with the operations of each, and why."""
     head = ("term", "operations", "why")
-    found = []
+    parts = []
     for key, title, cost in (
         ("kept", "Terms kept", "operations"),
         ("left_out", "Terms left out", "operations_saved"),
     ):
         terms = plan.get(key) or []
         rows = [(term.get("term", ""), term.get(cost), term.get("reason", "")) for term in terms]
-        found += [table(head, rows, title)] if rows else []
+        parts += [table(head, rows, title)] if rows else []
     facts = [("mechanism", plan.get("mechanism")), ("operations of this scene", plan.get("operations")),
              ("of code for any scene", plan.get("operations_general"))]  # fmt: skip
-    return [table(("", ""), [fact for fact in facts if fact[1] is not None]), *found]
+    return [table(("", ""), [fact for fact in facts if fact[1] is not None]), *parts]
 
 
 def provenance_table(summary: Mapping[str, Any], attributes: Mapping[str, Any]) -> Html:

@@ -64,11 +64,11 @@ def _has(result: Result, kind: str) -> bool:
 
 def _worst(result: Result, kinds: dict[str, str]) -> str:
     """Return the largest residuals in words."""
-    found = []
+    texts = []
     for kind, word in kinds.items():
         variable = result.variables[f"constraints/{kind}"]
-        found.append(f"{word} {number(largest(np.abs(finite(variable.data))))} {unit(variable.units)}")
-    return ", ".join(found)
+        texts.append(f"{word} {number(largest(np.abs(finite(variable.data))))} {unit(variable.units)}")
+    return ", ".join(texts)
 
 
 BLOCKS = {"psi": ("Ψ", style.COLOURS[0], "-"), "passive": ("passive block", style.ALARM, style.DASHES[1])}

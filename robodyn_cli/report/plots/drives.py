@@ -153,13 +153,13 @@ def _told(motor: DrawnMotor) -> str:
     """Return how far points are out that the drawing does not reach."""
     speed, torque = motor.points["beyond the drawing"]
     curves = [motor.points[label] for label in ("peak, driving", "peak, braking", "continuous")]
-    found = []
+    texts = []
     for axis, (name, unit, points) in enumerate((("speed", "rad/s", speed), ("torque", "N·m", torque))):
         most = float(points.max(initial=0.0))
         own = max(float(curve[axis].max(initial=0.0)) for curve in curves)
         if most > motor.ends[axis]:
-            found.append(f"{name} up to {number(most)} {unit},\n{number(most / own)} times the envelope")
-    return "\n".join(found)
+            texts.append(f"{name} up to {number(most)} {unit},\n{number(most / own)} times the envelope")
+    return "\n".join(texts)
 
 
 def _title(name: str, facts: Mapping[str, Any]) -> str:
@@ -226,13 +226,13 @@ def _points(result: Result, name: str, data: Array, by: str) -> dict[str, tuple[
     passing = rows[:, 4] >= drive["least_margin"]
     margins, prices = rows[:, 4], rows[:, {"cost": 2, "mass": 3}[by]]
     front = np.array([(one["margin"], one[by]) for one in sized["front"]]).reshape(-1, 2)
-    found = {
+    groups = {
         "bears it": (margins[passing], prices[passing]),
         "too small": (margins[~passing], prices[~passing]),
         "none is better in both": (front[:, 0], front[:, 1]),
         "chosen": (np.array([drive["margin"]]), np.array([drive[by]])),
     }
-    return {label: (100.0 * np.maximum(x, WORST), y) for label, (x, y) in found.items()}
+    return {label: (100.0 * np.maximum(x, WORST), y) for label, (x, y) in groups.items()}
 
 
 def _finish(ax: Any, result: Result, name: str, by: str, prices: Array) -> None:

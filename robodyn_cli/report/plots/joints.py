@@ -154,8 +154,8 @@ def _followed(result: Result) -> tuple[DrawnCurves, DrawnCurves]:
 def _shown(error: DrawnCurves) -> list[tuple[str, list[int]]]:
     """Return the columns that are drawn, by unit."""
     chosen = set(np.argsort(-error.top, kind="stable")[:MOST_COORDINATES].tolist())
-    found = ((units, [k for k in columns if k in chosen]) for units, columns in error.groups().items())
-    return [(units, columns) for units, columns in found if columns]
+    shown = ((units, [k for k in columns if k in chosen]) for units, columns in error.groups().items())
+    return [(units, columns) for units, columns in shown if columns]
 
 
 def _order(names: list[str], groups: list[tuple[str, list[int]]]) -> list[str]:

@@ -102,10 +102,10 @@ class ResponseCurve:
 
 def shown(result: Result) -> list[ResponseCurve]:
     """Return what is drawn: of the pairs of output and input the strongest, each at all instants."""
-    found = np.abs(_responses(result))
-    gain = found.max(axis=(0, 1))
+    magnitudes = np.abs(_responses(result))
+    gain = magnitudes.max(axis=(0, 1))
     pairs = [place for place in np.ndindex(*gain.shape) if gain[place] > ROUNDING * gain.max()]
-    instants = min(len(found), FEW)
+    instants = min(len(magnitudes), FEW)
     strongest = sorted(pairs, key=lambda place: -gain[place])[: FEW // instants]
     return [ResponseCurve(k, *place) for place in sorted(strongest) for k in range(instants)]
 
@@ -168,5 +168,5 @@ def _right_angles(ax: Axes) -> None:
 
 def _responses(result: Result) -> Array:
     """Return the responses (instant, frequency, output, input); those of a state as of one instant."""
-    found: Array = result["linear/response_real"] + 1j * result["linear/response_imaginary"]
-    return found if found.ndim == 4 else found[None]
+    responses: Array = result["linear/response_real"] + 1j * result["linear/response_imaginary"]
+    return responses if responses.ndim == 4 else responses[None]

@@ -295,11 +295,11 @@ def _names(ax: Any, result: Result, view: View) -> None:
 
 def _together(places: dict[str, Array], near: float) -> list[tuple[Array, str]]:
     """Return places with their names; those that nearly coincide share one label."""
-    found: list[tuple[Array, list[str]]] = []
+    merged: list[tuple[Array, list[str]]] = []
     for name, place in places.items():
-        same = next((names for other, names in found if np.abs(other - place).max() < near), None)
+        same = next((names for other, names in merged if np.abs(other - place).max() < near), None)
         if same is None:
-            found.append((place, [name]))
+            merged.append((place, [name]))
         else:
             same.append(name)
-    return [(place, ", ".join(names)) for place, names in found]
+    return [(place, ", ".join(names)) for place, names in merged]

@@ -86,17 +86,17 @@ def _largest_terms(result: Result) -> dict[str, float]:
 
 def _panels(shown: DrawnCurves) -> list[tuple[str, list[int]]]:
     """Return unit and columns of each panel: beside a torque that is much larger a small one would be a line."""
-    found: list[tuple[str, list[int]]] = []
+    panels: list[tuple[str, list[int]]] = []
     for units, columns in shown.groups().items():
         largest = np.inf
         for column in sorted(columns, key=lambda k: -shown.top[k]):
             if 0.0 < shown.top[column] * RATIO < largest:
                 largest = shown.top[column]
-                found.append((units, []))
-            elif not found or found[-1][0] != units:
-                found.append((units, []))
-            found[-1][1].append(column)
-    return [(units, sorted(columns)) for units, columns in found]
+                panels.append((units, []))
+            elif not panels or panels[-1][0] != units:
+                panels.append((units, []))
+            panels[-1][1].append(column)
+    return [(units, sorted(columns)) for units, columns in panels]
 
 
 def _working(shown: DrawnCurves) -> list[int]:

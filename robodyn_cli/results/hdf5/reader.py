@@ -59,8 +59,8 @@ def _wait(process: int, end: float) -> int | None:
     ended = False
     try:
         while time.monotonic() < end:
-            found, status = os.waitpid(process, os.WNOHANG)
-            if found:
+            pid, status = os.waitpid(process, os.WNOHANG)
+            if pid:
                 ended = True
                 return status
             time.sleep(_POLL)
@@ -96,8 +96,8 @@ def _table(path: str) -> tuple[list[str], Array]:
         columns = {name: load(item) for name, item in file.items() if isinstance(item, h5py.Dataset)}
     lengths = {name: np.shape(values) for name, values in columns.items()}
     if "t" not in columns:
-        found = ", ".join(columns) or "none"
-        raise ResultFileError(f"{path} has no dataset 't' of times; its datasets: {found}", path=path)
+        listed = ", ".join(columns) or "none"
+        raise ResultFileError(f"{path} has no dataset 't' of times; its datasets: {listed}", path=path)
     for name, shape in lengths.items():
         if shape != lengths["t"] or len(shape) != 1 or columns[name].dtype.kind not in "fiu":
             raise ResultFileError(

@@ -23,8 +23,8 @@ def check_shapes(link: Link, check: Check, path: Path) -> None:
 def _check(shape: Shape, check: Check, path: Path) -> None:
     given = [kind for kind in KINDS if getattr(shape, kind) is not None]
     if len(given) != 1:
-        what = " and ".join(map(repr, given)) or "none of its kinds"
-        check.fail(path, f"a shape has {what}; allowed: one of {', '.join(KINDS)}")
+        kinds = " and ".join(map(repr, given)) or "none of its kinds"
+        check.fail(path, f"a shape has {kinds}; allowed: one of {', '.join(KINDS)}")
     for key in ("box", "cylinder"):
         sizes = getattr(shape, key)
         if sizes is not None and min(sizes) <= 0.0:

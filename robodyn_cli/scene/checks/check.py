@@ -37,19 +37,19 @@ class Check(nodes.Faults):
         raise nodes.located(node, nodes.dotted(path), message)
 
     def known(
-        self, name: str, options: Collection[str], what: str, path: nodes.Path, at_key: bool = False
+        self, name: str, options: Collection[str], kind: str, path: nodes.Path, at_key: bool = False
     ) -> None:
         """Refuse a name that is not among ``options``."""
         if name not in options:
-            self.fail(path, unknown_name(what, name, options), at_key)
+            self.fail(path, unknown_name(kind, name, options), at_key)
 
-    def unique(self, names: SequenceOf[str], what: str, paths: SequenceOf[nodes.Path]) -> None:
+    def unique(self, names: SequenceOf[str], kind: str, paths: SequenceOf[nodes.Path]) -> None:
         """Refuse a name that appears twice."""
         seen: set[str] = set()
         for k, name in enumerate(names):
             with self:
                 if name in seen:
-                    self.fail(paths[k], f"{what} {name!r} appears twice; names of {what}s must differ")
+                    self.fail(paths[k], f"{kind} {name!r} appears twice; names of {kind}s must differ")
                 seen.add(name)
 
 

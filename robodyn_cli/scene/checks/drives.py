@@ -88,12 +88,12 @@ class _Checked:
         joint, check = self.joint, self.check
         if joint_types[joint.type].nv != 1:
             single = [j.name for j in self.scene.robot.joints if joint_types[j.type].nv == 1]
-            what = f"joint {joint.name!r} is {joint.type}; allowed: joints with one coordinate, {', '.join(single)}"
-            check.fail(self.path, what, at_key=True)
+            message = f"joint {joint.name!r} is {joint.type}; allowed: joints with one coordinate, {', '.join(single)}"
+            check.fail(self.path, message, at_key=True)
         actuated = self.scene.actuated
         if actuated is not None and joint.name not in actuated:
-            what = f"joint {joint.name!r} is not in 'actuated'; allowed: {', '.join(actuated) or 'none'}"
-            check.fail(self.path, what, at_key=True)
+            message = f"joint {joint.name!r} is not in 'actuated'; allowed: {', '.join(actuated) or 'none'}"
+            check.fail(self.path, message, at_key=True)
 
     def joint_is_silent(self) -> None:
         """The joint says nothing of its drive itself."""
@@ -108,11 +108,11 @@ class _Checked:
             of_motor = (
                 " (friction of the motor belongs to the catalogue)" if ("friction", "side") in twice else ""
             )
-            what = (
+            message = (
                 f"joint {self.name!r}: {keys} {says} what its drive says too{of_motor}; leave out {them} or "
                 f"'drives.{self.name}'"
             )
-            self.check.fail((*place, *twice[0]), what, at_key=True)
+            self.check.fail((*place, *twice[0]), message, at_key=True)
 
     def parts_fit(self, train: Train) -> None:
         """The gear makes the motion of the joint, and the motor runs on its supply."""
@@ -122,14 +122,16 @@ class _Checked:
         if drives != unit:
             gears = self.scene.catalogue.gears
             fitting = ", ".join(n for n, g in gears.items() if g.drives == unit) or "none of the catalogue"
-            what = "needs a gear that moves a slide" if unit == "m" else "turns, and this gear moves a slide"
-            what = f"joint {self.joint.name!r} {what}; allowed: {fitting}"
-            check.fail((*self.path, *(() if drive.gear is None else ("gear",))), what)
+            message = (
+                "needs a gear that moves a slide" if unit == "m" else "turns, and this gear moves a slide"
+            )
+            message = f"joint {self.joint.name!r} {message}; allowed: {fitting}"
+            check.fail((*self.path, *(() if drive.gear is None else ("gear",))), message)
         motor = train.motor
         if not isinstance(motor, Electric):
             if drive.voltage is not None:
-                what = f"does nothing: motor {drive.motor!r} is described by its curves at one voltage"
-                check.fail((*self.path, "voltage"), what, at_key=True)
+                message = f"does nothing: motor {drive.motor!r} is described by its curves at one voltage"
+                check.fail((*self.path, "voltage"), message, at_key=True)
             if motor.thermal is not None and not drive.ambient < motor.thermal.max_temperature:
                 check.fail(
                     (*self.path, "ambient"), f"at {drive.ambient:g} degC its winding is too hot already"
@@ -152,8 +154,10 @@ class _Checked:
                     check.fail((*self.path, key), "does nothing with 'mass_on: none'", at_key=True)
         beside = (None, NOWHERE, BASE, joint.parent, joint.link)
         if drive.mass_on not in beside and drive.mass_at is None:
-            what = f"joint {joint.name!r} is not on link {drive.mass_on!r}; allowed: with 'mass_at' beside it"
-            check.fail((*self.path, "mass_on"), what)
+            message = (
+                f"joint {joint.name!r} is not on link {drive.mass_on!r}; allowed: with 'mass_at' beside it"
+            )
+            check.fail((*self.path, "mass_on"), message)
 
 
 KNOWN_TO_CONTROL = ("ref", "refd", "refdd", "s")
@@ -182,10 +186,10 @@ def check_control(scene: Scene, names: SceneNames, check: Check) -> Scene:
             check.fail(("control", *path), message)
     _check_maps(scene, joints, check)
     _check_signals(scene, joints, check)
-    found = dataclasses.replace(controller, joints=joints)
-    if isinstance(found, Follower):
-        found = dataclasses.replace(found, reference=_reference(scene, names, joints, check))
-    return dataclasses.replace(scene, control=found)
+    checked = dataclasses.replace(controller, joints=joints)
+    if isinstance(checked, Follower):
+        checked = dataclasses.replace(checked, reference=_reference(scene, names, joints, check))
+    return dataclasses.replace(scene, control=checked)
 
 
 def _driven(scene: Scene, names: SceneNames, check: Check) -> tuple[str, ...]:
@@ -265,10 +269,10 @@ def _check_maps(scene: Scene, joints: tuple[str, ...], check: Check) -> None:
         any_joint = path == ("pose",) or (
             controller.type == "lqr" and path in (("gains", "q"), ("gains", "qd"))
         )
-        names, what = (single, "joint") if any_joint else (joints, "joint of this controller")
+        names, label = (single, "joint") if any_joint else (joints, "joint of this controller")
         for name in value:
             with check:
-                check.known(name, names, what, ("control", *path, name), at_key=True)
+                check.known(name, names, label, ("control", *path, name), at_key=True)
         known = all(name in names for name in value)
         missing = [name for name in joints if known and name not in value]
         partial = any_joint or path[0] in ("limit", "rate_limit", "sensors") or path[-1] == "anti_windup"

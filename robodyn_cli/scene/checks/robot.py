@@ -30,12 +30,12 @@ def moving(robot: Robot) -> tuple[str, ...]:
 
 def columns(robot: Robot, quasi: bool | None = None, velocities: bool = False) -> tuple[str, ...]:
     """Return the columns of q (or v) of the joints; of those with quasi-velocities, or of the others, if asked."""
-    found: list[str] = []
+    names: list[str] = []
     for joint in robot.joints:
         kind = joint_types[joint.type]
         if kind.nv and quasi in (None, kind.quasi):
-            found += kind.coordinates(joint.name, kind.v_names if velocities else kind.names)
-    return tuple(found)
+            names += kind.coordinates(joint.name, kind.v_names if velocities else kind.names)
+    return tuple(names)
 
 
 def check_robot(robot: Robot, check: Check) -> Robot:

@@ -54,8 +54,8 @@ class _SceneNames:
         return columns(self.robot, velocities=True)
 
     def limits(self, joint: str) -> Limits | None:
-        found = next((j for j in self.robot.joints if j.name == joint), None)
-        return None if found is None else dict(found.forces).get("limits")
+        own = next((j for j in self.robot.joints if j.name == joint), None)
+        return None if own is None else dict(own.forces).get("limits")
 
     @property
     def quasi(self) -> tuple[str, ...]:
@@ -300,8 +300,8 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
-    asked = [(key, expected.numeric, "expect") for key, expected in scene.expect.items()]
-    for key, number, section in [*asked, *((key, True, "study") for key in scene.study.of)]:
+    wanted = [(key, expected.numeric, "expect") for key, expected in scene.expect.items()]
+    for key, number, section in [*wanted, *((key, True, "study") for key in scene.study.of)]:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]

@@ -65,8 +65,8 @@ def _binary(data: bytes) -> np.ndarray:
     needed = HEAD + count * TRIANGLE.itemsize
     if needed > len(data):
         raise MeshError(f"no STL, or cut off: {count} triangles need {needed} bytes, there are {len(data)}")
-    found = np.frombuffer(data, TRIANGLE, count, HEAD)["corners"]
-    return found.reshape(-1, 3).astype(float)
+    records = np.frombuffer(data, TRIANGLE, count, HEAD)["corners"]
+    return records.reshape(-1, 3).astype(float)
 
 
 def _text(data: bytes) -> np.ndarray:
@@ -123,10 +123,10 @@ def _corner(word: str, count: int, line: int) -> int:
         number = int(word.partition("/")[0])
     except ValueError:
         number = 0
-    found = number - 1 if number > 0 else count + number
-    if number == 0 or found < 0:
+    index = number - 1 if number > 0 else count + number
+    if number == 0 or index < 0:
         raise MeshError(f"line {line}: {word!r} is no number of a corner")
-    return found
+    return index
 
 
 def obj_text(mesh: Mesh) -> str:
@@ -222,15 +222,15 @@ def simplified(mesh: Mesh, most: int) -> Mesh:
     if len(fine.faces) <= most:
         return fine
     low, high = COARSEST, FINEST
-    found = clustered(fine, low)
+    best = clustered(fine, low)
     while high - low > 1:
         middle = (low + high) // 2
         tried = clustered(fine, middle)
         if len(tried.faces) <= most:
-            low, found = middle, tried
+            low, best = middle, tried
         else:
             high = middle
-    return found
+    return best
 
 
 def clustered(mesh: Mesh, cells: int) -> Mesh:

@@ -66,8 +66,8 @@ def _attached(robot: Mapping, item: Node, path: Path, include: Include) -> Mappi
     for key, _ in item.entries:
         if key.text not in allowed:
             hint = did_you_mean(key.text, allowed)
-            what = f"unknown key {shown(key.text)} beside '{INCLUDE if whole else 'link'}'{hint}"
-            raise located(key, dotted((*path, key.text)), f"{what}; allowed: {', '.join(allowed)}")
+            fault = f"unknown key {shown(key.text)} beside '{INCLUDE if whole else 'link'}'{hint}"
+            raise located(key, dotted((*path, key.text)), f"{fault}; allowed: {', '.join(allowed)}")
     return _with_robot(robot, item, path, include) if whole else _with_link(robot, item, path)
 
 
@@ -131,15 +131,15 @@ def _with_robot(robot: Mapping, item: Mapping, path: Path, include: Include) -> 
 
 def prefix_of(node: Mapping, path: Path) -> str:
     """Return the prefix of names that a map asks for, empty for none."""
-    found = node.get(PREFIX)
-    if found is None:
+    prefix = node.get(PREFIX)
+    if prefix is None:
         return ""
-    if not isinstance(found, Scalar) or not _PREFIX.fullmatch(found.text):
+    if not isinstance(prefix, Scalar) or not _PREFIX.fullmatch(prefix.text):
         message = (
-            f"{describe_node(found)} cannot begin a name; allowed: letters, digits and _, such as 'left_'"
+            f"{describe_node(prefix)} cannot begin a name; allowed: letters, digits and _, such as 'left_'"
         )
-        raise located(found, dotted((*path, PREFIX)), message)
-    return found.text
+        raise located(prefix, dotted((*path, PREFIX)), message)
+    return prefix.text
 
 
 def _parent(robot: Mapping, item: Mapping, path: Path) -> Node:
@@ -247,8 +247,8 @@ def _explicit(robot: Mapping) -> Mapping:
 
 
 def _items(robot: Mapping, key: str) -> tuple[Node, ...]:
-    found = robot.get(key)
-    return found.items if isinstance(found, Sequence) else ()
+    node = robot.get(key)
+    return node.items if isinstance(node, Sequence) else ()
 
 
 def _extended(robot: Mapping, more: dict[str, list[Node] | tuple[Node, ...]]) -> Mapping:

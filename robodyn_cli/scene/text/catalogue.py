@@ -61,8 +61,8 @@ def catalogue_tree(text: str, source: Source) -> Mapping:
     groups: dict[str, list[tuple[Scalar, Node]]] = {"motors": [], "gears": [], "brakes": []}
     for cells in lines:
         if len(cells) != len(header):
-            what = f"has {len(cells)} cells; needed: {len(header)}, as the header has"
-            raise located(cells[0], "catalogue", what)
+            fault = f"has {len(cells)} cells; needed: {len(header)}, as the header has"
+            raise located(cells[0], "catalogue", fault)
         name, group, part = _part(header, cells)
         if any(key.text == name.text for key, _ in groups[group]):
             raise located(name, dotted(("catalogue", group, name.text)), "appears twice; names must differ")
@@ -85,13 +85,13 @@ def _lines(text: str, source: Source) -> Iterator[Cells]:
 
 def _columns() -> list[str]:
     """Return the columns that a catalogue may have."""
-    found = ["name", "type"]
+    names = ["name", "type"]
     for cls in (*motor_types.values(), *gear_types.values(), Brake):
         for field in dataclasses.fields(cls):
             kind, name = field.metadata["kind"], key_name(field)
             inner = dataclasses.fields(kind.cls) if isinstance(kind, Section) else ()
-            found += [f"{name}.{key_name(one)}" for one in inner] or [name]
-    return list(dict.fromkeys(found))
+            names += [f"{name}.{key_name(one)}" for one in inner] or [name]
+    return list(dict.fromkeys(names))
 
 
 def _check_header(header: Cells) -> None:
@@ -115,9 +115,9 @@ def _part(header: Cells, cells: Cells) -> tuple[Scalar, str, Mapping]:
         column = "name" if "name" not in given else "type"
         value = "nothing" if column not in given else shown(given[column].text)
         allowed = "a name" if column == "name" else ", ".join(types)
-        what = f"no {column} of a part" if column == "name" else f"unknown type of part {place.text!r}"
+        fault = f"no {column} of a part" if column == "name" else f"unknown type of part {place.text!r}"
         raise located(
-            given.get(column, place), f"catalogue.{column}", f"{what} (value {value}); allowed: {allowed}"
+            given.get(column, place), f"catalogue.{column}", f"{fault} (value {value}); allowed: {allowed}"
         )
     entries: dict[str, list[tuple[Scalar, Node]]] = {}
     for name, cell in given.items():

@@ -105,8 +105,8 @@ def concrete(kind: kinds.Kind, node: nodes.Node) -> kinds.Kind | None:
     if isinstance(kind, kinds.OrFile):
         return concrete(kind.item, node)
     if isinstance(kind, kinds.Either):
-        found = next((k for k in kind.kinds if fits(k, node)), None)
-        return concrete(found, node) if found is not None else None
+        fitting = next((k for k in kind.kinds if fits(k, node)), None)
+        return concrete(fitting, node) if fitting is not None else None
     if isinstance(kind, kinds.ByPart):
         by_part = isinstance(node, nodes.Mapping) and any(key.text in kind.parts for key, _ in node.entries)
         return kinds.MapOf(kind.item, of="coordinate") if by_part else kind.item

@@ -145,8 +145,8 @@ class Mapping(Node):
 
 def sequence(place: Node, items: Iterable[Node]) -> Sequence:
     """Return a list at the place of another node."""
-    found = tuple(items)
-    return Sequence(place.source, place.line, place.column, found, 1 + sum(x.size for x in found))
+    nodes = tuple(items)
+    return Sequence(place.source, place.line, place.column, nodes, 1 + sum(x.size for x in nodes))
 
 
 def mapping(place: Node, entries: list[tuple[Scalar, Node]]) -> Mapping:

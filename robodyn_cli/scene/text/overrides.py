@@ -105,8 +105,8 @@ class _Setter:
             new = self.set(old, inner, rest, (*done, step))
             # an absent key needs no removal
             return node if new is old else node.replaced(key, new)
-        what = f"is {nodes.describe_node(node)}" if done else f"the scene is {nodes.describe_node(node)}"
-        raise self.error(done, f"{what}, so it has no key {shown(step)}")
+        fault = f"is {nodes.describe_node(node)}" if done else f"the scene is {nodes.describe_node(node)}"
+        raise self.error(done, f"{fault}, so it has no key {shown(step)}")
 
     def missing(self, node: nodes.Mapping, kind: Kind | None, step: str, done: nodes.Path) -> SceneError:
         """Return the error of a key whose numbers are counted, and which the scene does not write."""

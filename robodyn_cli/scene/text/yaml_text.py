@@ -34,20 +34,22 @@ def read_text(path: str, place: nodes.Node | None, key: str, shown_as: str) -> s
     """Return the text of a UTF-8 file; errors are placed at ``place``, or at the file itself."""
     at: nodes.Node = place or nodes.Scalar(nodes.Source(shown_as, ".", positions=False), 1, 1, "", None)
     # a place in the file itself names it already
-    what = "cannot be read" if at.source.name == shown_as else f"cannot read {shown_as!r}"
+    fault = "cannot be read" if at.source.name == shown_as else f"cannot read {shown_as!r}"
     try:
         data = contents(path, MAX_BYTES)
     except FileNotFoundError:
-        raise nodes.located(at, key, f"{what}: there is no such file{_start_of_path(at, shown_as)}") from None
+        raise nodes.located(
+            at, key, f"{fault}: there is no such file{_start_of_path(at, shown_as)}"
+        ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
-        raise nodes.located(at, key, f"{what}: {reason}") from None
+        raise nodes.located(at, key, f"{fault}: {reason}") from None
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise nodes.located(
-            at, key, f"{what}: it is not UTF-8 text (byte {error.start}, line {line})"
+            at, key, f"{fault}: it is not UTF-8 text (byte {error.start}, line {line})"
         ) from None
 
 
@@ -93,9 +95,9 @@ def compose(
             builder.take(event)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
-        what = ", ".join(part for part in (error.context, error.problem) if part)
+        reason = ", ".join(part for part in (error.context, error.problem) if part)
         place = nodes.Scalar(source, mark.line + 1, mark.column + 1, "", None) if mark else start
-        raise nodes.located(place, key, f"this is not YAML: {what}") from None
+        raise nodes.located(place, key, f"this is not YAML: {reason}") from None
     except yaml.reader.ReaderError as error:
         match = yaml.reader.Reader.NON_PRINTABLE.search(text)
         place = _at(source, text, match.start()) if match else start
@@ -204,11 +206,11 @@ class _Builder:
         if node.text in top.keys:
             first = top.keys[node.text]
             at = nodes.dotted((*self.steps(), node.text))
-            what = f"key {shown(node.text)} appears twice; first on line {first.line}"
-            self.faults.report(nodes.located(place, at, what))
+            fault = f"key {shown(node.text)} appears twice; first on line {first.line}"
+            self.faults.report(nodes.located(place, at, fault))
         if node.text == "<<":
-            what = "merge keys (<<) do not exist in YAML 1.2; repeat the keys, or use `include`"
-            self.faults.report(nodes.located(place, self.path(), what))
+            fault = "merge keys (<<) do not exist in YAML 1.2; repeat the keys, or use `include`"
+            self.faults.report(nodes.located(place, self.path(), fault))
         top.keys.setdefault(node.text, place)
 
     def steps(self) -> nodes.Path:

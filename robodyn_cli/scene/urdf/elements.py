@@ -154,130 +154,130 @@ def _refuse_xacro(root: XmlElement) -> None:
 
 def _link(element: XmlElement) -> UrdfLink:
     name = element.text("name", "a link")
-    what = f"link {name!r}"
-    visual, collision = (tuple(_shape(shape, what) for shape in element.all(tag)) for tag in _SHAPES)
-    return UrdfLink(element, name, _inertial(element, what), visual, collision)
+    owner = f"link {name!r}"
+    visual, collision = (tuple(_shape(shape, owner) for shape in element.all(tag)) for tag in _SHAPES)
+    return UrdfLink(element, name, _inertial(element, owner), visual, collision)
 
 
-def _shape(element: XmlElement, what: str) -> UrdfShape:
+def _shape(element: XmlElement, owner: str) -> UrdfShape:
     """Return a shape; one that is wrong is left out of pictures, and of nothing else."""
-    found = next((kind for geometry in element.all("geometry") for kind in geometry.children), None)
-    if found is None:
+    shape = next((kind for geometry in element.all("geometry") for kind in geometry.children), None)
+    if shape is None:
         return UrdfShape(element, "")
     try:
-        sizes, file = _sizes(found, what), ""
-        if found.tag == "mesh":
-            file = found.text("filename", what)
-        return UrdfShape(found, found.tag if sizes else "", sizes, file, _pose(element, what))
+        sizes, file = _sizes(shape, owner), ""
+        if shape.tag == "mesh":
+            file = shape.text("filename", owner)
+        return UrdfShape(shape, shape.tag if sizes else "", sizes, file, _pose(element, owner))
     except SceneError:
-        return UrdfShape(found, "")
+        return UrdfShape(shape, "")
 
 
-def _sizes(found: XmlElement, what: str) -> tuple[float, ...]:
+def _sizes(shape: XmlElement, owner: str) -> tuple[float, ...]:
     """Return the numbers of a geometry; none for one of another kind, or without extent."""
-    if found.tag == "mesh":
-        return tuple(found.numbers("scale", what, 3, (1.0, 1.0, 1.0)))
-    names = {"sphere": ("radius",), "cylinder": ("radius", "length")}.get(found.tag, ())
-    sizes = tuple(found.numbers("size", what, 3)) if found.tag == "box" else ()
-    sizes = sizes or tuple(found.number(name, what) for name in names)
+    if shape.tag == "mesh":
+        return tuple(shape.numbers("scale", owner, 3, (1.0, 1.0, 1.0)))
+    names = {"sphere": ("radius",), "cylinder": ("radius", "length")}.get(shape.tag, ())
+    sizes = tuple(shape.numbers("size", owner, 3)) if shape.tag == "box" else ()
+    sizes = sizes or tuple(shape.number(name, owner) for name in names)
     return sizes if all(size > 0.0 for size in sizes) else ()
 
 
-def _inertial(link: XmlElement, what: str) -> Inertial | None:
-    found = link.one("inertial", what)
-    if found is None:
+def _inertial(link: XmlElement, owner: str) -> Inertial | None:
+    inertial = link.one("inertial", owner)
+    if inertial is None:
         return None
-    mass, inertia = found.one("mass", what), found.one("inertia", what)
+    mass, inertia = inertial.one("mass", owner), inertial.one("inertia", owner)
     if mass is None or inertia is None:
-        raise found.error(f"{what}: <inertial> needs <mass value=...> and <inertia ixx=... ... izz=...>")
-    value = mass.number("value", what)
+        raise inertial.error(f"{owner}: <inertial> needs <mass value=...> and <inertia ixx=... ... izz=...>")
+    value = mass.number("value", owner)
     if value < 0.0:
-        raise mass.error(f"{what}: mass is negative (value {value:g}); allowed: a number >= 0 [kg]")
-    moments = {k: inertia.number(f"i{k}", what) for k in _INERTIA}
-    return Inertial(found, value, _pose(found, what), moments)
+        raise mass.error(f"{owner}: mass is negative (value {value:g}); allowed: a number >= 0 [kg]")
+    moments = {k: inertia.number(f"i{k}", owner) for k in _INERTIA}
+    return Inertial(inertial, value, _pose(inertial, owner), moments)
 
 
-def _pose(element: XmlElement, what: str) -> UrdfPose:
-    origin = element.one("origin", what)
+def _pose(element: XmlElement, owner: str) -> UrdfPose:
+    origin = element.one("origin", owner)
     if origin is None:
         return UrdfPose()
-    xyz = tuple(origin.numbers("xyz", what, 3, ZERO))
+    xyz = tuple(origin.numbers("xyz", owner, 3, ZERO))
     if "quat_xyzw" in origin.attributes:
         if "rpy" in origin.attributes:
-            raise origin.error(f"{what}: <origin> has rpy and quat_xyzw; allowed: one of them")
-        x, y, z, w = origin.numbers("quat_xyzw", what, 4)
+            raise origin.error(f"{owner}: <origin> has rpy and quat_xyzw; allowed: one of them")
+        x, y, z, w = origin.numbers("quat_xyzw", owner, 4)
         if abs(math.hypot(x, y, z, w) - 1.0) > 1e-3:
             raise origin.error(
-                f"{what}: quat_xyzw has length {math.hypot(x, y, z, w):.6g}; allowed: 1, to three digits"
+                f"{owner}: quat_xyzw has length {math.hypot(x, y, z, w):.6g}; allowed: 1, to three digits"
             )
         return UrdfPose(xyz, quaternion=(w, x, y, z))
-    return UrdfPose(xyz, tuple(origin.numbers("rpy", what, 3, ZERO)))
+    return UrdfPose(xyz, tuple(origin.numbers("rpy", owner, 3, ZERO)))
 
 
 def _joint(element: XmlElement) -> UrdfJoint:
     name = element.text("name", "a joint")
-    what = f"joint {name!r}"
-    kind = element.text("type", what)
+    owner = f"joint {name!r}"
+    kind = element.text("type", owner)
     if kind not in JOINT_TYPES:
-        raise element.error(f"{what}: {unknown_name('type', kind, JOINT_TYPES)}")
+        raise element.error(f"{owner}: {unknown_name('type', kind, JOINT_TYPES)}")
     ends = []
     for tag in ("parent", "child"):
-        end = element.one(tag, what)
+        end = element.one(tag, owner)
         if end is None:
-            raise element.error(f"{what} needs <{tag} link=...>")
-        ends.append(end.text("link", what))
-    damping, friction = _dynamics(element, what)
+            raise element.error(f"{owner} needs <{tag} link=...>")
+        ends.append(end.text("link", owner))
+    damping, friction = _dynamics(element, owner)
     return UrdfJoint(
         element,
         name,
         kind,
         ends[0],
         ends[1],
-        _pose(element, what),
-        _axis(element, what, kind),
-        _limits(element, what),
+        _pose(element, owner),
+        _axis(element, owner, kind),
+        _limits(element, owner),
         damping,
         friction,
-        _mimic(element, what),
+        _mimic(element, owner),
     )
 
 
-def _axis(element: XmlElement, what: str, kind: str) -> tuple[float, ...]:
-    axis = element.one("axis", what)
+def _axis(element: XmlElement, owner: str, kind: str) -> tuple[float, ...]:
+    axis = element.one("axis", owner)
     if axis is None or kind in ("fixed", "floating"):
         return X_AXIS
-    found = tuple(axis.numbers("xyz", what, 3, X_AXIS))
-    if not any(found):
+    direction = tuple(axis.numbers("xyz", owner, 3, X_AXIS))
+    if not any(direction):
         raise axis.error(
-            f"{what}: the axis is zero (value {shown(axis.attributes['xyz'])}); allowed: a direction"
+            f"{owner}: the axis is zero (value {shown(axis.attributes['xyz'])}); allowed: a direction"
         )
-    return found
+    return direction
 
 
-def _limits(element: XmlElement, what: str) -> dict[str, float]:
-    limit = element.one("limit", what)
+def _limits(element: XmlElement, owner: str) -> dict[str, float]:
+    limit = element.one("limit", owner)
     names = ("lower", "upper", "effort", "velocity")
-    return {} if limit is None else {k: limit.number(k, what) for k in names if k in limit.attributes}
+    return {} if limit is None else {k: limit.number(k, owner) for k in names if k in limit.attributes}
 
 
-def _dynamics(element: XmlElement, what: str) -> tuple[float, float]:
+def _dynamics(element: XmlElement, owner: str) -> tuple[float, float]:
     """Return damping and friction, both >= 0."""
-    found = element.one("dynamics", what)
-    if found is None:
+    dynamics = element.one("dynamics", owner)
+    if dynamics is None:
         return 0.0, 0.0
-    values = {k: found.number(k, what, 0.0) for k in ("damping", "friction")}
+    values = {k: dynamics.number(k, owner, 0.0) for k in ("damping", "friction")}
     for k, value in values.items():
         if value < 0.0:
-            raise found.error(f"{what}: {k} is negative (value {value:g}); allowed: a number >= 0")
+            raise dynamics.error(f"{owner}: {k} is negative (value {value:g}); allowed: a number >= 0")
     return values["damping"], values["friction"]
 
 
-def _mimic(element: XmlElement, what: str) -> Mimic | None:
-    found = element.one("mimic", what)
-    if found is None:
+def _mimic(element: XmlElement, owner: str) -> Mimic | None:
+    mimic = element.one("mimic", owner)
+    if mimic is None:
         return None
-    leader = found.text("joint", f"{what}: mimic")
-    return Mimic(found, leader, found.number("multiplier", what, 1.0), found.number("offset", what, 0.0))
+    leader = mimic.text("joint", f"{owner}: mimic")
+    return Mimic(mimic, leader, mimic.number("multiplier", owner, 1.0), mimic.number("offset", owner, 0.0))
 
 
 PACKAGE = "package://"
@@ -307,19 +307,19 @@ def mesh_file(name: str, urdf: str, packages: Mapping[str, str]) -> str | None:
 
 def _above(folder: str) -> list[str]:
     """Return a folder and those above it."""
-    found = [folder]
-    while (parent := os.path.dirname(found[-1])) != found[-1]:
-        found.append(parent)
-    return found
+    folders = [folder]
+    while (parent := os.path.dirname(folders[-1])) != folders[-1]:
+        folders.append(parent)
+    return folders
 
 
 def missing_meshes(robot: UrdfRobot, urdf: str, packages: Mapping[str, str]) -> list[str]:
     """Return the meshes that are not there, each once, as ``FILE:LINE: NAME``."""
-    found: dict[str, str] = {}
+    lines: dict[str, str] = {}
     for shape in (shape for link in robot.links for shape in link.shapes if shape.kind == "mesh"):
-        if shape.file not in found and mesh_file(shape.file, urdf, packages) is None:
-            found[shape.file] = f"{urdf}:{shape.element.place.line}: {shape.file}"
-    return list(found.values())
+        if shape.file not in lines and mesh_file(shape.file, urdf, packages) is None:
+            lines[shape.file] = f"{urdf}:{shape.element.place.line}: {shape.file}"
+    return list(lines.values())
 
 
 def drawn_shapes(link: UrdfLink, urdf: str, packages: Mapping[str, str]) -> list[tuple[UrdfShape, str]]:

@@ -72,8 +72,8 @@ def _missing(robot: UrdfRobot, urdf: str, packages: Packages) -> tuple[str, ...]
     missing = missing_meshes(robot, urdf, packages)
     if not missing:
         return ()
-    what = "a mesh is" if len(missing) == 1 else f"{len(missing)} meshes are"
-    return (f"{what} not there, which matters for pictures only; the first: {missing[0]}",)
+    meshes = "a mesh is" if len(missing) == 1 else f"{len(missing)} meshes are"
+    return (f"{meshes} not there, which matters for pictures only; the first: {missing[0]}",)
 
 
 def _warnings(robot: UrdfRobot) -> tuple[str, ...]:
@@ -85,15 +85,15 @@ def _warnings(robot: UrdfRobot) -> tuple[str, ...]:
         "damping and friction of joints with several coordinates, which are left out": drag,
         "limits whose lower is above their upper, which are left out": _crossed(robot),
     }
-    return tuple(f"{what}: {listed(names)}" for what, names in texts.items() if names)
+    return tuple(f"{title}: {listed(names)}" for title, names in texts.items() if names)
 
 
 def _crossed(robot: UrdfRobot) -> list[str]:
     """List the joints whose limits are the wrong way round, with their lines."""
-    found = []
+    crossed = []
     for joint in robot.joints:
         lower, upper = (joint.limits.get(k, 0.0) for k in ("lower", "upper"))
         limit = joint.element.one("limit", joint.name)
         if limit is not None and joint.type in SINGLE and joint.type != "continuous" and lower > upper:
-            found.append(f"{joint.name} (line {limit.place.line}: lower {lower:g}, upper {upper:g})")
-    return found
+            crossed.append(f"{joint.name} (line {limit.place.line}: lower {lower:g}, upper {upper:g})")
+    return crossed

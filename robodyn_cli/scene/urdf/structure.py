@@ -27,8 +27,8 @@ def check_structure(robot: UrdfRobot, faults: Faults) -> None:
             for tag, name in (("parent", joint.parent), ("child", joint.child)):
                 if name not in names:
                     hint = did_you_mean(name, names)
-                    what = f"joint {joint.name!r}: its {tag} {shown(name)} is no link of this file{hint}"
-                    raise joint.element.error(what)
+                    fault = f"joint {joint.name!r}: its {tag} {shown(name)} is no link of this file{hint}"
+                    raise joint.element.error(fault)
             if joint.child in moved:
                 other = moved[joint.child].name
                 raise joint.element.error(
@@ -41,12 +41,12 @@ def check_structure(robot: UrdfRobot, faults: Faults) -> None:
             _one_root(robot, moved)
 
 
-def _unique(what: str, items: Iterable[UrdfLink | UrdfJoint], faults: Faults) -> None:
+def _unique(kind: str, items: Iterable[UrdfLink | UrdfJoint], faults: Faults) -> None:
     seen: set[str] = set()
     for item in items:
         with faults:
             if item.name in seen:
-                raise item.element.error(f"{what} {item.name!r} appears twice; names of {what}s must differ")
+                raise item.element.error(f"{kind} {item.name!r} appears twice; names of {kind}s must differ")
             seen.add(item.name)
 
 
@@ -90,10 +90,10 @@ def moving_links(robot: UrdfRobot) -> set[str]:
         while name not in moves and name in above:
             chain.append(name)
             name = above[name].parent
-        found = moves.get(name, False)
+        moved = moves.get(name, False)
         for name in reversed(chain):
-            found = found or above[name].type != "fixed"
-            moves[name] = found
+            moved = moved or above[name].type != "fixed"
+            moves[name] = moved
     return {name for name, moving in moves.items() if moving}
 
 

@@ -100,7 +100,7 @@ class _Tree:
         """Return limits and friction of a joint with one coordinate."""
         if joint.type not in SINGLE:
             return {}
-        found: dict[str, Any] = {}
+        entries: dict[str, Any] = {}
         limits = dict(joint.limits)
         if joint.type == "continuous":
             limits = {k: x for k, x in limits.items() if k not in ("lower", "upper")}
@@ -118,13 +118,13 @@ class _Tree:
         order = {"lower": "lower", "upper": "upper", "speed": "velocity", "effort": "effort"}
         stated = {name: limits[k] for name, k in order.items() if k in limits}
         if stated:
-            found["limits"] = plain(joint.element.place, stated)
+            entries["limits"] = plain(joint.element.place, stated)
         friction: dict[str, Any] = {"viscous": joint.damping} if joint.damping else {}
         if joint.friction:
             friction |= {"coulomb": joint.friction, "law": "set_valued"}
         if friction:
-            found["friction"] = plain(joint.element.place, friction)
-        return found
+            entries["friction"] = plain(joint.element.place, friction)
+        return entries
 
     def coupler(self, joint: UrdfJoint, relation: Relation) -> Mapping:
         """Return q - multiplier q_joint = offset."""

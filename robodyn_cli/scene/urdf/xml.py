@@ -37,27 +37,27 @@ class XmlElement:
         """Return the children with a tag."""
         return [child for child in self.children if child.tag == tag]
 
-    def one(self, tag: str, what: str) -> XmlElement | None:
-        """Return the child with a tag, None if there is none; ``what`` names this element in messages.
+    def one(self, tag: str, owner: str) -> XmlElement | None:
+        """Return the child with a tag, None if there is none; ``owner`` names this element in messages.
 
         Raises
         ------
         SceneError : there are several.
         """
-        found = self.all(tag)
-        if len(found) > 1:
-            raise found[1].error(f"{what} has a second <{tag}>; allowed: one")
-        return found[0] if found else None
+        elements = self.all(tag)
+        if len(elements) > 1:
+            raise elements[1].error(f"{owner} has a second <{tag}>; allowed: one")
+        return elements[0] if elements else None
 
-    def text(self, name: str, what: str) -> str:
+    def text(self, name: str, owner: str) -> str:
         """Return an attribute that must be there."""
-        found = self.attributes.get(name, "").strip()
-        if not found:
-            raise self.error(f"{what}: <{self.tag}> needs the attribute {name!r}")
-        return found
+        value = self.attributes.get(name, "").strip()
+        if not value:
+            raise self.error(f"{owner}: <{self.tag}> needs the attribute {name!r}")
+        return value
 
     def numbers(
-        self, name: str, what: str, size: int, default: tuple[float, ...] | None = None
+        self, name: str, owner: str, size: int, default: tuple[float, ...] | None = None
     ) -> list[float]:
         """Return the ``size`` numbers of an attribute, separated by blanks; without a default it must be there."""
         if name not in self.attributes and default is not None:
@@ -69,11 +69,11 @@ class XmlElement:
         wanted = "a finite number" if size == 1 else f"{size} finite numbers, separated by blanks"
         given = shown(self.attributes[name]) if name in self.attributes else "nothing"
         hint = "; '${' is an expression of xacro, which must run first" if "${" in given else ""
-        raise self.error(f"{what}: {name} of <{self.tag}> is {given}; allowed: {wanted}{hint}")
+        raise self.error(f"{owner}: {name} of <{self.tag}> is {given}; allowed: {wanted}{hint}")
 
-    def number(self, name: str, what: str, default: float | None = None) -> float:
+    def number(self, name: str, owner: str, default: float | None = None) -> float:
         """Return the number of an attribute; without a default it must be there."""
-        return self.numbers(name, what, 1, None if default is None else (default,))[0]
+        return self.numbers(name, owner, 1, None if default is None else (default,))[0]
 
     def error(self, message: str) -> SceneError:
         """Return the error at the place of this element."""
@@ -138,7 +138,7 @@ def scene_names(names: Iterable[str], taken: Iterable[str]) -> dict[str, str]:
 
     Other characters become ``_``; a name that is taken then gets a number.
     """
-    found: dict[str, str] = {}
+    renamed: dict[str, str] = {}
     taken = frozenset(taken)
     used = set(taken)
     wanted = {name: _allowed(name) for name in names}
@@ -150,8 +150,8 @@ def scene_names(names: Iterable[str], taken: Iterable[str]) -> dict[str, str]:
             numbers[wanted[name]] += 1
             new = f"{wanted[name]}_{numbers[wanted[name]] + 1}"
         used.add(new)
-        found[name] = new
-    return found
+        renamed[name] = new
+    return renamed
 
 
 def joint_names(names: Iterable[str]) -> dict[str, str]:

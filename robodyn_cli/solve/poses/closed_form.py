@@ -109,13 +109,13 @@ class ParallelAxes:
             total = angle_between(first.h, np.broadcast_to(helper, p.shape), turned(R, helper))
             lever = lever - turned(rotations(first.h, total), screws.p - turning[2].p)
         lift = (p - screws.p) @ first.h
-        found = []
+        branches = []
         for bend, q1, q2 in two_links(first.h, *self.links, lever):
             angles = [q1, q2] if total is None else [q1, q2, total - q1 - q2]
             rest = iter(angles)
             columns = [sign * (next(rest) if axis.turns else lift) for sign, axis in zip(signs, screws.axes)]
-            found.append(Branch((ELBOWS[bend > 0.0],), np.column_stack(columns)))
-        return found
+            branches.append(Branch((ELBOWS[bend > 0.0],), np.column_stack(columns)))
+        return branches
 
 
 @record
@@ -202,7 +202,7 @@ class SphericalWrist:
         first, second, third, *_ = self.screws.axes
         turn = float(second.h @ third.h)  # of one direction, or of opposite ones
         centre = p + turned(R, self.centre - self.screws.p)
-        found = []
+        branches = []
         for side, sign, q1 in self.shoulder.angles(centre):
             R1 = rotations(first.h, q1)
             lever = turned_back(R1, centre - first.p) + first.p - second.p
@@ -212,8 +212,8 @@ class SphericalWrist:
                 left = np.swapaxes(R13, 1, 2) @ R
                 for wrist, q456 in zip(WRISTS, self._wrist(left)):
                     values = np.column_stack([q1, q2, turn * q3, *q456])
-                    found.append(Branch((side, elbow_name(bend, sign), wrist), values))
-        return found
+                    branches.append(Branch((side, elbow_name(bend, sign), wrist), values))
+        return branches
 
     def _wrist(self, left: Array) -> list[tuple[Array, Array, Array]]:
         """Return q4, q5 and q6 of both ways to turn by R4 R5 R6 = left (T, 3, 3): h4 . left h6 is known."""
@@ -222,14 +222,14 @@ class SphericalWrist:
         pair = component_angles(fourth.h, fifth.h, sixth.h, end @ fourth.h)
         # any direction across the sixth axis shows its angle, in the singular pose too
         across = np.cross(sixth.h, fifth.h)
-        found = []
+        ways = []
         for q5 in (pair.plus, pair.minus):
             R5 = rotations(fifth.h, q5)
             q4 = angle_between(fourth.h, turned(R5, sixth.h), end)
             rest = np.swapaxes(rotations(fourth.h, q4) @ R5, 1, 2) @ left
             q6 = angle_between(sixth.h, np.broadcast_to(across, end.shape), turned(rest, across))
-            found.append((q4, q5, q6))
-        return found
+            ways.append((q4, q5, q6))
+        return ways
 
 
 @record
@@ -263,7 +263,7 @@ class ThreeParallel:
         first, second, third, fourth, fifth, sixth = self.screws.axes
         signs = [float(second.h @ axis.h) for axis in (third, fourth)]
         centre = p + turned(R, self.centre - self.screws.p)
-        found = []
+        branches = []
         for side, sign, q1 in self.shoulder.angles(centre):
             R1 = rotations(first.h, q1)
             left = np.swapaxes(R1, 1, 2) @ R
@@ -280,8 +280,8 @@ class ThreeParallel:
                 for bend, q2, q3 in two_links(second.h, third.p - second.p, fourth.p - third.p, lever):
                     q4 = signs[1] * (q234 - q2 - q3)
                     values = np.column_stack([q1, q2, signs[0] * q3, q4, q5, q6])
-                    found.append(Branch((side, elbow_name(bend, sign), wrist), values))
-        return found
+                    branches.append(Branch((side, elbow_name(bend, sign), wrist), values))
+        return branches
 
 
 @record
@@ -317,10 +317,10 @@ class ClosedForm:
         others : (T, nq) positions, of which the joints keep theirs that do not move the frame.
         """
         screws = self.family.screws
-        found = {}
+        branches = {}
         for branch in self.family.branches(*screws.in_base(p, R)):
             q = np.array(np.broadcast_to(others, (len(p), screws.nq)), dtype=float)
             for axis, column in zip(screws.axes, branch.values.T):
                 q[:, axis.place] = column
-            found[branch.name] = q
-        return found
+            branches[branch.name] = q
+        return branches

@@ -58,18 +58,18 @@ class Screws:
             model, [0.0] * model.nq if not any(b.joint.quasi for b in model.bodies) else _neutral(model)
         )
         pose = poses(model, X)
-        found = [pose[k] for k in model.path_to(frame.body)]
-        at = found[-1].point(frame.p)
-        entries = [x for here in found for x in (*here.R.flat, *here.p)] + [*at, *frame.R.flat]
+        path_poses = [pose[k] for k in model.path_to(frame.body)]
+        at = path_poses[-1].point(frame.p)
+        entries = [x for here in path_poses for x in (*here.R.flat, *here.p)] + [*at, *frame.R.flat]
         if any(isinstance(x, Expr) for x in (*entries, *model.base.E.flat, *model.base.r)):
             return None
         axes = tuple(
             Axis(body.q, body.joint.dh_variable == "theta", _floats(here.R[:, 2]), _floats(here.p))
-            for body, here in zip(path, found)
+            for body, here in zip(path, path_poses)
         )
         points = [np.zeros(3), *(axis.p for axis in axes), _floats(at)]
         scale = float(sum(np.linalg.norm(b - a) for a, b in zip(points, points[1:]))) or 1.0
-        R = _floats(found[-1].R @ frame.R)
+        R = _floats(path_poses[-1].R @ frame.R)
         return Screws(axes, _floats(at), R, _floats(model.base.E), _floats(model.base.r), model.nq, scale)
 
     @property

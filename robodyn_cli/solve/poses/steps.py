@@ -182,12 +182,12 @@ def position_after(
     for x in dq:
         largest = maximum(largest, absolute(x)) if is_nonzero(x) else largest
     shorter = most / largest
-    found = moved(model, q, [shorter * x * unit for x, unit in zip(dq, lengths)])
+    position = moved(model, q, [shorter * x * unit for x, unit in zip(dq, lengths)])
     for body in model.bodies:
         own = slice(body.q, body.q + body.joint.nq)
         if body.joint.quasi:
-            found[own] = body.joint.normalise(vector(found[own]))
-    return bounds.clamp(found)
+            position[own] = body.joint.normalise(vector(position[own]))
+    return bounds.clamp(position)
 
 
 def _with_diagonal(A: Matrix, x: Scalar) -> Matrix:

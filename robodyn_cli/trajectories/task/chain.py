@@ -75,16 +75,16 @@ def planned(
 
 def _curves(start: Array, segments: Sequence[Any]) -> list[Curve]:
     """Return the curve of each segment."""
-    found: list[Curve] = []
+    curves: list[Curve] = []
     for k, segment in enumerate(segments):
         try:
             with np.errstate(all="ignore"):
-                found.append(segment.curve(start))
+                curves.append(segment.curve(start))
         except PathProblem as problem:
             raise PathProblem(("segments", k, *problem.path), str(problem)) from None
-        if not found[-1].length < FARTHEST:
+        if not curves[-1].length < FARTHEST:
             raise PathProblem(("segments", k), f"from {start.tolist()} its end {BEYOND}")
-        start = found[-1].at(np.array([found[-1].length]))[0, 0]
+        start = curves[-1].at(np.array([curves[-1].length]))[0, 0]
         if segment.blend is not None:
             if k == len(segments) - 1:
                 raise PathProblem(
@@ -95,7 +95,7 @@ def _curves(start: Array, segments: Sequence[Any]) -> list[Curve]:
                     raise PathProblem(
                         ("segments", k, name), "does not go with 'blend': the frame does not stop here"
                     )
-    return found
+    return curves
 
 
 def _facing(given: Any) -> Facing:
@@ -105,20 +105,20 @@ def _facing(given: Any) -> Facing:
 
 def _joined(curves: Sequence[Curve], segments: Sequence[Any], here: range) -> tuple[list[Curve], list[float]]:
     """Return the curves of segments passed without a stop, corners rounded, and the arc lengths where they meet."""
-    found, meet = [curves[0]], []
+    joined, meet = [curves[0]], []
     done = 0.0
     for k, curve in zip(here[:-1], curves[1:]):
-        where, before = ("segments", k, "blend"), found[-1]
+        where, before = ("segments", k, "blend"), joined[-1]
         for one, place in ((before, k), (curve, k + 1)):
             if one.length <= STILL:
-                what = "is a turn in place, which needs stops before and behind it"
-                raise PathProblem(("segments", place), what)
+                fault = "is a turn in place, which needs stops before and behind it"
+                raise PathProblem(("segments", place), fault)
         distance = segments[k].blend
         if not distance:
             _check_direction(before, curve, where)
             done += before.length
             meet.append(done)
-            found.append(curve)
+            joined.append(curve)
             continue
         if not (isinstance(before, Line) and isinstance(curve, Line)):
             raise PathProblem(
@@ -134,11 +134,11 @@ def _joined(curves: Sequence[Curve], segments: Sequence[Any], here: range) -> tu
             corner = blend(before, curve, distance)
         except ValueError as problem:
             raise PathProblem(where, f"{distance:g} m round no corner: {problem}") from None
-        found[-1] = before.part(0.0, before.length - distance)
-        found += [corner, curve.part(distance, curve.length)]
-        done += found[-3].length + corner.length
+        joined[-1] = before.part(0.0, before.length - distance)
+        joined += [corner, curve.part(distance, curve.length)]
+        done += joined[-3].length + corner.length
         meet.append(done - 0.5 * corner.length)
-    kept = [curve for curve in found if curve.length > STILL] or found[:1]
+    kept = [curve for curve in joined if curve.length > STILL] or joined[:1]
     return kept, meet
 
 
@@ -152,9 +152,9 @@ def _check_direction(before: Curve, after: Curve, where: tuple[str | int, ...]) 
         min(0.5 * float(np.linalg.norm(_direction(before, before.length) - _direction(after, 0.0))), 1.0)
     )
     if angle > SAME_WAY:
-        what = f"the path turns by {np.degrees(angle):.4g} deg behind this segment, so the frame has to stop there"
+        fault = f"the path turns by {np.degrees(angle):.4g} deg behind this segment, so the frame has to stop there"
         raise PathProblem(
-            where, f"{what}; leave 'blend' out, or round the corner of two lines by a blend > 0"
+            where, f"{fault}; leave 'blend' out, or round the corner of two lines by a blend > 0"
         )
 
 
@@ -188,8 +188,8 @@ def _turned_by_points(
     k, curve = here[0], joined[0]
     if len(here) > 1:
         k = next(k for k in here if segments[k].orientations)
-        what = "turn the frame at the ends too, so it has to stop there; leave 'blend' out, or give 'orientation'"
-        raise PathProblem(("segments", k, "orientations"), what)
+        fault = "turn the frame at the ends too, so it has to stop there; leave 'blend' out, or give 'orientation'"
+        raise PathProblem(("segments", k, "orientations"), fault)
     axes = [R, *(np.array(rotation_of(x), dtype=float) for x in segments[k].orientations)]
     places = np.array([0.0, *curve.knots, curve.length])
     return Stretch(joined, Attitudes(places, axes)), axes[-1]
@@ -211,9 +211,9 @@ def _check_turning(stretch: Stretch, facing: Any, last: int) -> None:
     )
     if bad.size:
         x, y, z = p[0, bad[0]]
-        what = "the axis has no direction there, or is parallel to 'up'"
+        fault = "the axis has no direction there, or is parallel to 'up'"
         raise PathProblem(
-            ("facing",), f"at ({x:.4g}, {y:.4g}, {z:.4g}) {what}; choose another point, or 'up'"
+            ("facing",), f"at ({x:.4g}, {y:.4g}, {z:.4g}) {fault}; choose another point, or 'up'"
         )
 
 
@@ -235,9 +235,9 @@ def _time(
                 (), f"law {law} needs the limit '{prefix}{name}'; give it, or another law with durations"
             )
     if not needed and duration is None and not any(name.startswith("angular_") != moves for name in limits):
-        what = f"law {law} needs a duration, or a limit as '{prefix}speed', to know the time"
-        raise PathProblem(("segments", last), what)
+        fault = f"law {law} needs a duration, or a limit as '{prefix}speed', to know the time"
+        raise PathProblem(("segments", last), fault)
     least = stretch.timed(law, limits, duration)
     if duration is not None and duration < least * (1.0 - 1e-9):
-        what = f"{duration:.6g} s is too short under the limits"
-        raise PathProblem(("segments", last, "duration"), f"{what}; allowed: {least:.9g} s or more")
+        fault = f"{duration:.6g} s is too short under the limits"
+        raise PathProblem(("segments", last, "duration"), f"{fault}; allowed: {least:.9g} s or more")

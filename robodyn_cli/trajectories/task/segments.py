@@ -53,10 +53,10 @@ class Line:
         self.direction = (end - start) / max(self.length, STILL)
 
     def at(self, s: Array) -> Array:
-        found = np.zeros((ORDER + 1, len(s), 3))
-        found[0] = self.start + s[:, None] * self.direction
-        found[1] = self.direction
-        return found
+        series = np.zeros((ORDER + 1, len(s), 3))
+        series[0] = self.start + s[:, None] * self.direction
+        series[1] = self.direction
+        return series
 
     def part(self, first: float, last: float) -> Line:
         """Return the line between two arc lengths."""
@@ -76,12 +76,12 @@ class Arc:
 
     def at(self, s: Array) -> Array:
         phi = (s / self.radius)[:, None]
-        found = np.empty((ORDER + 1, len(s), 3))
+        series = np.empty((ORDER + 1, len(s), 3))
         for i in range(ORDER + 1):
             angle, factor = phi + 0.5 * math.pi * i, self.radius**-i / math.factorial(i)
-            found[i] = factor * (np.cos(angle) * self.u + np.sin(angle) * self.v)
-        found[0] += self.center
-        return found
+            series[i] = factor * (np.cos(angle) * self.u + np.sin(angle) * self.v)
+        series[0] += self.center
+        return series
 
 
 class Parametric:
@@ -293,13 +293,13 @@ class CircleSegment(PathSegment):
         u = start - center
         radius, height = float(np.linalg.norm(u)), float(u @ n)
         if radius <= STILL or abs(height) > ON_CIRCLE * radius:
-            what = (
+            fault = (
                 "is where the segment begins"
                 if radius <= STILL
                 else f"is {abs(height):.3g} m beside the plane"
             )
             raise PathProblem(
-                ("center",), f"{what} (value {list(self.center)}); allowed: a point of the circle's plane"
+                ("center",), f"{fault} (value {list(self.center)}); allowed: a point of the circle's plane"
             )
         if self.angle == 0.0:
             raise PathProblem(("angle",), "must not be zero")
@@ -338,8 +338,10 @@ class SplineSegment(PathSegment):
             raise PathProblem(("through", int(far[0])), BEYOND)
         same = np.flatnonzero(chords <= max(STILL, NEAR * float(chords.max())))
         if same.size:
-            what = "is the point before it, but for rounding" if chords[same[0]] else "is the point before it"
-            raise PathProblem(("through", int(same[0])), f"{what}; allowed: another one")
+            fault = (
+                "is the point before it, but for rounding" if chords[same[0]] else "is the point before it"
+            )
+            raise PathProblem(("through", int(same[0])), f"{fault}; allowed: another one")
         try:
             return spline(points)
         except ValueError as problem:

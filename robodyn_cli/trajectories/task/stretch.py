@@ -139,15 +139,15 @@ class Stretch:
     # -- geometry -------------------------------------------------------------------------------------
     def position(self, s: Array) -> Array:
         """Return the series (ORDER + 1, T, 3) of the position at places s (T,)."""
-        found = np.zeros((ORDER + 1, len(s), 3))
+        series = np.zeros((ORDER + 1, len(s), 3))
         if self.length <= STILL:
-            found[0] = self.curves[0].at(np.zeros(1))[0]
-            return found
+            series[0] = self.curves[0].at(np.zeros(1))[0]
+            return series
         which = np.clip(np.searchsorted(self.starts, s, side="right") - 1, 0, len(self.curves) - 1)
         for k in np.unique(which):
             here = which == k
-            found[:, here] = self.curves[k].at(s[here] - self.starts[k])
-        return found
+            series[:, here] = self.curves[k].at(s[here] - self.starts[k])
+        return series
 
     @cached_property
     def knots(self) -> Array:
@@ -165,10 +165,10 @@ class Stretch:
     def motion(self, times: Array) -> PointMotion | PoseMotion:
         """Return the motion at times (T,) since its start; at rest outside."""
         p, turn = self._derivatives(times)
-        found = p[:3]
+        linear = p[:3]
         if not turn:
-            return PointMotion(*found)
-        return PoseMotion(*found, *turn[:3])
+            return PointMotion(*linear)
+        return PoseMotion(*linear, *turn[:3])
 
     def _derivatives(self, times: Array) -> tuple[list[Array], list[Array]]:
         """Return p and its derivatives up to the third; R, w and its derivatives up to the second, or none."""
@@ -176,11 +176,11 @@ class Stretch:
         s = self.size * series_of(course, times, 3)[..., 0]
         p = self.position(s[0])
         along = taylor.composed(p, s)
-        found = [taylor.derivative(along, i) for i in range(4)]
+        linear = [taylor.derivative(along, i) for i in range(4)]
         if self.turning is None:
-            return found, []
+            return linear, []
         R = taylor.composed(self.turning.axes(p, s[0]), s)
-        return found, [R[0], *taylor.angular(R)]
+        return linear, [R[0], *taylor.angular(R)]
 
     def timed(self, kind: str, limits: Mapping[str, float], duration: float | None) -> float:
         """Choose the time law of a kind; return the least duration under the limits, 0 where they demand nothing."""
@@ -220,7 +220,7 @@ class Stretch:
         A derivative of order i falls with its power i.
         """
         self.law = law
-        found, end = 0.0, law.course.duration
+        factor, end = 0.0, law.course.duration
         knots = np.unique([*law.course.knots, *self._times_of_knots()])
         times = np.unique(np.clip([*between(knots), *(knots - 1e-9 * end)], 0.0, end))
         values = self._magnitudes(times)
@@ -230,8 +230,8 @@ class Stretch:
                 continue
             order = 1 + LIMITS.index(name) % 3
             most = self._closer(name, times, value)
-            found = max(found, (most / bound) ** (1.0 / order))
-        return found
+            factor = max(factor, (most / bound) ** (1.0 / order))
+        return factor
 
     def _times_of_knots(self) -> Array:
         """Return when the curvature jumps [s], by bisection on the law, which never goes back."""
@@ -250,13 +250,13 @@ class Stretch:
 
     def _closer(self, name: str, times: Array, values: Array) -> float:
         """Return the largest of the values between the samples too."""
-        found = float(values.max())
+        peak = float(values.max())
         for _ in range(ZOOMS):
             k = int(np.argmax(values))
             times = np.linspace(times[max(k - 1, 0)], times[min(k + 1, len(times) - 1)], CLOSER)
             values = self._magnitudes(times)[name]
-            found = max(found, float(values.max()))
-        return found
+            peak = max(peak, float(values.max()))
+        return peak
 
     def breakpoints(self) -> list[float]:
         """Return the times since its start at which an acceleration, or a rate of it, jumps."""
@@ -265,12 +265,12 @@ class Stretch:
 
 def step_course(starts: Sequence[float], ends: Sequence[float], gentle: bool, size: float) -> list[Course]:
     """Return functions of the place that go from 0 to 1 between each start and end, evenly or gently."""
-    found = []
+    courses = []
     for a, b in zip(starts, ends):
         law = polynomial(MINIMUM_JERK if gentle else (0.0, 1.0), max(b - a, 1e-300 * size))
         course = law.course.shifted(a)
-        found.append(course.at_rest_outside() if gentle else course)
-    return found
+        courses.append(course.at_rest_outside() if gentle else course)
+    return courses
 
 
 def between(knots: Array) -> Array:

@@ -15,9 +15,9 @@ from robodyn_cli.spatial.algebra import Array
 
 def constant(value: Array, like: Array) -> Array:
     """Return the series of a value (...) that does not change, of the order and at the places of another."""
-    found = np.zeros((*like.shape[:2], *np.shape(value)))
-    found[0] = value
-    return found
+    series = np.zeros((*like.shape[:2], *np.shape(value)))
+    series[0] = value
+    return series
 
 
 def scaled(a: Array, b: Array) -> Array:
@@ -63,11 +63,11 @@ def composed(f: Array, x: Array) -> Array:
     step = x.copy()
     step[0] = 0.0
     f = f[: len(x)]
-    found = constant(np.zeros(f.shape[2:]), x)
+    series = constant(np.zeros(f.shape[2:]), x)
     for row in f[::-1]:
-        found = scaled(step, found)
-        found[0] += row
-    return found
+        series = scaled(step, series)
+        series[0] += row
+    return series
 
 
 def derivative(f: Array, order: int) -> Array:

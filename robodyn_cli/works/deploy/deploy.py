@@ -86,8 +86,8 @@ def deploy(
     watch = watch or Stopwatch()
     motion = build_deployment(scene, watch)
     with watch.stage("scan"):
-        found = scan(motion, motion.options, progress=progress)
-    done = _record(motion, found, writer, progress, watch)
+        scanned = scan(motion, motion.options, progress=progress)
+    done = _record(motion, scanned, writer, progress, watch)
     redundant = redundant_rows(done)
     failure = (redundant and redundant.violated) or failure_of_motion(done)
     if failure is None:
@@ -140,15 +140,15 @@ def _refuse_open_chain(scene: Scene) -> None:
 
 
 def _record(
-    motion: Motion, found: Scan, writer: ResultWriter | None, progress: Progress, watch: Stopwatch
+    motion: Motion, scanned: Scan, writer: ResultWriter | None, progress: Progress, watch: Stopwatch
 ) -> Deployment:
     """Integrate the motion once more and record it, up to what ends the deployment."""
-    end = decide(motion, found)
+    end = decide(motion, scanned)
     with watch.stage("equations"):
         recorder = Recorder.of(motion.observer, writer)
     with watch.stage("integrate"):
-        driver = record_motion(motion, found, end, recorder, progress)
-    return Deployment(motion, motion.beginning, driver, recorder, found, end)
+        driver = record_motion(motion, scanned, end, recorder, progress)
+    return Deployment(motion, motion.beginning, driver, recorder, scanned, end)
 
 
 def failure_of_motion(done: Deployment) -> RobodynError | None:
@@ -174,14 +174,14 @@ def _estimate(done: Deployment, watch: Stopwatch) -> Deployment:
 
 def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
     """Look at the lock: its kind, the latch that closes there, the error of its time."""
-    motion, found = done.motion, done.found
+    motion, scanned = done.motion, done.found
     with watch.stage("lock"):
-        lock = find_lock(motion, found, done.end, done.recorder)
-        latch = close(motion, found, lock)
+        lock = find_lock(motion, scanned, done.end, done.recorder)
+        latch = close(motion, scanned, lock)
     if lock is None or not motion.scene.simulate.error_estimate:
         return dataclasses.replace(done, lock=lock, latch=latch)
     with watch.stage("error_estimate"):
-        error = time_error(motion, found, lock)
+        error = time_error(motion, scanned, lock)
     return dataclasses.replace(done, lock=lock, latch=latch, time_error=error)
 
 

@@ -248,13 +248,13 @@ def _ends(problem: Problem, first: str, second: str, q: Array, t: float) -> tupl
     return ends[0], ends[1]
 
 
-def _numbers(found: Array, place: str) -> Array:
+def _numbers(values: Array, place: str) -> Array:
     """Return what the pose of the lock decides as numbers of the scene; zeros, and ones of attitudes, are structure."""
-    snapped = [snap(float(x)) for x in found.flat]
+    snapped = [snap(float(x)) for x in values.flat]
     entries = [
-        x if found.ndim == 2 and abs(x) == 1.0 else literal(x, f"{place}.{k}") for k, x in enumerate(snapped)
+        x if values.ndim == 2 and abs(x) == 1.0 else literal(x, f"{place}.{k}") for k, x in enumerate(snapped)
     ]
-    return vector(entries).reshape(found.shape)
+    return vector(entries).reshape(values.shape)
 
 
 def close_latch(problem: Problem, latch: Locked, q: Array, qd: Array, t: float) -> LatchImpact:

@@ -52,14 +52,14 @@ class ClosedLatch:
     impact: LatchImpact
 
 
-def find_lock(motion: Motion, found: Scan, end: ScanEnd, recorder: Recorder) -> Lock | None:
+def find_lock(motion: Motion, scanned: Scan, end: ScanEnd, recorder: Recorder) -> Lock | None:
     """Return the lock of the recorded run, None where no criterion fired."""
     if end.time is None:
         return None
-    if found.dead_point is not None and end.criterion == "dead_point":
-        state = found.dead_point[1]
-    elif found.latched is not None and end.criterion == "latch":
-        state = found.latched[1]
+    if scanned.dead_point is not None and end.criterion == "dead_point":
+        state = scanned.dead_point[1]
+    elif scanned.latched is not None and end.criterion == "latch":
+        state = scanned.latched[1]
     else:
         z = recorder.array("energy/work")[-1:] if "energy/work" in recorder.blocks else None
         state = motion.system.join(recorder.array("q")[-1], recorder.array("qd")[-1], z)
@@ -68,44 +68,44 @@ def find_lock(motion: Motion, found: Scan, end: ScanEnd, recorder: Recorder) -> 
     if kind == "regular" and end.criterion == "latch":
         kind = "latched"
     if kind == "regular":
-        kind = "approaching_dead_point" if _approaches(motion, found, end.time) else "overload"
+        kind = "approaching_dead_point" if _approaches(motion, scanned, end.time) else "overload"
     return Lock(end.time, end.criterion, state, kind, here)
 
 
-def _approaches(motion: Motion, found: Scan, stop: float) -> bool:
+def _approaches(motion: Motion, scanned: Scan, stop: float) -> bool:
     """Tell multipliers that rise from the stop to a dead point from an overload that passes by itself."""
-    if all(time < stop for time, _ in found.dead_points):
+    if all(time < stop for time, _ in scanned.dead_points):
         return False
-    growth, own = found.growth, motion.scene.deploy.growth
+    growth, own = scanned.growth, motion.scene.deploy.growth
     assert growth is not None
     first = own if growth.times.get(own) == stop else "limit"
     return first not in growth.calmed
 
 
-def close(motion: Motion, found: Scan, lock: Lock | None) -> ClosedLatch | None:
+def close(motion: Motion, scanned: Scan, lock: Lock | None) -> ClosedLatch | None:
     """Close the scene's latch at the lock; None without one, at an overload, or where rates are unbounded."""
-    asked = motion.scene.deploy.latch
-    if lock is None or asked is None or lock.kind == "overload" or found.driven:
+    spec = motion.scene.deploy.latch
+    if lock is None or spec is None or lock.kind == "overload" or scanned.driven:
         return None
     q, qd, _ = motion.system.split(lock.state)
-    structure = locked(motion.problem, asked.between[0], asked.between[1], q, lock.time)
+    structure = locked(motion.problem, spec.between[0], spec.between[1], q, lock.time)
     return ClosedLatch(structure, close_latch(motion.problem, structure, q, qd, lock.time))
 
 
-def time_error(motion: Motion, found: Scan, lock: Lock) -> float | None:
+def time_error(motion: Motion, scanned: Scan, lock: Lock) -> float | None:
     """Estimate the error of the lock's time [s] from a second, tighter scan; None where that finds no lock."""
     if lock.criterion == "multipliers":
         return GRID
-    if found.driven:  # pure geometry: the root of a smooth function, to rounding
+    if scanned.driven:  # pure geometry: the root of a smooth function, to rounding
         return 1e-15 * max(1.0, abs(lock.time)) * 10
-    first = First(motion.options, motion.choice.method, np.array([found.steps]), np.array([found.end]))
-    other, steps = found, 0.0
+    first = First(motion.options, motion.choice.method, np.array([scanned.steps]), np.array([scanned.end]))
+    other, steps = scanned, 0.0
 
     def once(attempt: Attempt) -> tuple[Any, Any]:
         nonlocal other, steps
         other = scan(motion.with_own_watchers(), attempt.alone, multipliers=False)
         # the scans may end at different times, so it is steps per second that count
-        steps = round(other.steps * found.end / max(other.end, 1e-300))
+        steps = round(other.steps * scanned.end / max(other.end, 1e-300))
         given_up = other.stopped is not None and other.stopped.details.get("status") == "max_steps"
         return np.array([steps]), np.array([given_up])
 
@@ -120,19 +120,19 @@ def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
     """Return the error of a lock whose time is too uncertain to be one, else None."""
     if lock is None or lock.criterion == "multipliers" or error is None or error <= TRUSTED * lock.time:
         return None
-    what = "the latch closes" if lock.criterion == "latch" else "a dead point"
+    event = "the latch closes" if lock.criterion == "latch" else "a dead point"
     return NumericalError(
-        f"{what} at t = {lock.time:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
+        f"{event} at t = {lock.time:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
         "motion is too sensitive to say when it locks",
         time=lock.time,
         time_error=error,
     )
 
 
-def bifurcation_error(motion: Motion, found: Scan) -> RobodynError:
+def bifurcation_error(motion: Motion, scanned: Scan) -> RobodynError:
     """Return the error of a deployment that comes to a loss of rank before it locks."""
-    assert found.bifurcation is not None
-    time, state = found.bifurcation
+    assert scanned.bifurcation is not None
+    time, state = scanned.bifurcation
     q, _, _ = motion.system.split(state)
     kind = classify(motion.problem, q, motion.passive)
     named = culprit(motion.problem, q, range(motion.problem.model.nv), time)
@@ -147,12 +147,12 @@ def bifurcation_error(motion: Motion, found: Scan) -> RobodynError:
 
 
 # -- what is reported ---------------------------------------------------------------------------------------
-def events(found: Scan) -> list[dict[str, Any]]:
+def events(scanned: Scan) -> list[dict[str, Any]]:
     """Return what the scan met."""
-    listed = [{"time": time, "name": "dead_point", "kind": "dead_point"} for time, _ in found.dead_points]
-    if found.bifurcation:
-        listed.append({"time": found.bifurcation[0], "name": "rank", "kind": "bifurcation"})
-    growth = found.growth
+    listed = [{"time": time, "name": "dead_point", "kind": "dead_point"} for time, _ in scanned.dead_points]
+    if scanned.bifurcation:
+        listed.append({"time": scanned.bifurcation[0], "name": "rank", "kind": "bifurcation"})
+    growth = scanned.growth
     for level, time in growth.times.items() if growth else ():
         listed.append({"time": time, "name": f"multipliers {level:g} x median", "kind": "growth"})
     if growth and growth.limit_time is not None:
@@ -160,22 +160,22 @@ def events(found: Scan) -> list[dict[str, Any]]:
     return listed
 
 
-def growth_times(found: Scan) -> dict[str, float | None]:
+def growth_times(scanned: Scan) -> dict[str, float | None]:
     """Return when each level of growth was passed [s]."""
-    growth = found.growth
+    growth = scanned.growth
     return {f"{level:g}": growth.times.get(level) for level in growth.levels} if growth else {}
 
 
-def criteria(motion: Motion, found: Scan) -> CriterionTimes:
+def criteria(motion: Motion, scanned: Scan) -> CriterionTimes:
     """Say when each criterion fired, whichever was chosen."""
     return CriterionTimes(
         chosen=motion.scene.deploy.criterion,
-        dead_point=found.dead_point[0] if found.dead_point else None,
-        multipliers=fired(found.growth, motion.scene.deploy.growth),
-        growth_times=growth_times(found),
-        limit_time=found.growth.limit_time if found.growth else None,
+        dead_point=scanned.dead_point[0] if scanned.dead_point else None,
+        multipliers=fired(scanned.growth, motion.scene.deploy.growth),
+        growth_times=growth_times(scanned),
+        limit_time=scanned.growth.limit_time if scanned.growth else None,
         grid=GRID,
-        latch=(found.latched[0] if found.latched else None)
+        latch=(scanned.latched[0] if scanned.latched else None)
         if motion.scene.deploy.criterion == "latch"
         else ABSENT,
     )
@@ -183,7 +183,7 @@ def criteria(motion: Motion, found: Scan) -> CriterionTimes:
 
 def describe_lock(
     motion: Motion,
-    found: Scan,
+    scanned: Scan,
     lock: Lock,
     latch: ClosedLatch | None,
     error: float | None,
@@ -192,39 +192,39 @@ def describe_lock(
     """Describe the lock: time and its ``error``, configuration, kind, multipliers, latch."""
     problem, model = motion.problem, motion.problem.model
     q, qd, _ = motion.system.split(lock.state)
-    named = culprit(problem, q, motion.passive, lock.time) if motion.passive and found.growth else None
-    times = growth_times(found)
-    asked = motion.scene.simulate.error_estimate
+    named = culprit(problem, q, motion.passive, lock.time) if motion.passive and scanned.growth else None
+    times = growth_times(scanned)
+    estimated = motion.scene.simulate.error_estimate
     angles = [(name, float(x), unit) for name, x, unit in zip(model.q_names, q, model.q_units)]
     keys, note = _latch_keys(motion, lock, latch)
     return LockKeys(
         time=lock.time,
         time_error=error,
         time_error_method="difference from a second, tighter integration; for growth, one grid interval"
-        if asked or error is not None
+        if estimated or error is not None
         else "not asked for",
         angles={name: x for name, x, _ in angles},
         angles_deg={name: float(np.degrees(x)) for name, x, unit in angles if unit == "rad"},
-        rates=dict(zip(model.v_names, qd.tolist())) if not found.driven else None,
+        rates=dict(zip(model.v_names, qd.tolist())) if not scanned.driven else None,
         kind=lock.kind,
         joint=named.joint if named else None,
         loop=named.loop if named else None,
         criterion=lock.criterion,
-        driven=found.driven,
-        multiplier_growth=MultiplierGrowth(found.growth.ratio, times, GRID) if found.growth else None,
+        driven=scanned.driven,
+        multiplier_growth=MultiplierGrowth(scanned.growth.ratio, times, GRID) if scanned.growth else None,
         growth_times=times,
-        multipliers=_multiplier_keys(motion, found, recorder) if found.growth else None,
+        multipliers=_multiplier_keys(motion, scanned, recorder) if scanned.growth else None,
         singular_values=SingularValues(
             np.linalg.svd(psi_at(problem, q), compute_uv=False).tolist(), lock.singular.passive.tolist()
         )
-        if found.growth
+        if scanned.growth
         else None,
         latch=keys,
         latch_note=note,
     )
 
 
-def _multiplier_keys(motion: Motion, found: Scan, recorder: Recorder) -> MultiplierKeys:
+def _multiplier_keys(motion: Motion, scanned: Scan, recorder: Recorder) -> MultiplierKeys:
     constraints = motion.problem.constraints
     norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
     return MultiplierKeys(
@@ -232,7 +232,7 @@ def _multiplier_keys(motion: Motion, found: Scan, recorder: Recorder) -> Multipl
         at_lock=float(norm[-1]),
         largest_until_lock=float(norm.max()),
         rows=[row.name for row in constraints.loop_rows],
-        diverge=found.driven,
+        diverge=scanned.driven,
     )
 
 

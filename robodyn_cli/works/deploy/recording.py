@@ -54,19 +54,19 @@ class StopAt:
 
 
 def record_motion(
-    motion: Motion, found: Scan, end: ScanEnd, recorder: Recorder, progress: Progress
+    motion: Motion, scanned: Scan, end: ScanEnd, recorder: Recorder, progress: Progress
 ) -> Driver:
     """Integrate once more and observe; the last sample is the end itself.
 
     The events are those of the scan, so that the steps are the same and a singular configuration is met in the
     same way: by a step from afar, never by creeping up to it.
     """
-    stretch = _stretch(motion, found, end)
-    driver = _driver(motion, found, stretch.event)
+    stretch = _stretch(motion, scanned, end)
+    driver = _driver(motion, scanned, stretch.event)
     driver.tick = lambda time: progress(time, stretch.end)
 
     def emit(t: Array, x: Array) -> None:
-        if found.driven:
+        if scanned.driven:
             # close to the dead point the rates of the passive joints grow without bound: nothing to report there
             angle = motion.observer.singular_ratio(t, x)
             t, x = t[angle > NEAR_SINGULAR], x[angle > NEAR_SINGULAR]
@@ -78,13 +78,13 @@ def record_motion(
     try:
         driver.run(stretch.end, stretch.grid, emit)
     except NumericalError:
-        if found.stopped is None:
+        if scanned.stopped is None:
             raise
     if stretch.lost is not None:
         time, state = stretch.lost
         recorder.emit(np.array([time]), state[None, :].copy(), driver.parameters, project=False, extra=True)
         recorder.make_last_least_norm(time)
-    elif not found.driven:
+    elif not scanned.driven:
         recorder.keep_last_state(driver.time, driver.state, driver.parameters)
     return driver
 
@@ -103,29 +103,29 @@ class _RecordedStretch:
     lost: Pose | None
 
 
-def _stretch(motion: Motion, found: Scan, end: ScanEnd) -> _RecordedStretch:
+def _stretch(motion: Motion, scanned: Scan, end: ScanEnd) -> _RecordedStretch:
     """Return what is recorded of a motion, by what ends it."""
     s = motion.scene.simulate
     grid = Grid.over(s.duration, s.samples)
-    lost = found.bifurcation if end.bifurcated else None
+    lost = scanned.bifurcation if end.bifurcated else None
     stop = lost[0] if lost is not None else end.time
     located = (
         []
-        if found.driven
-        else [pose[0] for pose in (found.dead_point, found.bifurcation, found.latched) if pose]
+        if scanned.driven
+        else [pose[0] for pose in (scanned.dead_point, scanned.bifurcation, scanned.latched) if pose]
     )
     event = stop if stop in located else None
     until = s.duration if stop is None or event is not None else stop
-    if found.stopped is not None:
-        until = min(until, found.end)
+    if scanned.stopped is not None:
+        until = min(until, scanned.end)
     if lost is not None:
         # the way from the threshold on was travelled by extrapolation; samples stop short of the pose
-        until = lost[0] - SHORT_OF * (lost[0] - found.clean_until)
+        until = lost[0] - SHORT_OF * (lost[0] - scanned.clean_until)
         grid = grid.up_to(int(until / grid.step) + 1)
     return _RecordedStretch(grid, until, event, lost)
 
 
-def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:
+def _driver(motion: Motion, scanned: Scan, stop: float | None) -> Driver:
     """Return the driver of the recorded run, which stops at the pose that was located at ``stop`` [s].
 
     It changes the method after the same steps as the scan.
@@ -135,7 +135,7 @@ def _driver(motion: Motion, found: Scan, stop: float | None) -> Driver:
     system = motion.system.watched_by(lambda e: at if e.kind in poses else e.owner)
     # of limits that are passed the recorded run tells, since the scan goes on behind its end
     watchers = [w for w in motion.watchers if w.changes_motion or isinstance(w, LimitWatcher)]
-    return Driver(system, motion.choice.method, motion.options, watchers, Repeat(found.changes))
+    return Driver(system, motion.choice.method, motion.options, watchers, Repeat(scanned.changes))
 
 
 # what the locked structure says; all else is that of the mechanism without its latch
@@ -228,7 +228,7 @@ def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch
 def join(before: Recorder, after: Recorder) -> dict[str, Array]:
     """Return the samples of both phases by path; the latch bears nothing before it closes."""
     old, new = before.columns, after.columns
-    found = {}
+    samples = {}
     for path in after.blocks:
         later = after.array(path)
         nothing = np.zeros((len(before.array("time")), *later.shape[1:]))
@@ -238,8 +238,8 @@ def join(before: Recorder, after: Recorder) -> dict[str, Array]:
             for k, name in enumerate(old[path].names):
                 wide[:, new[path].names.index(name)] = earlier[:, k]
             earlier = wide
-        found[path] = np.concatenate([earlier, later])
-    return found
+        samples[path] = np.concatenate([earlier, later])
+    return samples
 
 
 def _latch_load(recorder: Recorder, name: str) -> LatchLoad:

@@ -48,11 +48,11 @@ class Bifurcation(PosesAhead):
         return super().begin(t, x, options)
 
     def handle(self, event: Event) -> Outcome:
-        found = self.ahead(event)
-        if found is None:
+        pose = self.ahead(event)
+        if pose is None:
             return GO_ON
-        self.clean_until = found.regular_until
-        self.found = (found.time, self.motion.system.join(found.state.q, found.state.v, found.state.z))
+        self.clean_until = pose.regular_until
+        self.found = (pose.time, self.motion.system.join(pose.state.q, pose.state.v, pose.state.z))
         return STOP
 
 
@@ -277,15 +277,15 @@ class ScanEnd:
     bifurcated: bool
 
 
-def decide(motion: Motion, found: Scan) -> ScanEnd:
+def decide(motion: Motion, scanned: Scan) -> ScanEnd:
     """Return what ends the run by the scene's criterion."""
     criterion = motion.scene.deploy.criterion
-    dead = found.dead_point[0] if found.dead_point else None
-    times = {"dead_point": dead, "multipliers": fired(found.growth, motion.scene.deploy.growth)}
+    dead = scanned.dead_point[0] if scanned.dead_point else None
+    times = {"dead_point": dead, "multipliers": fired(scanned.growth, motion.scene.deploy.growth)}
     if criterion == "latch":
-        times = {"latch": found.latched[0] if found.latched else None}
+        times = {"latch": scanned.latched[0] if scanned.latched else None}
     counted = times if criterion == "either" else {criterion: times[criterion]}
     candidates = [(time, name) for name, time in counted.items() if time is not None]
     stop, name = min(candidates) if candidates else (None, criterion)
-    bifurcated = found.bifurcation is not None and (stop is None or found.bifurcation[0] <= stop)
+    bifurcated = scanned.bifurcation is not None and (stop is None or scanned.bifurcation[0] <= stop)
     return ScanEnd(stop, name, bifurcated)

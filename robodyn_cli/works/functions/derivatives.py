@@ -175,9 +175,9 @@ class Changes:
 
 def torque_derivatives(problem: Problem) -> dict[str, Matrix]:
     """Return d tau / dq, d tau / dv and d tau / da of inverse dynamics, by the names of ``TorqueDerivatives``."""
-    found = Changes.of(open_problem(problem, "inverse dynamics"))
-    inertia = by_symbols(found.tau, problem.a) if geared(problem.model) else problem.mass_matrix
-    return {"dq": found.by_q, "dqd": found.by_v, "dqdd": inertia}
+    changes = Changes.of(open_problem(problem, "inverse dynamics"))
+    inertia = by_symbols(changes.tau, problem.a) if geared(problem.model) else problem.mass_matrix
+    return {"dq": changes.by_q, "dqd": changes.by_v, "dqdd": inertia}
 
 
 def acceleration_derivatives(problem: Problem) -> dict[str, Matrix]:
@@ -188,11 +188,11 @@ def acceleration_derivatives(problem: Problem) -> dict[str, Matrix]:
     """
     model = forward_problem(problem).model
     nv, tau = model.nv, vector(problem.graph.symbols(model.v_names, "tau"))
-    found = Changes.of(problem)
+    changes = Changes.of(problem)
     factor = LdlFactor.of(problem.mass_matrix, problem.elimination_order)
     a = factor.solve(sum(timeless(problem), tau - problem.bias))
     here = substitute(
-        [*found.by_q.flat, *found.by_v.flat], {symbol.index: x for symbol, x in zip(problem.a, a)}
+        [*changes.by_q.flat, *changes.by_v.flat], {symbol.index: x for symbol, x in zip(problem.a, a)}
     )
     of_q, of_v = np.array([-x for x in here], dtype=object).reshape(2, nv, nv)
     solved = [solve_columns(factor, right) for right in (of_q, of_v, identity(nv))]
@@ -258,8 +258,8 @@ class ConstrainedDynamics:
         unit = np.broadcast_to(identity(nv).astype(float), (samples, nv, nv))
         force = np.concatenate([-slopes["r_q"], -slopes["r_v"], unit], axis=2)
         gap = np.concatenate([-slopes["g_q"], -slopes["g_v"], np.zeros((samples, lam.shape[1], nv))], axis=2)
-        found, _ = constrained(values["M"], values["Psi"], force, gap)
-        parts = np.split(found, 3, axis=2)
+        solved, _ = constrained(values["M"], values["Psi"], force, gap)
+        parts = np.split(solved, 3, axis=2)
         return AccelerationDerivatives(*(part[0] if one else part for part in parts))
 
     def _values(self, rows: dict[str, Array]) -> dict[str, Array]:
@@ -271,24 +271,24 @@ class ConstrainedDynamics:
         self._refuse_open("rates open the loops", values["rate"], max(1.0, size) * fastest)
         return values
 
-    def _refuse_open(self, what: str, gaps: Array, size: float) -> None:
+    def _refuse_open(self, quantity: str, gaps: Array, size: float) -> None:
         worst = np.unravel_index(int(np.argmax(np.abs(gaps))), gaps.shape) if gaps.size else (0, 0)
         if gaps.size and abs(gaps[worst]) > CLOSED * size:
             row = self.problem.constraints.names[worst[1]]
             raise GeometryError(
-                f"the {what} at state {worst[0]}: row {row!r} is off by {abs(gaps[worst]):.3g} (SI units); "
+                f"the {quantity} at state {worst[0]}: row {row!r} is off by {abs(gaps[worst]):.3g} (SI units); "
                 "allowed: states that satisfy the loops, as `assemble` finds them"
             )
 
 
 def _refuse(problem: Problem) -> None:
     """Raise the error of a mechanism whose accelerations do not follow from its state and torques."""
-    what = "forward dynamics of samples"
+    task = "forward dynamics of samples"
     if problem.scene.prescribed:
         name = next(iter(problem.scene.prescribed))
-        raise CapabilityError(f"{what} takes no prescribed joints ({name!r}); use `simulate`")
+        raise CapabilityError(f"{task} takes no prescribed joints ({name!r}); use `simulate`")
     if problem.constraints.rheonomic:
         name = problem.constraints.names[problem.constraints.rheonomic[0]]
-        raise CapabilityError(f"{what} takes no couplers that depend on time ({name!r}); use `simulate`")
+        raise CapabilityError(f"{task} takes no couplers that depend on time ({name!r}); use `simulate`")
     if geared(problem.model):
         raise CapabilityError("gear losses depend on the drive, so they have no forward dynamics of samples")

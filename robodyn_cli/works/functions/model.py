@@ -206,8 +206,8 @@ class ModelFunctions(ThreadSafe):
             pose = world_pose(problem.model, problem.pose, place)
             return {"p": pose.p, "R": pose.R}
 
-        found = self._function(f"pose of {frame}", ("q",), entries, problem)(q)
-        return found["p"], found["R"]
+        values = self._function(f"pose of {frame}", ("q",), entries, problem)(q)
+        return values["p"], values["R"]
 
     def jacobian(self, frame: str, q: Any) -> Array:
         """Return J (T, 6, nv) of a frame: J qd is its twist in world axes.

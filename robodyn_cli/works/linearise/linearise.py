@@ -55,8 +55,8 @@ def pole_errors(A: Array, rounding: Array, poles: Array) -> Array:
     signs = np.random.default_rng(0).choice([-1.0, 1.0], (TRIALS, *A.shape))
     moved = np.linalg.eigvals(balanced + signs * reach)
     gaps = np.abs(poles[:, None] - moved[:, None, :]).min(axis=2, initial=np.inf)
-    found: Array = SAFETY * gaps.max(axis=0, initial=0.0)
-    return found
+    errors: Array = SAFETY * gaps.max(axis=0, initial=0.0)
+    return errors
 
 
 def without_rounding(poles: Array, errors: Array) -> Array:
@@ -83,7 +83,7 @@ def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> lis
     raw, vectors = np.linalg.eig(A)
     errors = pole_errors(A, linear.rounding[sample], raw)
     poles = without_rounding(raw, errors)
-    found: list[Mode] = []
+    modes: list[Mode] = []
     free: list[tuple[int, Array]] = []  # modes at 0 by their place among those found
     for k in sorted(range(len(poles)), key=lambda k: (abs(poles[k]), poles[k].real)):
         s, motion = complex(poles[k]), dq @ vectors[: dq.shape[1], k]
@@ -92,18 +92,18 @@ def modes_of(linear: Linear, sample: int, C: Array, names: Sequence[str]) -> lis
         if not s:
             same = next((place for place, other in free if _parallel(motion, other)), None)
             if same is not None:
-                found[same] = dataclasses.replace(found[same], multiplicity=found[same].multiplicity + 1)
+                modes[same] = dataclasses.replace(modes[same], multiplicity=modes[same].multiplicity + 1)
                 continue
-            free.append((len(found), motion))
+            free.append((len(modes), motion))
         size = abs(s)
-        found.append(
+        modes.append(
             Mode(
                 s.real, s.imag, float(errors[k]), 1, size / math.tau, 0.0 - s.real / size if size else None,
                 1.0 / abs(s.real) if abs(s.real) > BLIND * size else None,
                 _shape(motion, names), reached(A, B, s, BLIND), reached(A.T, C.T, s, BLIND),
             )
         )  # fmt: skip
-    return found
+    return modes
 
 
 def _parallel(a: Array, b: Array) -> bool:
@@ -137,8 +137,8 @@ def frequencies_for(modes: Sequence[Mode]) -> Array:
 def response(A: Array, B: Array, C: Array, D: Array, frequencies: Array) -> Array:
     """Return C (j w E - A)^-1 B + D (F, outputs, inputs) at angular frequencies (F,) [rad/s]."""
     left = 1j * frequencies[:, None, None] * np.eye(len(A)) - A
-    found: Array = C @ np.linalg.solve(left, np.broadcast_to(B, (len(frequencies), *B.shape))) + D
-    return found
+    responses: Array = C @ np.linalg.solve(left, np.broadcast_to(B, (len(frequencies), *B.shape))) + D
+    return responses
 
 
 SWING = 0.25  # rad, or a part of the size of the mechanism: how far a drawn mode goes
@@ -194,12 +194,12 @@ def add_responses(result: Result, systems: Systems, samples: Sequence[int], mode
     if not given.inputs or not samples:
         return
     w = frequencies_for(modes)
-    found = np.array([response(linear.A[k], linear.B[k], systems.C[k], systems.D[k], w) for k in samples])
+    responses = np.array([response(linear.A[k], linear.B[k], systems.C[k], systems.D[k], w) for k in samples])
     result.add("linear/frequency", w)
     if along:
         result.add("linear/instant", given.states.times[list(samples)])
     inputs = input_signals(given.problem.model, given.inputs)
-    for name, part in (("real", found.real), ("imaginary", found.imag)):
+    for name, part in (("real", responses.real), ("imaginary", responses.imag)):
         result.add(
             f"linear/response_{name}", part if along else part[0], names=tuple(s.name for s in inputs),
             units=f"{OF_ROW}, over that of the column", column_units=tuple(f"{OF_ROW}, per {s.unit}" for s in inputs),
@@ -370,21 +370,21 @@ def _holding(given: Nominal) -> dict[str, float]:
 
 def _warnings(given: Nominal, linear: Linear, modes: list[Mode], acceleration: float) -> list[str]:
     """Return what a reader of the linear system should know."""
-    found = []
+    texts = []
     speed = float(np.abs(given.states.v[0]).max(initial=0.0))
     size = float(np.abs(linear.A[0]).max(initial=0.0))
     if acceleration > REST * max(size, 1.0) or speed > 0.0:
-        found.append(
+        texts.append(
             f"the state is no equilibrium (rates up to {speed:.3g}, accelerations up to {acceleration:.3g}): "
             "the system tells how neighbouring motions differ for a short time; see --at balance and --hold"
         )
     if not given.inputs:
-        found.append("no joint is actuated, so there is no input; name some with --input")
-    for blind, what in (
+        texts.append("no joint is actuated, so there is no input; name some with --input")
+    for blind, lack in (
         ([m for m in modes if not m.reached], "the inputs do not reach (uncontrollable)"),
         ([m for m in modes if not m.shown], "the outputs do not show (unobservable)"),
     ):
-        if blind and (given.inputs or "outputs" in what):
+        if blind and (given.inputs or "outputs" in lack):
             poles = ", ".join(f"{complex(m.real, m.imaginary):.4g}" for m in blind)
-            found.append(f"{what}: the modes with poles {poles} 1/s")
-    return found
+            texts.append(f"{lack}: the modes with poles {poles} 1/s")
+    return texts

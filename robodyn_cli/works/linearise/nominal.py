@@ -28,7 +28,7 @@ from robodyn_cli.works.functions.derivatives import frame_jacobian
 TORQUES = "tau"  # symbol group of the torques beside those of the equations
 
 
-def inputs_of(problem: Problem, asked: Sequence[str]) -> tuple[int, ...]:
+def inputs_of(problem: Problem, names: Sequence[str]) -> tuple[int, ...]:
     """Return the velocity coordinates whose torques are inputs: those asked for, else the actuated ones.
 
     Raises
@@ -36,18 +36,18 @@ def inputs_of(problem: Problem, asked: Sequence[str]) -> tuple[int, ...]:
     SceneError : one is unknown, or given twice.
     """
     scene, model = problem.scene, problem.model
-    if not asked:
+    if not names:
         driven = passive_coordinates(problem) if model.closures else _unactuated(problem)
         fixed = {model.v_names.index(name) for name in scene.prescribed if name in model.v_names}
         return tuple(k for k in range(model.nv) if k not in driven and k not in fixed)
     places = []
-    for name in asked:
+    for name in names:
         _known("--input", name, model.v_names)
         if name in scene.prescribed:
             raise SceneError(f"--input {name}: the joint is prescribed, so no torque moves it")
         places.append(model.v_names.index(name))
     if len(set(places)) < len(places):
-        raise SceneError(f"--input: a joint is given twice among {', '.join(asked)}")
+        raise SceneError(f"--input: a joint is given twice among {', '.join(names)}")
     return tuple(places)
 
 
@@ -102,19 +102,19 @@ class LinearOutputs:
     @property
     def signals(self) -> list[LinearSignal]:
         """The outputs in their order."""
-        model, found = self.problem.model, []
+        model, signals = self.problem.model, []
         for name in self.asked:
             if name in self._formulas:
-                found.append(
+                signals.append(
                     LinearSignal(name, getattr(self.problem.scene.outputs.signals[name], "unit", "1"))
                 )
             elif name in model.v_names:
-                found.append(LinearSignal(name, model.v_units[model.v_names.index(name)]))
+                signals.append(LinearSignal(name, model.v_units[model.v_names.index(name)]))
             elif name in model.points:
-                found += [LinearSignal(f"{name}.{axis}", "m") for axis in "xyz"]
+                signals += [LinearSignal(f"{name}.{axis}", "m") for axis in "xyz"]
             else:
-                found.append(LinearSignal(name, f"{model.v_units[model.v_names.index(name[3:])]}/s"))
-        return found
+                signals.append(LinearSignal(name, f"{model.v_units[model.v_names.index(name[3:])]}/s"))
+        return signals
 
     def matrices(self, states: States, linear: Linear, inputs: Sequence[int]) -> tuple[Array, Array]:
         """Return C (T, outputs, 2n) and D (T, outputs, inputs): only formulas may depend on torques at once."""
@@ -201,7 +201,7 @@ class Question:
     outputs: tuple[str, ...] = ()
 
 
-def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
+def nominal(scene: Scene, question: Question, watch: Stopwatch) -> Nominal:
     """Return the states about which a scene is to be linearised.
 
     Raises
@@ -210,10 +210,10 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
     from the balance, and from the motion.
     """
     refuse_changes(scene, "linearise")
-    wished = asked.inputs
+    wished = question.inputs
     if scene.control is not None and not wished:
         wished = scene.control.joints or ()
-    if asked.about == "motion":
+    if question.about == "motion":
         problem, states, force = _along(scene, watch)
     else:
         setup = prepare(at_rest(scene), watch, neutral=True)
@@ -224,17 +224,17 @@ def nominal(scene: Scene, asked: Question, watch: Stopwatch) -> Nominal:
             "without 'gear'"
         )
     inputs = inputs_of(problem, wished)
-    if asked.about == "balance":
+    if question.about == "balance":
         states = _balance(problem, states)
-    elif asked.about == "hold":
+    elif question.about == "hold":
         states, force = States.one(states.q[0], 0.0 * states.v[0]), _passive
     equations = Residuals(problem, force(problem), _parameters(problem, states))
     psi = equations.values(states)["Psi"]
     places = independent(psi[0], inputs)
-    if asked.about == "hold":
+    if question.about == "hold":
         states = _held(equations, states, inputs, places)
     torques = problem.actuator_torques if force is _applied else zeros(problem.model.nv)
-    return Nominal(asked.about, problem, equations, torques, states, inputs, places)
+    return Nominal(question.about, problem, equations, torques, states, inputs, places)
 
 
 def _applied(problem: Problem) -> Vector:
@@ -254,7 +254,7 @@ def _parameters(problem: Problem, states: States) -> Sequence[float]:
     ------
     CapabilityError : one is at rest, where its friction has no slope, or turns round along the motion.
     """
-    found = list(moving_freely(problem.contact_joints))
+    parameters = list(moving_freely(problem.contact_joints))
     for joint in problem.contact_joints:
         if joint.friction is None:
             continue
@@ -264,8 +264,8 @@ def _parameters(problem: Problem, states: States) -> Sequence[float]:
                 f"joint {joint.name!r} has friction that sticks, and is at rest or turns round: there it has no linear "
                 "model; allowed: states in which it slides one way, or friction with 'law: smooth'"
             )
-        found[joint.place + FIELDS.index("direction")] = signs.pop()
-    return found
+        parameters[joint.place + FIELDS.index("direction")] = signs.pop()
+    return parameters
 
 
 def _balance(problem: Problem, states: States) -> States:
@@ -285,7 +285,7 @@ def _held(equations: Residuals, states: States, inputs: Sequence[int], places: t
     ------
     CapabilityError : they cannot.
     """
-    found, left = held_by(equations, states, inputs, places)
+    state, left = held_by(equations, states, inputs, places)
     needed = np.abs(equations.values(states)["load"][0]).max(initial=0.0)
     if np.abs(left).max(initial=0.0) > HELD * max(needed, 1e-12):
         names = [equations.problem.model.v_names[k] for k in inputs]
@@ -293,7 +293,7 @@ def _held(equations: Residuals, states: States, inputs: Sequence[int], places: t
             f"{', '.join(names) or 'no input'} cannot hold this pose: a force of {np.abs(left).max():.3g} N m or N is "
             "left; name more inputs, or linearise about a balance (--at balance)"
         )
-    return found
+    return state
 
 
 def _along(scene: Scene, watch: Stopwatch) -> Along:

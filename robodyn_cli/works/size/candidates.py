@@ -64,10 +64,10 @@ class DriveLoads:
 
     def at(self, masses: Array, inertias: Array) -> Array:
         """Return tau (T, nv) for masses and inertias (n,)."""
-        found: Array = (
+        tau: Array = (
             self.none + np.tensordot(masses, self.by_mass, 1) + np.tensordot(inertias, self.by_inertia, 1)
         )
-        return found
+        return tau
 
 
 @record
@@ -133,14 +133,14 @@ def with_unit_drives(scene: Scene, drives: dict[str, Drive]) -> Scene:
     units = {
         joint.name: joint_types[joint.type].v_units[0] for joint in scene.robot.joints if joint.name in drives
     }
-    found = {}
+    unit_drives = {}
     for name, drive in drives.items():
         own = None if drive.mass_on == NOWHERE else 1.0 if drive.mass is None else drive.mass
-        found[name] = Drive(
+        unit_drives[name] = Drive(
             motor="unit", gear=units[name], count=drive.count, coupling_inertia=1.0, mass=own, mass_on=drive.mass_on,
             mass_at=drive.mass_at,
         )  # fmt: skip
-    return dataclasses.replace(scene, drives=found, catalogue=UNIT)
+    return dataclasses.replace(scene, drives=unit_drives, catalogue=UNIT)
 
 
 def _projected(loads: DriveLoads, R: Array) -> DriveLoads:
@@ -191,19 +191,19 @@ class _Variants:
         groups = {"t": sampled.times[:, None], "q": motion.q, "v": at_rest if still else motion.qd,
                   "a": at_rest if still else motion.qdd, "p": sampled.p}  # fmt: skip
         arrays = self.kernel.of_tables(self.tables, samples, groups)
-        found = []
+        torques = []
         for k in range(len(self.tables)):
             parts = {n: arrays[f"o{i}"][k].T for i, n in enumerate(self.outputs)}
             psi = parts.pop("psi", np.zeros((samples, 0)))
             tau = np.sum(list(parts.values()), axis=0) if still else program.shared(parts, psi, sampled)
             if tau is None:
                 return None
-            found.append(tau)
+            torques.append(tau)
         n = len(self.masses)
-        by_mass, by_inertia = (np.array(x) - found[0] for x in (found[1 : n + 1], found[n + 1 :]))
+        by_mass, by_inertia = (np.array(x) - torques[0] for x in (torques[1 : n + 1], torques[n + 1 :]))
         by_mass /= np.where(self.masses > 0.0, self.masses, 1.0)[:, None, None]
         by_inertia /= self.inertias[:, None, None]
-        none = DriveLoads(found[0], by_mass, by_inertia).at(-self.masses, -self.inertias)
+        none = DriveLoads(torques[0], by_mass, by_inertia).at(-self.masses, -self.inertias)
         return DriveLoads(none, by_mass, by_inertia)
 
 
@@ -252,33 +252,33 @@ class Candidates:
         """
         trains = [self.train(k) for k in range(len(self.gears))]  # with the first motor
         fast = float(np.abs(duty.speed).max()) * np.array([float(train.turns) for train in trains])
-        found = _Uses((len(self.motors), len(self.gears)))
+        uses = _Uses((len(self.motors), len(self.gears)))
         for k, train in enumerate(trains):
-            found.keep((slice(None), k), other_limits(train, duty))
+            uses.keep((slice(None), k), other_limits(train, duty))
         tops = np.array([np.inf if curve is None else curve.driving.top_speed for curve in self.curves])
-        found.table["speed"] = fast / tops[:, None]
-        able = self.usable & (found.most <= 1.0)
-        asked = _rows([ShaftDuty.by(train, duty) for train in trains])
-        self._run_motors(found, able, asked, duty)
-        if not np.any(self.usable & (found.most <= 1.0)):  # which comes nearest is told by all limits
-            self._run_motors(found, self.usable & ~able, asked, duty)
-        if "peak" in found.table:  # which is never less
-            found.table["speed"][np.isfinite(found.table["peak"])] = np.nan
-        return found.table
+        uses.table["speed"] = fast / tops[:, None]
+        able = self.usable & (uses.most <= 1.0)
+        shafts = _rows([ShaftDuty.by(train, duty) for train in trains])
+        self._run_motors(uses, able, shafts, duty)
+        if not np.any(self.usable & (uses.most <= 1.0)):  # which comes nearest is told by all limits
+            self._run_motors(uses, self.usable & ~able, shafts, duty)
+        if "peak" in uses.table:  # which is never less
+            uses.table["speed"][np.isfinite(uses.table["peak"])] = np.nan
+        return uses.table
 
     def margins(self, uses: Mapping[str, Array]) -> Array:
         """Return the margin of each combination (M, G) by the uses of its limits, -inf where it cannot run."""
         return np.where(self.usable, 1.0 - stacked(uses).max(axis=0), -np.inf)
 
-    def _run_motors(self, found: _Uses, which: NDArray[np.bool_], asked: ShaftDuty, duty: Duty) -> None:
-        """Keep the uses of the motors' limits, of combinations ``which`` (M, G); ``asked`` : by each gear."""
+    def _run_motors(self, uses: _Uses, which: NDArray[np.bool_], shafts: ShaftDuty, duty: Duty) -> None:
+        """Keep the uses of the motors' limits, of combinations ``which`` (M, G); ``shafts`` : by each gear."""
         for k, (name, curve) in enumerate(zip(self.motors, self.curves)):
             rows = np.flatnonzero(which[k])
             if len(rows) == 0 or curve is None:
                 continue
             motor, supply = self.catalogue.motors[name], Supply(self.drive.voltage, self.drive.ambient)
-            cycle = motor_cycle(motor, supply, asked.only(rows), duty.samples)
-            found.keep((k, rows), motor_limits(motor, supply, curve, cycle, duty.samples))
+            cycle = motor_cycle(motor, supply, shafts.only(rows), duty.samples)
+            uses.keep((k, rows), motor_limits(motor, supply, curve, cycle, duty.samples))
 
 
 class _Uses:
@@ -296,8 +296,8 @@ class _Uses:
     @property
     def most(self) -> Array:
         """The largest use of each combination."""
-        found: Array = stacked(self.table).max(axis=0)
-        return found
+        largest: Array = stacked(self.table).max(axis=0)
+        return largest
 
 
 def stacked(uses: Mapping[str, Array]) -> Array:
@@ -319,9 +319,9 @@ def _runs(train: Train) -> bool:
     return warm and train.drive.voltage is None
 
 
-def _rows(asked: Sequence[ShaftDuty]) -> ShaftDuty:
+def _rows(duties: Sequence[ShaftDuty]) -> ShaftDuty:
     """Return what several gears ask of a motor, a row each."""
     speed, acceleration, torque = (
-        np.stack([getattr(x, key) for x in asked]) for key in ("speed", "acceleration", "torque")
+        np.stack([getattr(x, key) for x in duties]) for key in ("speed", "acceleration", "torque")
     )
-    return ShaftDuty(speed, acceleration, torque, np.array([[float(x.inertia)] for x in asked]))
+    return ShaftDuty(speed, acceleration, torque, np.array([[float(x.inertia)] for x in duties]))

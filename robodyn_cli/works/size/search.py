@@ -40,16 +40,18 @@ def candidates_of(scene: Scene, drives: Mapping[str, Drive], catalogue: Catalogu
     """
     types = {joint.name: joint_types[joint.type] for joint in scene.robot.joints}
     alike: dict[Any, Candidates] = {}  # most joints have the same to choose from
-    found = {}
+    by_joint = {}
     for name, drive in drives.items():
         key = dataclasses.replace(drive, motor="", gear=None), types[name].v_units[0]
         if key not in alike:
             alike[key] = Candidates.of(drive, catalogue, key[1])
-        one = found[name] = alike[key]
+        one = by_joint[name] = alike[key]
         if not one.usable.any():
-            what = f"{scene.path}: catalogue: no motor and gear for joint {name!r}"
-            raise SceneError(f"{what}; allowed: a catalogue with some that run and move it", key="catalogue")
-    return found
+            message = f"{scene.path}: catalogue: no motor and gear for joint {name!r}"
+            raise SceneError(
+                f"{message}; allowed: a catalogue with some that run and move it", key="catalogue"
+            )
+    return by_joint
 
 
 @record
@@ -177,13 +179,13 @@ class DriveSearch:
         """Return the combinations of a joint that none beats in both cost (or mass) and margin, the cheapest first."""
         one, margins = self.candidates[name], self.margins(name)
         price = one.costs if self.by == "cost" else one.masses
-        found: list[int] = []
+        front: list[int] = []
         best = -np.inf
         for k in np.lexsort((-margins.ravel(), price.ravel())).tolist():
             if margins.flat[k] > best and margins.flat[k] >= one.drive.margin:
                 best = float(margins.flat[k])
-                found.append(k)
-        return [self._figures(name, k) for k in found]
+                front.append(k)
+        return [self._figures(name, k) for k in front]
 
 
 NOTHING = 1e-13  # part of a torque: less is no influence of a drive on it
@@ -194,20 +196,20 @@ def order_of(responses: Responses) -> list[str] | None:
     """Return the joints, each after those whose drives' masses and inertias change its load; None where some change
     each other's, as in loops, or a drive its own."""
     felt = {name: influences(responses, name) for name in responses.joints}
-    found: list[str] = []
-    while len(found) < len(felt):
-        free = [name for name in felt if name not in found and felt[name] <= set(found)]
+    order: list[str] = []
+    while len(order) < len(felt):
+        free = [name for name in felt if name not in order and felt[name] <= set(order)]
         if not free:
             return None
-        found += free
-    return found
+        order += free
+    return order
 
 
 def influences(responses: Responses, name: str) -> set[str]:
     """Return the joints whose drives change what a joint's drive has to bear."""
     k = responses.columns[responses.joints.index(name)]
     loads = [responses.tau] + ([] if responses.hold is None else [responses.hold])
-    found = set()
+    joints = set()
     for load in loads:
         scale = float(np.abs(load.none[:, k]).max())
         for j, other in enumerate(responses.joints):
@@ -216,8 +218,8 @@ def influences(responses: Responses, name: str) -> set[str]:
             if any(
                 float(np.abs(x).max()) > NOTHING * scale for x in (changes if other != name else changes[:1])
             ):
-                found.add(other)
-    return found
+                joints.add(other)
+    return joints
 
 
 class Together:
@@ -273,11 +275,11 @@ class Together:
                 return []
             margins = self.search.margins_under(name, others)
             first, second = self.prices[name]
-            found: dict[float, int] = {}
+            by_mass: dict[float, int] = {}
             for k in np.lexsort((-margins.ravel(), second, first)).tolist():
                 if margins.flat[k] >= one.drive.margin:
-                    found.setdefault(float(one.masses.flat[k]), k)
-            self._known[key] = list(found.values())
+                    by_mass.setdefault(float(one.masses.flat[k]), k)
+            self._known[key] = list(by_mass.values())
         return self._known[key]
 
 

@@ -148,8 +148,8 @@ def _asked(scene: Scene, margin: float | None) -> dict[str, Drive]:
         actuated = [name for name in actuated if name in scene.torques]
     drives = dict(scene.drives) or {name: Drive(motor="") for name in actuated}
     if not drives:
-        what = "no joint is driven; allowed: joints in 'drives', or in 'actuated'"
-        raise SceneError(f"{scene.path}: {what}", key="drives")
+        fault = "no joint is driven; allowed: joints in 'drives', or in 'actuated'"
+        raise SceneError(f"{scene.path}: {fault}", key="drives")
     for joint in single:
         if joint.name not in drives or joint.name in scene.drives:
             continue
@@ -173,16 +173,16 @@ def _asked(scene: Scene, margin: float | None) -> dict[str, Drive]:
 
 def _chosen(scene: Scene, search: DriveSearch) -> list[str]:
     """Return the settings of the scene that say what was found."""
-    found = []
+    settings = []
     for name in search.candidates:
         drive = search.train(name).drive
         keys = {"motor": drive.motor, "gear": drive.gear, "margin": repr(drive.margin)}
         if name in scene.drives:
-            found += [f"drives.{name}.{key}={'null' if x is None else x}" for key, x in keys.items()]
+            settings += [f"drives.{name}.{key}={'null' if x is None else x}" for key, x in keys.items()]
         else:
             written = ", ".join(f"{key}: {x}" for key, x in keys.items() if x is not None)
-            found.append(f"drives.{name}={{{written}}}")
-    return found
+            settings.append(f"drives.{name}={{{written}}}")
+    return settings
 
 
 def _sizing(

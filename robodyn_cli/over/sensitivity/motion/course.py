@@ -87,37 +87,37 @@ def switches_of(motion: Motion, end: float) -> list[Switch]:
     """
     switching, t = motion.problem.switching, motion.problem.t
     of_time = tuple(g for _, g in switching.switches if is_of_time(g, t)) if motion.system.breakpoints else ()
-    found = [Switch(time, of_time, False) for time in motion.system.breakpoints if 0.0 < time < end]
-    found = sorted([*found, *_met(motion, end), *_updates(motion, end)], key=lambda switch: switch.time)
-    return _together(found, 4.0 * BESIDE * end)
+    by_time = [Switch(time, of_time, False) for time in motion.system.breakpoints if 0.0 < time < end]
+    by_time = sorted([*by_time, *_met(motion, end), *_updates(motion, end)], key=lambda switch: switch.time)
+    return _together(by_time, 4.0 * BESIDE * end)
 
 
 def _updates(motion: Motion, end: float) -> list[Switch]:
     """Return the updates of a sampled controller behind t = 0, whose first belongs to the start."""
     updates = motion.system.updates
-    found: list[Switch] = []
+    switches: list[Switch] = []
     time = 0.0
     while updates is not None:
         number, phase, time = updates.after(time)
         if time >= end * (1.0 - 4.0 * BESIDE):
             break
-        found.append(Switch(time, (), False, (number, phase)))
-    return found
+        switches.append(Switch(time, (), False, (number, phase)))
+    return switches
 
 
 def _together(switches: Sequence[Switch], near: float) -> list[Switch]:
     """Return switches with those by the clock that come at one time as one."""
-    found: list[Switch] = []
+    merged: list[Switch] = []
     for switch in switches:
-        last = found[-1] if found else None
+        last = merged[-1] if merged else None
         if last is None or switch.time - last.time > near or last.of_state or switch.of_state:
-            found.append(switch)
+            merged.append(switch)
             continue
         if last.update is not None and switch.update is not None:
             raise CapabilityError("two updates of the controller come at one time")
         both = last.functions + switch.functions
-        found[-1] = dataclasses.replace(last, functions=both, update=last.update or switch.update)
-    return found
+        merged[-1] = dataclasses.replace(last, functions=both, update=last.update or switch.update)
+    return merged
 
 
 def _met(motion: Motion, end: float) -> list[Switch]:
@@ -125,8 +125,8 @@ def _met(motion: Motion, end: float) -> list[Switch]:
     system, watchers = watched_again(motion)
     if all(e.kind is EventKind.REPARTITION for e in system.events):
         return []
-    found: list[Switch] = []
-    noting = {id(e.owner): _Noting(e.owner, found) for e in system.events if e.owner is not None}
+    met: list[Switch] = []
+    noting = {id(e.owner): _Noting(e.owner, met) for e in system.events if e.owner is not None}
 
     def owner_of(function: EventFunction) -> Owner | None:
         return function.owner if function.kind is EventKind.REPARTITION else noting.get(id(function.owner))
@@ -137,14 +137,14 @@ def _met(motion: Motion, end: float) -> list[Switch]:
     )  # fmt: skip
     driver.start(0.0, motion.start)
     driver.run(end, Grid(end, 0.0, 0), lambda t, x: None)
-    return [switch for switch in found if 0.0 < switch.time < end]
+    return [switch for switch in met if 0.0 < switch.time < end]
 
 
 class _Noting:
     """Notes the events of another owner."""
 
-    def __init__(self, owner: Owner, found: list[Switch]) -> None:
-        self.owner, self.found = owner, found
+    def __init__(self, owner: Owner, noted: list[Switch]) -> None:
+        self.owner, self.found = owner, noted
 
     def handle(self, event: Event) -> Outcome:
         outcome = self.owner.handle(event)
@@ -228,7 +228,7 @@ def parts_of(
 ) -> list[tuple[float, float, bool]]:
     """Return the smooth parts of a motion, as ``follow`` takes them: steps, ending a little beside the switches."""
     beside = BESIDE * end
-    found: list[tuple[float, float, bool]] = []
+    parts: list[tuple[float, float, bool]] = []
     begin, switched = 0.0, False
     for k in range(len(switches) + 1):
         stop = switches[k].time - beside if k < len(switches) else end
@@ -237,18 +237,18 @@ def parts_of(
         margin = SHORTEST * (stop - begin)
         inner = [time for time in steps if begin + margin < time < stop - margin]
         bounds = [begin, *inner, stop]
-        found += [(a, b, switched and a == begin) for a, b in zip(bounds, bounds[1:])]
+        parts += [(a, b, switched and a == begin) for a, b in zip(bounds, bounds[1:])]
         begin, switched = stop + 2.0 * beside, True
-    return found
+    return parts
 
 
 def plain_states(system: System, plain: System, x: Array) -> Array:
     """Return states x (T, nx) of a motion's system as states of the same equations without work."""
     q, v, z = system.split(x)
-    found = np.zeros((len(x), plain.size))
-    found[:, list(plain.q_places)], found[:, list(plain.v_places)] = q, v
-    found[:, list(further_places(plain))] = z[:, : plain.further]
-    return found
+    states = np.zeros((len(x), plain.size))
+    states[:, list(plain.q_places)], states[:, list(plain.v_places)] = q, v
+    states[:, list(further_places(plain))] = z[:, : plain.further]
+    return states
 
 
 def further_places(plain: System) -> Sequence[int]:
@@ -290,6 +290,6 @@ class Updated:
         assert self.updates is not None
         noise = self.updates.noise[min(number, len(self.updates.noise) - 1)]
         at = self.variational.slopes(self.phases[phase], t, x, **{NOISE: noise})
-        found = S.copy()
-        found[self.places] = at.state @ S + at.keys
-        return found
+        new = S.copy()
+        new[self.places] = at.state @ S + at.keys
+        return new

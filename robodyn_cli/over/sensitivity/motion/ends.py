@@ -79,11 +79,11 @@ def _closed(motion: Motion, variational: Variational, given_q: Array, given_v: A
 
 def given_slopes(names: Sequence[str], group: str, keys: Sequence[Key]) -> Array:
     """Return the derivatives of what is given of the start (n, K), by its own keys."""
-    found = np.zeros((len(names), len(keys)))
+    slopes = np.zeros((len(names), len(keys)))
     for k, key in enumerate(keys):
         if key.sort == START and key.place.startswith(f"{group}."):
-            found[names.index(key.place.partition(".")[2]), k] = 1.0
-    return found
+            slopes[names.index(key.place.partition(".")[2]), k] = 1.0
+    return slopes
 
 
 class Closing:
@@ -104,16 +104,16 @@ class Closing:
 
     def _solved(self, given: Array, change: Array, unknown: Sequence[int]) -> Array:
         """Return the change (nv, K) of all coordinates: the given one, and what takes up the change of the rows."""
-        found = given.copy()
-        found[unknown] = 0.0
-        right = change + self.psi @ found
+        solved = given.copy()
+        solved[unknown] = 0.0
+        right = change + self.psi @ solved
         columns = self.psi[:, unknown]
-        found[unknown] = -(np.linalg.pinv(columns, rcond=RANK_TOLERANCE) @ right)
-        left = np.abs(right + columns @ found[unknown]).max(axis=0, initial=0.0)
+        solved[unknown] = -(np.linalg.pinv(columns, rcond=RANK_TOLERANCE) @ right)
+        left = np.abs(right + columns @ solved[unknown]).max(axis=0, initial=0.0)
         scale = np.abs(right).max(axis=0, initial=0.0)
         if np.any(left > CLOSES * np.maximum(scale, 1e-300)):
             raise CapabilityError("with another value of a key the loops do not close")
-        return found
+        return solved
 
     def _unknown_positions(self) -> list[int]:
         """Return the coordinates that close the loops, where they do it in one way."""

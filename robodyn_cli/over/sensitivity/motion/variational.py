@@ -53,11 +53,11 @@ def nodes_of(samples: Sequence[int]) -> NDArray[np.int64]:
     """Return the numbers of the samples of each block (P, 9), where parts of a motion have so many samples each, 8
     blocks + 1.
     """
-    found, first = [], 0
+    nodes, first = [], 0
     for count in samples:
-        found.append(first + np.arange(0, count - 1, NEW)[:, None] + np.arange(NEW + 1))
+        nodes.append(first + np.arange(0, count - 1, NEW)[:, None] + np.arange(NEW + 1))
         first += count
-    return np.concatenate(found)
+    return np.concatenate(nodes)
 
 
 def transfers(A: Array, B: Array, lengths: Array, nq: int) -> tuple[Array, Array]:
