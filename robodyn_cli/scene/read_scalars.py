@@ -1,8 +1,7 @@
-"""Read scalars of a tree (numbers, words, names, formulas) and values by joint; every complaint names file, line,
-column and key.
+"""Read scalars of a tree (numbers, words, names, formulas) and values by joint; complaints name file, line and key.
 
-Values by joint are flat, by column: ``hinge``, ``slide.theta``, ``ball.qw``. Attitudes may be given as a quaternion, as
-roll, pitch and yaw or as a rotation vector; numbers become the quaternion, formulas stay under ``ball.rpy``.
+Values by joint are flat, by column: ``slide.theta``, ``ball.qw``. Attitudes may be given as a quaternion, as roll,
+pitch and yaw or as a rotation vector; numbers become the quaternion, formulas stay under ``ball.rpy``.
 """
 
 from __future__ import annotations
@@ -47,8 +46,7 @@ from robodyn_cli.schema.fields import (
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _IN_FORMULAS = ("joint", "parameter")
-# in place of a value that could not be read
-BROKEN: Any = object()
+BROKEN: Any = object()  # in place of a value that could not be read
 
 
 @record

@@ -27,9 +27,7 @@ from robodyn_cli.spatial.algebra import Array
 SPACED = 3  # samples between breaks, at least
 AT = 1e-9  # samples from a break that a sample is at
 TRIES = 3  # places of the largest samples that are looked at
-OUTSIDE = (
-    10.0  # times the bound: what is left out beyond samples, and a jump beside the first or the last one
-)
+OUTSIDE = 10.0  # times the bound: beyond samples, and for a jump beside the first or the last one
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
 INTEGRAL = 10.0 / 64.0  # of an integral over that of values
 LOOKED = 17  # points between neighbours at which a polynomial is evaluated first
@@ -37,8 +35,6 @@ FEW = 64  # columns, and jumps of one, that are looked at one by one
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
-
-
 Hidden = Sequence[int]
 
 
@@ -256,13 +252,19 @@ def _of_piece(y: Array, piece: slice, low: float, high: float) -> Extreme:
     if piece.stop - piece.start > 1 or len(y) == 1:
         return found
     # of a single sample between two jumps it is not known where it leads
-    beside = np.ptp(_around(y, piece), axis=0)
+    beside = _steps_beside(y, piece)
     reach = min(1.0, low + high)
     return dataclasses.replace(found, error=reach * beside, time_error=np.full_like(beside, reach))
 
 
-def _around(y: Array, piece: slice) -> Array:
-    return y[max(piece.start - 1, 0) : piece.stop + 1]
+def _steps_beside(y: Array, piece: slice) -> Array:
+    """Return twice the larger change (n,) from sample to sample on both sides of a piece of one sample: where a
+    function goes from there until its jump is taken to be of this size."""
+    found = np.zeros(y.shape[1])
+    for first in (piece.start - 2, piece.stop):
+        if 0 <= first < len(y) - 1:
+            found = np.maximum(found, 2.0 * np.abs(y[first + 1] - y[first]))
+    return found
 
 
 def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
@@ -271,7 +273,7 @@ def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
     for piece, low, high in pieces(len(y), breaks):
         rough = _roughness(y[piece])
         if piece.stop - piece.start == 1:
-            found += h * (low + high) * np.ptp(_around(y, piece), axis=0)
+            found += 0.5 * h * (low**2 + high**2) * _steps_beside(y, piece)
         found += h * rough.sum(axis=0) * INTEGRAL
         # a jump in the first or the last interval appears in one difference alone
         found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)

@@ -375,7 +375,7 @@ def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
             assert joint["rms_torque"] == pytest.approx(np.sqrt(rms[k]), abs=near[0]), times
             assert joint["energy_net"] == pytest.approx(net[k], abs=near[1]), times
             assert joint["energy"] == pytest.approx(energy[k], abs=near[1]), times
-        assert errors["rms_quadrature"] < (1e-6 if times[1] - times[0] > 0.1 else 0.1)
+        assert errors["rms_quadrature"] < (3e-5 if times[1] - times[0] > 0.1 else 0.1)
 
 
 def test_compiled_torques_of_a_given_motion_change_with_what_is_carried() -> None:
