@@ -117,14 +117,15 @@ def median_ratio(slow: Sequence[float], fast: Sequence[float]) -> float:
 
 def machine() -> dict[str, Any]:
     """Describe the machine and the versions in use."""
-    from robodyn_cli.results.summary import cpu_name, robodyn_version
+    from robodyn_cli.results.summary import cpu_name
+    from robodyn_cli.version import __version__
 
     found: dict[str, Any] = {
         "cpu": cpu_name(),
         "cores": os.cpu_count(),
         "system": f"{platform.system()} {platform.machine()}",
         "python": platform.python_version(),
-        "robodyn": robodyn_version(),
+        "robodyn": __version__,
     }
     if hasattr(os, "getloadavg"):
         found["load"] = round(os.getloadavg()[0], 2)

@@ -70,7 +70,7 @@ class Duty:
 
     def thinned(self) -> Duty:
         """Return half as many samples: every second one, or, of an even number, those that lie on straight lines."""
-        count = (len(self.times) + 1) // 2
+        count = max((len(self.times) + 1) // 2, 2)
         times = np.linspace(self.times[0], self.times[-1], count)
         arrays = {x: getattr(self, x) for x in ("speed", "acceleration", "load", "hold", "inertia")}
         half: dict[str, Any] = {

@@ -31,7 +31,7 @@ OUTSIDE = 10.0  # times the bound: beyond samples, and for a jump beside the fir
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
 INTEGRAL = 10.0 / 64.0  # of an integral over that of values
 LOOKED = 17  # points between neighbours at which a polynomial is evaluated first
-FEW = 64  # columns, and jumps of one, that are looked at one by one
+FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
@@ -40,10 +40,7 @@ Hidden = Sequence[int]
 
 @record
 class Extreme:
-    """Largest values (n,) of columns, their errors, their times [s] and the errors of these.
-
-    at : places in samples from the first, for what follows from the samples linearly (see ``value_at``).
-    """
+    """Largest values (n,) of columns, their errors, their times [s], the errors of these, their places in samples."""
 
     value: Array
     error: Array
@@ -118,28 +115,32 @@ def _gathered(parts: Sequence[Extreme]) -> Extreme:
 
 
 def _hidden(y: Array, breaks: Breaks) -> Sequence[tuple[slice, Hidden]]:
-    """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it.
-
-    Many columns are taken together, and what they do in such places is part of their errors.
-    """
-    if y.shape[1] > FEW or len(y) < 2 * POINTS:
+    """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it."""
+    if len(y) < 2 * POINTS:
         return [(slice(None), ())]
-    found: list[tuple[slice, Hidden]] = [
-        (slice(k, k + 1), _jumps(y[:, k], breaks)) for k in range(y.shape[1])
-    ]
-    return found if any(hidden for _, hidden in found) else [(slice(None), ())]
+    rough = np.abs(np.diff(y, POINTS, axis=0))
+    for x in breaks:
+        rough[max(math.floor(x) - POINTS + 1, 0) : math.floor(x) + 1] = 0.0
+    doubtful = rough.max(axis=0) > HIDDEN * np.ptp(y, axis=0)
+    jumps = {k: _jumps(rough[:, k], float(np.ptp(y[:, k]))) for k in np.flatnonzero(doubtful).tolist()}
+    found: list[tuple[slice, Hidden]] = []
+    first = 0
+    for k in [*(k for k, own in jumps.items() if own), y.shape[1]]:
+        if first < k:
+            found.append((slice(first, k), ()))
+        if k < y.shape[1]:
+            found.append((slice(k, k + 1), jumps[k]))
+        first = k + 1
+    return found
 
 
-def _jumps(y: Array, breaks: Breaks) -> list[int]:
-    """Return the samples behind which a function (T,) jumps or bends, by its sixth differences.
+def _jumps(rough: Array, size: float) -> list[int]:
+    """Return the samples behind which a function jumps or bends, from the magnitudes of its sixth differences.
 
     A jump behind sample k shows in the six differences from k - 5 to k, most in the middle two, and in no other.
     """
-    rough = np.abs(np.diff(y, POINTS))
-    for x in breaks:
-        rough[max(math.floor(x) - POINTS + 1, 0) : math.floor(x) + 1] = 0.0
     found: list[int] = []
-    least = max(HIDDEN * float(np.ptp(y)), ALONE * float(rough.max(initial=0.0)))
+    least = max(HIDDEN * size, ALONE * float(rough.max(initial=0.0)))
     while len(found) < FEW and rough.max() > least:
         i = int(rough.argmax())
         before, behind = (rough[k] if 0 <= k < len(rough) else 0.0 for k in (i - 1, i + 1))

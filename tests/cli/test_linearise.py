@@ -34,7 +34,7 @@ def test_along_a_motion(tmp_path: Path) -> None:
     short = ("--set", "simulate.duration=0.5", "--set", "simulate.samples=51")
     done = invoke("linearise", PENDULUM, "--along", "--instants", "0,0.25", *short, "--out", out)
     assert done.code == 0, done.err
-    assert "modes at 0 s" in done.out and "modes at 0.25 s" in done.out
+    assert "stability at 0 s " in done.out and "stability at 0.25 s" in done.out
     files = {path.name for path in out.iterdir()}
     assert {"poles.png", "poles_over_time.png", "frequency_response.png"} <= files
     assert "mode_shapes.png" not in files

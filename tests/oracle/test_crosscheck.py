@@ -15,8 +15,8 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.over.crosscheck import crosscheck as module
 from robodyn_cli.over.crosscheck.crosscheck import ENGINES, crosscheck
 from robodyn_cli.over.crosscheck.engine import PeerEngine
-from robodyn_cli.over.crosscheck.engines import KINDS as MUJOCO
-from robodyn_cli.over.crosscheck.engines import KINDS as PINOCCHIO
+from robodyn_cli.over.crosscheck.engines import MUJOCO_KINDS as MUJOCO
+from robodyn_cli.over.crosscheck.engines import PINOCCHIO_KINDS as PINOCCHIO
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from tests.unit.test_moving_references import PRESCRIBED, scene, start_at
 

@@ -22,7 +22,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.build import OpenChain
-from robodyn_cli.torques.checks import FIGURES, Loaded
+from robodyn_cli.torques.checks import FIGURES, Loaded, breaks_of
 from robodyn_cli.torques.program import InverseProgram
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.works.inverse import at_rest, inverse, program_of
@@ -130,7 +130,8 @@ class InverseRuns(BatchCommand[InverseStructure]):
             good &= np.isfinite(array).all(axis=(1, 2))
         tau, to = tau[good], rows[good]
         figures = self._figures(list(result.outputs), result.qd_names, Loaded(
-            times, tau.reshape(-1, len(times)).T, np.tile(motion.qd, (1, len(tau)))
+            times, tau.reshape(-1, len(times)).T, np.tile(motion.qd, (1, len(tau))),
+            breaks_of(structure.program.problem, times, motion),
         ))  # fmt: skip
         for key, column in figures.items():
             result.outputs[key][to] = column
