@@ -13,7 +13,7 @@ from robodyn_cli.motors.gear import Transmission
 from robodyn_cli.motors.kinds import StepperMotor
 from robodyn_cli.record import record
 from robodyn_cli.solve.extremes import largest, tops
-from robodyn_cli.solve.quadrature import integrate, integrate_positive
+from robodyn_cli.solve.quadrature import integrate
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -36,14 +36,6 @@ class CycleSamples:
     def rms(self, y: Array) -> Array:
         """Return the roots of the time averages of y^2."""
         return np.sqrt(np.maximum(0.0, self.mean(y * y)))
-
-    def integral(self, y: Array) -> float:
-        """Return the integral of y (T,)."""
-        return float(self.mean(y)) * self.step * (len(y) - 1)
-
-    def positive(self, y: Array) -> float:
-        """Return the integral of max(y, 0) of y (T,)."""
-        return float(integrate_positive(y[:, None], self.step, self.breaks)[0])
 
 
 @record
@@ -181,11 +173,10 @@ def _heated(
 @record
 class Use:
     """How much of a limit a cycle uses (...,), 1 : all of it; at : the place that decides, in samples, None for a mean;
-    course : use of all samples (..., T), where one decides. error, off : of the use and of the place, of one cycle."""
+    error, off : of the use and of the place, of one cycle."""
 
     part: Array
     at: Array | None = None
-    course: Array | None = None
     error: Any = None
     off: Any = None
 
@@ -194,10 +185,10 @@ class Use:
         """Return the largest use of samples (..., T): of one cycle between the samples too, see ``extremes``."""
         value, at = (x.reshape(part.shape[:-1]) for x in tops(part.reshape(-1, part.shape[-1]).T))
         if part.ndim > 1:
-            return Use(value, at, part)
+            return Use(value, at)
         top = largest(np.arange(float(len(part))), part[:, None])
         error, off = top.error[0] + abs(top.value[0] - value), top.time_error[0] + abs(top.at[0] - at)
-        return Use(value, at, part, error, off)
+        return Use(value, at, error, off)
 
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:

@@ -129,7 +129,7 @@ def jumps(problem: Problem, times: Array) -> list[float]:
     return breaks(events_of(problem.scene, times), times)
 
 
-def joint_figures(problem: Problem, sampled: Sampled) -> dict[str, JointFigures]:
+def joint_figures(problem: Problem, sampled: Sampled, loaded: Loaded) -> dict[str, JointFigures]:
     """Return the figures that size the actuators, by velocity coordinate; in mechanisms with loops, of actuated joints
     only.
 
@@ -138,7 +138,7 @@ def joint_figures(problem: Problem, sampled: Sampled) -> dict[str, JointFigures]
     power. Functions are of degree 5 between samples, and in pieces where torques jump (see ``extremes``,
     ``quadrature``).
     """
-    loaded, model = Loaded.of(problem, sampled), problem.model
+    model = problem.model
     columns = {name: figure(loaded) for name, figure in FIGURES.items()}
     figures: dict[str, JointFigures] = {}
     for k in range(model.nv) if sampled.loops is None else sampled.loops.driven:
@@ -191,7 +191,9 @@ def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
     return float(np.linalg.norm(turn, axis=1).max())
 
 
-def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) -> InverseErrors:
+def error_estimate(
+    program: InverseProgram, planned: Planned, sampled: Sampled, loaded: Loaded
+) -> InverseErrors:
     """Return the errors of an inverse run.
 
     ik_residual, attitude_residual : see ``path_error`` and ``attitude_error``. round_trip, torque_rounding : see there.
@@ -203,7 +205,6 @@ def error_estimate(program: InverseProgram, planned: Planned, sampled: Sampled) 
     closure, virtual_work_residual : of the loops; the load that neither actuators nor loops bear [N m or N].
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
-    loaded = Loaded.of(program.problem, sampled)
     total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
     balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
     turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)

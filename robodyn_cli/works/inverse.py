@@ -25,7 +25,7 @@ from robodyn_cli.summaries.inverse import (
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
-    breaks_of,
+    Loaded,
     error_estimate,
     half_turns,
     joint_figures,
@@ -81,18 +81,18 @@ def inverse(
         sampled = program.evaluate(planned, function)
     _refuse_indefinite(program.problem, sampled)
     with watch.stage("error_estimate"):
-        errors = error_estimate(program, planned, sampled)
+        loaded = Loaded.of(program.problem, sampled)
+        errors = error_estimate(program, planned, sampled, loaded)
     with watch.stage("evaluate"):
         loads = loads_of(program, sampled) if scene.outputs.reactions else None
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    records: list[Any] = [summarise(program, planned, sampled, errors, loads)]
+    records: list[Any] = [summarise(program, planned, sampled, loaded, errors, loads)]
     if scene.drives:
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            breaks = breaks_of(program.problem, sampled.times, sampled.motion)
-            records = with_drives(records, result, scene, program.problem, breaks)
+            records = with_drives(records, result, scene, program.problem, loaded.breaks)
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -203,6 +203,7 @@ def summarise(
     program: InverseProgram,
     planned: Planned,
     sampled: Sampled,
+    loaded: Loaded,
     errors: InverseErrors,
     loads: Loads | None,
 ) -> InverseSummary:
@@ -235,7 +236,7 @@ def summarise(
         constraint_residual=ABSENT
         if loops is None
         else LoopResidual(loops.residual["position"], loops.residual["velocity"]),
-        joints=joint_figures(problem, sampled),
+        joints=joint_figures(problem, sampled, loaded),
         definitions=definitions_of(loops is not None),
         counters=dict(sampled.counters),
         reactions=ABSENT if loads is None else loads.summary(),

@@ -35,7 +35,7 @@ from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
 from robodyn_cli.summaries.mechanism import KinematicsSummary
-from robodyn_cli.torques.checks import joint_figures
+from robodyn_cli.torques.checks import Loaded, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import at_rest, program_of
@@ -147,7 +147,8 @@ class InverseSlopes:
         motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
         figures = InverseFigures(
-            Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem, sampled)
+            Termination("end of the trajectory", float(times[-1])),
+            joint_figures(self.problem, sampled, Loaded.of(self.problem, sampled)),
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
