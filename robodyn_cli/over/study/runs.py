@@ -28,6 +28,7 @@ from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed
 from robodyn_cli.registry import Registry
+from robodyn_cli.results.atomic import uninterrupted
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.progress import Stopwatch, no_progress
 
@@ -273,19 +274,24 @@ def _workers(task: Task, jobs: int) -> Iterator[list[Any]]:
 
 @contextlib.contextmanager
 def _interrupts_held() -> Iterator[None]:
-    """Hold interrupts back in the block; processes that begin in it never get any."""
-    if sys.platform == "win32":
-        yield
-        return
-    from multiprocessing import resource_tracker
+    """Hold interrupts back in the block; processes that begin in it never get any.
 
-    # which the first process starts otherwise, and lets interrupts pass again after that
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+    The mask goes to the processes. It does not suffice here: a thread of another library may take the signal, and
+    Python then raises in this one, with a process half begun.
+    """
+    with uninterrupted():
+        if sys.platform == "win32":
+            yield
+            return
+        from multiprocessing import resource_tracker
+
+        # which the first process starts otherwise, and lets interrupts pass again after that
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _next_size(seconds: float, left: int, jobs: int) -> int:
