@@ -14,7 +14,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.graph import is_number
-from robodyn_cli.model.model import BASE, Model
+from robodyn_cli.model.model import BASE, Model, unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, columns
@@ -129,6 +129,8 @@ def refuse_indefinite(scene: Scene, poses: Iterable[Array]) -> None:
     problem = Problem(
         scene
     )  # with a graph of its own: whether there are doubts is not to change the run's programs
+    if unknown_among(problem.mass_matrix.ravel()):
+        return  # who evaluates it says which data are missing
     for q in poses:
         rates = _negative_motion(problem.numbers(problem.mass_matrix, q), problem.numbers(problem.psi, q))
         if rates is not None:

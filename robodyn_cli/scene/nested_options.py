@@ -149,7 +149,7 @@ class Latch:
         doc="Position of one joint at which it closes, for `criterion: latch`.",
     )
     at_limit: dict[str, str] = key(
-        MapOf(Choice(("lower", "upper")), of="joint"),
+        JointMap(Choice(("lower", "upper"))),
         default=None,
         doc="Or: the limit of one joint at which it closes, such as a stop.",
     )

@@ -239,3 +239,9 @@ class Robot:
     def limited(self) -> bool:
         """Whether any joint has limits."""
         return any(name.partition(".")[0] == "limits" for joint in self.joints for name, _ in joint.forces)
+
+    def limits_of(self, coordinate: str) -> Any:
+        """Return the ``Limits`` of a joint's coordinate, None where it has none."""
+        joint, _, part = coordinate.partition(".")
+        key = f"limits.{part}" if part else "limits"
+        return next((dict(own.forces).get(key) for own in self.joints if own.name == joint), None)

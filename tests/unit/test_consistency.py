@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.model.consistency import body_problems
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Inertia, Link, Scene
+from robodyn_cli.works.info import info
 from tests.random_models import random_inertia, random_rotation
 
 
@@ -97,3 +99,12 @@ def test_identified_parameters_are_a_robot() -> None:
     assert body_problems(same.robot.links[1])
     np.testing.assert_allclose(inverse(same)["tau"], inverse(plain)["tau"], rtol=1e-9, atol=1e-9)
     np.testing.assert_allclose(simulate(same)["q"], simulate(plain)["q"], rtol=1e-8, atol=1e-9)
+
+
+def test_a_doubtful_inertia_beside_missing_data(tmp_path: Path) -> None:
+    """Who needs the data names them; ``info`` of the rest goes on."""
+    text = TWO.replace("B, mass: 1, com", "B, com").replace("INERTIA", "-5")
+    with pytest.raises(SceneError, match="mass of B"):
+        simulate(load_scene_text(text))
+    (tmp_path / "scene.yaml").write_text(text)
+    assert info(tmp_path / "scene.yaml").status == "ok"

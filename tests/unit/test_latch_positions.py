@@ -106,6 +106,24 @@ def test_a_latch_at_a_stop() -> None:
     assert one["latch"]["energy_lost"] == pytest.approx(other["latch"]["energy_lost"], rel=1e-7)
 
 
+def test_a_latch_at_the_limit_of_one_of_several_coordinates() -> None:
+    """It closes where it does at the position that the limit has."""
+    hinge = "b, type: revolute, origin: {xyz: [0.8, 0.05, 0], rpy: [0.3, 0, 0]}, axis: [0, 0, 1], "
+    assert hinge in BOOM
+    text = BOOM.replace(hinge, hinge.replace("revolute", "universal") + "limits: {theta1: {upper: 5 deg}}, ").replace(
+        "spring: {stiffness: 15, rest: 120 deg}", "spring: {theta1: {stiffness: 15, rest: 120 deg}}"
+    )  # fmt: skip
+    text = text.replace("b: -0.4", "b: [-0.4, 0]").replace("qd: {b: 0.5}", "qd: {b: [0.5, 0]}")
+    one, other = (
+        deploy(load_scene_text(text % ("", given))).summary["lock"]
+        for given in ("at_limit: {b: {theta1: upper}}", "at: {b: {theta1: 5 deg}}")
+    )
+    assert one == other and one["kind"] == "latched"
+    assert one["angles"]["b.theta1"] == pytest.approx(np.radians(5), abs=1e-12)
+    with pytest.raises(SceneError, match="has no such limit"):
+        load_scene_text(text % ("", "at_limit: {b: {theta2: upper}}"))
+
+
 def test_friction_in_the_latched_hinge_ends_with_its_motion() -> None:
     """A hinge that sticks while it is free has no say once the latch holds it: the same motion as without."""
     sticky = AT.replace("b, type: revolute,", "b, type: revolute, friction: {coulomb: 0.4, law: set_valued},")
@@ -142,6 +160,8 @@ REFUSED = {
     "at: {d: 1}": "unknown joint with a coordinate",
     "at_limit: {b: upper}": "has no such limit",
     "at_limit: {b: middle}": ".",
+    "at_limit: {b.x: upper}": "cannot be the name of a joint",
+    "at_limit: {b: {x: upper}}": "b",
 }
 
 

@@ -177,12 +177,11 @@ class Control:
     @cached_property
     def limits(self) -> list[float]:
         """Largest torque of each driven joint, infinite where there is none."""
-        robot = {joint.name: joint for joint in self.problem.scene.robot.joints}
-        efforts = []
+        robot, efforts = self.problem.scene.robot, []
         for name in self.joints:
             own = _of_joint(self.controller.limit, name)
             if own is None:
-                limits = dict(robot[name].forces).get("limits")
+                limits = robot.limits_of(name)
                 own = None if limits is None else limits.effort
             efforts.append(math.inf if own is None else own)
         return efforts

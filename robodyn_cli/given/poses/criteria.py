@@ -118,8 +118,7 @@ def holding_torques(problem: Problem) -> list[Scalar]:
 
 def efforts(scene: Scene, problem: Problem) -> list[float] | None:
     """Return the effort limits (nv,) of the joints, None where one has none."""
-    by_joint = {joint.name: dict(joint.forces).get("limits") for joint in scene.robot.joints}
-    by_column = [by_joint.get(name) for name in problem.model.v_names]
+    by_column = [scene.robot.limits_of(name) for name in problem.model.v_names]
     values = [None if limits is None else limits.effort for limits in by_column]
     return None if any(x is None for x in values) else [x for x in values if x is not None]
 

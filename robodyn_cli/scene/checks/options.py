@@ -51,7 +51,8 @@ def _check_latch(scene: Scene, check: Check) -> None:
     )
     with check:
         if chosen and not given:
-            check.fail(("deploy", "criterion"), "'latch' needs a position: key 'at' or 'at_limit' of 'latch'")
+            place = path if check.has(path) else ("deploy", "criterion")
+            check.fail(place, "criterion 'latch' needs a position: key 'at' or 'at_limit' of 'latch'")
         if given and not chosen:
             check.fail((*path, next(iter(given))), "goes with 'criterion: latch'")
         if sum(len(names) for names in given.values()) > 1:
@@ -61,11 +62,10 @@ def _check_latch(scene: Scene, check: Check) -> None:
         single = columns(scene.robot, quasi=False)
         for key, names in given.items():
             for name in names:
-                place = (*path, key, *name.split(".")) if key == "at" else (*path, key, name)
+                place = (*path, key, *name.split("."))
                 check.known(name, single, "joint with a coordinate", place, at_key=True)
                 if key == "at_limit":
-                    joint = next(joint for joint in scene.robot.joints if joint.name == name)
-                    if getattr(dict(joint.forces).get("limits"), names[name], None) is None:
+                    if getattr(scene.robot.limits_of(name), names[name], None) is None:
                         check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
 
 

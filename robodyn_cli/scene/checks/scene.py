@@ -54,8 +54,8 @@ class _SceneNames:
         return columns(self.robot, velocities=True)
 
     def limits(self, joint: str) -> Limits | None:
-        own = next((j for j in self.robot.joints if j.name == joint), None)
-        return None if own is None else dict(own.forces).get("limits")
+        own: Limits | None = self.robot.limits_of(joint)
+        return own
 
     @property
     def quasi(self) -> tuple[str, ...]:

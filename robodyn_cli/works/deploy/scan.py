@@ -157,8 +157,7 @@ def latch_position(scene: Scene) -> tuple[str, float]:
         ((name, at),) = latch.at.items()
         return name, at
     ((name, side),) = latch.at_limit.items()
-    joint = next(joint for joint in scene.robot.joints if joint.name == name)
-    return name, float(getattr(dict(joint.forces)["limits"], side))
+    return name, float(getattr(scene.robot.limits_of(name), side))
 
 
 def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
