@@ -72,10 +72,10 @@ class Case:
         s, v, u = law(t)[:, 0], law(t, 1)[:, 0], law(t, 2)[:, 0]
         way = self.path.motion(s)
         use = np.abs(self.path.torques_at(way, u, v * v)).max(axis=1, initial=0.0)
-        places, bounds = self.path.speed
-        speed = np.abs(way.qd[:, places] * v[:, None]) / bounds
-        places, bounds = self.path.acceleration
-        quick = np.abs(way.qd[:, places] * u[:, None] + way.qdd[:, places] * (v * v)[:, None]) / bounds
+        speed = self.path.speed.slowness(way.qd) * v[:, None]
+        bounds = self.path.acceleration
+        qdd = way.qd[:, bounds.places] * u[:, None] + way.qdd[:, bounds.places] * (v * v)[:, None]
+        quick = np.abs(bounds.parts(qdd))
         return float(max(use.max(), speed.max(initial=0.0), quick.max(initial=0.0)) - 1.0)
 
     def toppra(self, intervals: int) -> tuple[float, float]:
@@ -83,8 +83,9 @@ class Case:
         import toppra as ta
         from toppra import algorithm, constraint
 
-        case, bounds = self, np.full(self.program.problem.model.nv, 1e9)
-        bounds[self.path.effort[0]] = self.path.effort[1]
+        case, effort, speed = self, self.path.effort, self.path.speed
+        bounds = np.full((self.program.problem.model.nv, 2), (-1e9, 1e9))
+        bounds[effort.places] = np.column_stack([effort.low, effort.high])
 
         class Path(ta.interpolator.AbstractGeometricPath):
             path_interval = np.array([0.0, case.trajectory.way.duration])
@@ -100,14 +101,12 @@ class Case:
 
         scheme = constraint.DiscretizationType.Interpolation
         limits = [
-            constraint.JointTorqueConstraint(
-                torques, np.column_stack([-bounds, bounds]), 0 * bounds, discretization_scheme=scheme
-            )
+            constraint.JointTorqueConstraint(torques, bounds, 0 * bounds[:, 0], discretization_scheme=scheme)
         ]
-        if self.path.speed[0]:
-            fast = np.full(len(bounds), 1e9)
-            fast[self.path.speed[0]] = self.path.speed[1]
-            limits.append(constraint.JointVelocityConstraint(np.column_stack([-fast, fast])))
+        if speed.places:
+            fast = np.full(bounds.shape, (-1e9, 1e9))
+            fast[speed.places] = np.column_stack([speed.low, speed.high])
+            limits.append(constraint.JointVelocityConstraint(fast))
         grid = np.linspace(0.0, case.trajectory.way.duration, intervals + 1)
         start = time.perf_counter()
         solver = algorithm.TOPPRA(limits, Path(), gridpoints=grid, parametrizer="ParametrizeConstAccel")
