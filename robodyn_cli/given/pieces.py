@@ -19,7 +19,7 @@ from robodyn_cli.trajectories.led import position_columns
 
 NODES = 0.5 - 0.5 * np.cos(np.pi * (np.arange(4) + 0.5) / 4)  # of a piece, in which accelerations are taken
 BETWEEN = np.array([0.01, 0.25, 0.5, 0.75, 0.99])  # and where they are compared
-ACCELERATION = 1e-8  # of the largest one of a joint: how far its accelerations may be from the motion's
+ACCELERATION = 1e-8  # of the largest one of any joint: how far accelerations may be from the motion's
 MEET = 1e-11  # rad or m, and of the largest speed: how well pieces meet
 PARTS = 4  # into which a piece is divided at once
 SHORT = 1e-7  # of the duration: pieces are not divided further
@@ -46,7 +46,7 @@ def add_pieces(result: Result, problem: Problem) -> None:
 def pieces_of(problem: Problem) -> tuple[tuple[str, ...], Course]:
     """Return the columns of q that the scene's trajectory gives, and their polynomials of degree 5.
 
-    Accelerations are within 1e-8 of the largest one of their column, positions within 1e-11 rad or m.
+    Accelerations are within 1e-8 of the largest one, positions within 1e-11 rad or m.
     """
     trajectory, model = problem.scene.trajectory, problem.model
     led = isinstance(trajectory, TaskSpaceTrajectory)
@@ -89,14 +89,14 @@ def _need(course: Course, times: Array, motion: tuple[Array, Array, Array], per_
     since = (times[:-1] - course.knots[piece])[:, None]
     bend = sum(i * (i - 1) * course.c[i][piece] * since ** (i - 2) for i in range(2, len(course.c)))
     q, v, a = motion
-    scale = np.maximum(np.abs(a).max(axis=0), 1e-300)
-    off = np.abs(bend - a[:-1]) / (ACCELERATION * scale)
+    # of all joints: what one that stands still has is rounding
+    quick, fast = (max(float(np.abs(x).max()), 1e-300) for x in (a, v))
+    off = np.abs(bend - a[:-1]) / (ACCELERATION * quick)
     off[::per_piece] = 0.0  # where pieces meet the acceleration may jump
     rough = off.reshape(K, per_piece, -1).max(axis=(1, 2))
     h = np.diff(course.knots)[:, None]
     ends = [sum(f * course.c[i] * h ** (i - o) for i, f in factors) for o, factors in enumerate(_FACTORS)]
     after = np.append(np.arange(1, K) * per_piece, len(times) - 1)
-    fast = np.maximum(np.abs(v).max(axis=0), 1e-300)
     gap = np.maximum(np.abs(ends[0] - q[after]) / MEET, np.abs(ends[1] - v[after]) / (1e2 * MEET * fast))
     return np.asarray(np.maximum(rough**0.25, gap.max(axis=1) ** 0.2))
 
