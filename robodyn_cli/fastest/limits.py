@@ -101,7 +101,7 @@ Torques = Callable[[Array, Array, Array], Array]
 
 
 @record
-class Bounds:
+class PathBounds:
     """Limits of one kind: places in v of the joints that have one, the least and the largest value (n,) of each."""
 
     places: list[int]
@@ -109,11 +109,11 @@ class Bounds:
     high: Array
 
     @staticmethod
-    def of(limits: Mapping[str, Span], columns: Sequence[str]) -> Bounds:
+    def of(limits: Mapping[str, Span], columns: Sequence[str]) -> PathBounds:
         """Return the limits of columns of v."""
         places = [k for k, name in enumerate(columns) if name in limits]
         ends = np.array([sides(limits[columns[k]]) for k in places]).reshape(-1, 2)
-        return Bounds(places, ends[:, 0], ends[:, 1])
+        return PathBounds(places, ends[:, 0], ends[:, 1])
 
     @property
     def half(self) -> Array:
@@ -143,9 +143,9 @@ class LimitedPath:
 
     motion: Callable[[Array], JointMotion]
     torques: Torques
-    speed: Bounds
-    acceleration: Bounds
-    effort: Bounds
+    speed: PathBounds
+    acceleration: PathBounds
+    effort: PathBounds
 
     def at(self, s: Array, places: tuple[float, ...] = PLACES) -> JointMotion:
         """Return the path at places in each segment, K places rows."""

@@ -11,7 +11,7 @@ import numpy as np
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError, GeometryError
-from robodyn_cli.fastest.limits import Bounds, LimitedPath, PathLimits, Torques
+from robodyn_cli.fastest.limits import LimitedPath, PathBounds, PathLimits, Torques
 from robodyn_cli.fastest.profile import NoProfile
 from robodyn_cli.fastest.search import Fastest, fastest, merged
 from robodyn_cli.given.guided_motion import motion_along, motion_at
@@ -152,7 +152,7 @@ def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> Limi
             f"trajectory.path.ik.redundancy ({ik.redundancy}) makes the path depend on its times, which 'fastest' "
             "chooses; allowed there: least_rates"
         )
-    limits = [Bounds.of(getattr(trajectory, kind), model.v_names) for kind in BOUNDS]
+    limits = [PathBounds.of(getattr(trajectory, kind), model.v_names) for kind in BOUNDS]
     return LimitedPath(_path_of(program), _torques_of(program), *limits)
 
 
