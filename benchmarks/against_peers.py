@@ -2,16 +2,16 @@
 
     python benchmarks/against_peers.py [--cases plain stiff ...] [--engines heyoka ...] [--quick] [--json FILE]
 
-Engines that are not installed are left out with a word (`pip install robodyn[peers]` brings them). Each engine is
-driven in its fastest way (`benchmarks/peers/`), with several settings; what counts is the shortest time in which
-it reaches an error. Errors are against `benchmarks/reference.json` (`reference.py`) and `lock_time.py`. For stiff
-cases the error is the largest of any angle along the whole run, transient included. Times are of one run in a
-process that has everything compiled; `--cold` also times whole processes.
+Engines that are not installed are left out with a word (`pip install robodyn[peers]` brings them), and one that fails
+on a case is a line of the report, beside what the others reach. Each engine is driven in its fastest way
+(`benchmarks/peers/`), with several settings; what counts is the shortest time in which it reaches an error. Errors are
+against `benchmarks/reference.json` (`reference.py`) and `lock_time.py`. For stiff cases the error is the largest of any
+angle along the whole run, transient included. Times are of one run in a process that has everything compiled;
+`--cold` also times whole processes.
 """
 
 from __future__ import annotations
 
-import argparse
 import importlib
 import os
 import statistics
@@ -50,40 +50,50 @@ LIMIT = 20.0  # s; a setting that takes longer is measured once
 
 
 def entries_of(engine: str, case: Any) -> Iterator[Entry]:
-    module, function, needs = ENGINES[engine]
-    importlib.import_module(needs)
+    module, function, _ = ENGINES[engine]
     yield from getattr(importlib.import_module(module), function)(case)
 
 
-def measured(case: Any, engines: list[str], repeats: int, quick: bool) -> list[dict[str, Any]]:
-    """Return a row for each engine and setting: its error, steps and median time."""
+def measured(
+    report: measure.Report, case: Any, engines: list[str], repeats: int, quick: bool
+) -> list[dict[str, Any]]:
+    """Return a row for each engine and setting: its error, steps and median time.
+
+    An engine that fails with all its settings, or before the first, has failed on the case.
+    """
     rows: list[dict[str, Any]] = []
     runs: list[Callable[[], Any]] = []
     for engine in engines:
-        try:
-            found = list(entries_of(engine, case))
-        except ImportError as error:
-            print(f"{engine} is not installed ({error}): left out", file=sys.stderr)
+        if not report.has(ENGINES[engine][2]):
             continue
-        for entry in found[:: 3 if quick else 1]:
-            began = time.perf_counter()
-            row: dict[str, Any] = {
-                "work": case.title,
-                "case": case.key,
-                "engine": entry.engine,
-                "setting": entry.setting,
-            }
-            try:
-                result, row["steps"] = entry.run()
-                row["error"] = case.error(entry, result)
-            except Exception as error:
-                print(f"{entry.engine} {entry.setting}: {error}", file=sys.stderr)
-                row["steps"], row["error"] = 0, float("nan")
-            row["first"] = time.perf_counter() - began
-            rows.append(row)
-            runs.append(entry.run)
+        with report.part(f"{case.key}, {engine}"):
+            entries = list(entries_of(engine, case))[:: 3 if quick else 1]
+            failures = []
+            for entry in entries:
+                row, failure = first_run(case, entry)
+                if failure is not None:
+                    failures.append(failure)
+                rows.append(row)
+                runs.append(entry.run)
+            if failures and len(failures) == len(entries):
+                raise failures[0]
     timed(rows, runs, repeats)
     return rows
+
+
+def first_run(case: Any, entry: Entry) -> tuple[dict[str, Any], Exception | None]:
+    """Return the row of an engine with a setting, its error not a number where the engine fails, and how it fails."""
+    began = time.perf_counter()
+    row = {"work": case.title, "case": case.key, "engine": entry.engine, "setting": entry.setting}
+    failure = None
+    try:
+        result, row["steps"] = entry.run()
+        row["error"] = case.error(entry, result)
+    except Exception as error:  # an engine may fail in ways of its own
+        print(f"{entry.engine} {entry.setting}: {error}", file=sys.stderr)
+        row["steps"], row["error"], failure = 0, float("nan"), error
+    row["first"] = time.perf_counter() - began
+    return row, failure
 
 
 def timed(rows: list[dict[str, Any]], runs: list[Callable[[], Any]], repeats: int) -> None:
@@ -197,38 +207,36 @@ def cold(case: str, engines: list[str], repeats: int) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = measure.command_line(__doc__)
     parser.add_argument("--cases", nargs="+", choices=list(CASES), default=list(CASES))
     parser.add_argument("--engines", nargs="+", choices=list(ENGINES), default=list(ENGINES))
-    parser.add_argument("--quick", action="store_true", help="every third setting, three repeats")
     parser.add_argument("--cold", action="store_true", help="time whole processes too (double pendulum)")
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
     options = parser.parse_args()
     repeats = 3 if options.quick else 11
-    rows: list[dict[str, Any]] = []
-    tables = []
-    for key in options.cases:
-        case = CASES[key]()
-        mine = measured(case, options.engines, repeats, options.quick)
-        rows += mine
-        tables.append((case.title, mine, reached(mine, TARGETS[key])))
-    processes = cold("plain", options.engines, repeats // 2 + 2) if options.cold else []
     measure.print_machine()
     print(f"medians of {repeats} alternating repeats, processor time")
-    for title, mine, lines in tables:
-        print(f"\n{title}: microseconds to a true error of at most (times robodyn's)\n")
-        print(measure.table(lines))
-        print()
-        head = [["engine", "setting", "error", "us", "steps"]]
-        body = [
-            [r["engine"], r["setting"], f"{r['error']:.1e}", f"{r['us']:.4g}", str(r["steps"])] for r in mine
-        ]
-        print(measure.table(head + body, left=2))
-    if processes:
-        print("\nwhole process, double pendulum, to about 1e-9\n")
-        lines = [[r["engine"], r["setting"], f"{r['ms']:.0f}"] for r in processes]
-        print(measure.table([["engine", "setting", "CPU ms"], *lines], left=2))
-    measure.write_json(options.json, rows, processes=processes, repeats=repeats)
+    with measure.reporting(options.json) as report:
+        report.more["repeats"] = repeats
+        for key in options.cases:
+            with report.part(key):
+                case = CASES[key]()
+                rows = measured(report, case, options.engines, repeats, options.quick)
+                report.rows += rows
+                print_case(case, rows, TARGETS[key])
+        if options.cold:
+            engines = [engine for engine in options.engines if report.has(ENGINES[engine][2])]
+            processes = report.more["processes"] = cold("plain", engines, repeats // 2 + 2)
+            print("\nwhole process, double pendulum, to about 1e-9\n")
+            lines = [[r["engine"], r["setting"], f"{r['ms']:.0f}"] for r in processes]
+            print(measure.table([["engine", "setting", "CPU ms"], *lines], left=2))
+
+
+def print_case(case: Any, rows: list[dict[str, Any]], targets: tuple[float, ...]) -> None:
+    print(f"\n{case.title}: microseconds to a true error of at most (times robodyn's)\n")
+    print(measure.table(reached(rows, targets)))
+    head = [["engine", "setting", "error", "us", "steps"]]
+    body = [[r["engine"], r["setting"], f"{r['error']:.1e}", f"{r['us']:.4g}", str(r["steps"])] for r in rows]
+    print("\n" + measure.table(head + body, left=2), flush=True)
 
 
 if __name__ == "__main__":

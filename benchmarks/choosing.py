@@ -1,6 +1,6 @@
 """Error against run time of the methods of integration on five motions: the figures of choosing-an-integrator.md.
 
-    python benchmarks/choosing.py [--repeats 5] [--figure docs/figures/choosing.png]
+    python benchmarks/choosing.py [--repeats 5] [--figure docs/figures/choosing.png] [--quick] [--json FILE]
 
 The error is the largest of any position over 257 samples, against the tightest run of another method; times are the
 shortest of the repeats, without output and without compilation.
@@ -8,7 +8,6 @@ shortest of the repeats, without output and without compilation.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import time
 from typing import Any
@@ -27,7 +26,7 @@ from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene.load import load_scene, load_scene_text
 
 SAMPLES = 257
-TOLERANCES = [10.0**-k for k in range(2, 14)]
+TOLERANCES = tuple(10.0**-k for k in range(2, 14))
 COMPARED = ("gauss", "dop853", "dopri5", "radau13", "radau", "rodas5p", "rosenbrock23", "bdf")
 LEVELS = (1e-3, 1e-6, 1e-9, 1e-12)
 TOO_LONG = 300_000  # steps
@@ -104,11 +103,13 @@ def solve(integrator: Integrator, m: Motion, options: Options) -> np.ndarray:
     return m.system.split(np.concatenate(rows))[0]
 
 
-def curve(m: Motion, method: str, exact: np.ndarray, repeats: int) -> list[Point]:
+def curve(
+    m: Motion, method: str, exact: np.ndarray, repeats: int, tolerances: tuple[float, ...]
+) -> list[Point]:
     """Return a method's runs over the tolerances; those that fail or take too long are left out."""
     integrator = Integrator(m.system, method)
     points = []
-    for tolerance in TOLERANCES:
+    for tolerance in tolerances:
         options = Options(tolerance, tolerance, max_steps=TOO_LONG)
         try:
             error = float(np.abs(solve(integrator, m, options) - exact).max())
@@ -130,7 +131,7 @@ def best(points: list[Point], level: float) -> Point | None:
     return min(able, key=lambda p: p.seconds) if able else None
 
 
-def energies(periods: int = 1000) -> dict[str, list[tuple[float, float, float]]]:
+def energies(periods: int) -> dict[str, list[tuple[float, float, float]]]:
     """Return (seconds, largest energy error over the run, over its first hundredth) of a pendulum by fixed steps."""
     m = motion("pendulum", load_scene_text(PENDULUM), 0.0, ("gauss", 1e-14))
     period = 2.3602  # s, of the pendulum of 1 m released horizontally
@@ -199,31 +200,48 @@ def draw(results: dict[str, dict[str, list[Point]]], energy: dict[str, Any], pat
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = measure.command_line(__doc__)
     parser.add_argument("--repeats", type=int, default=5)
     parser.add_argument("--figure", default="")
-    arguments = parser.parse_args()
+    chosen = parser.parse_args()
+    repeats, tolerances = (1, TOLERANCES[1::5]) if chosen.quick else (chosen.repeats, TOLERANCES)
     results: dict[str, dict[str, list[Point]]] = {}
-    for m in motions():
-        exact = solve(Integrator(m.system, m.reference[0]), m, Options(m.reference[1], m.reference[1]))
-        curves = results[m.title] = {k: curve(m, k, exact, arguments.repeats) for k in COMPARED}
-        print(f"\n{m.title}: run time [ms] to an error of at most ... (rtol = atol)\n")
-        print(f"| method | {' | '.join(f'{x:.0e}' for x in LEVELS)} |\n|---|{'---|' * len(LEVELS)}")
-        for name, points in curves.items():
-            cells = [best(points, x) for x in LEVELS]
-            text = [f"{1e3 * p.seconds:.3g} ({p.asked:.0e})" if p else "-" for p in cells]
-            print(f"| `{name}` | {' | '.join(text)} |", flush=True)
-    energy = energies()
-    print(
-        "\npendulum over 1000 periods, 64 steps a period: largest energy error / (m g l), and in the first 10 periods\n"
-    )
-    print("| method | whole run | first 10 periods | time [ms] |\n|---|---|---|---|")
-    for name, points in energy.items():
-        if len(points) > 2:
-            seconds, whole, start = points[2]
-            print(f"| `{name}` | {whole:.1e} | {start:.1e} | {1e3 * seconds:.3g} |")
-    if arguments.figure:
-        draw(results, energy, arguments.figure)
+    with measure.reporting(chosen.json) as report:
+        for m in motions():
+            with report.part(m.title):
+                method, tight = m.reference
+                exact = solve(Integrator(m.system, method), m, Options(tight, tight))
+                curves = {k: curve(m, k, exact, repeats, tolerances) for k in COMPARED}
+                results[m.title] = curves
+                report.rows += [
+                    {"work": m.title, "method": k, **dataclasses.asdict(p)}
+                    for k, x in curves.items()
+                    for p in x
+                ]
+                print_motion(m.title, curves)
+        periods = 50 if chosen.quick else 1000
+        energy = energies(periods)
+        report.more["energy"] = energy
+        print(
+            f"\npendulum over {periods} periods, 64 steps a period: largest energy error / (m g l), "
+            "and in the first hundredth\n"
+        )
+        print("| method | whole run | first hundredth | time [ms] |\n|---|---|---|---|")
+        for name, points in energy.items():
+            if len(points) > 2:
+                seconds, whole, start = points[2]
+                print(f"| `{name}` | {whole:.1e} | {start:.1e} | {1e3 * seconds:.3g} |")
+        if chosen.figure:
+            draw(results, energy, chosen.figure)
+
+
+def print_motion(title: str, curves: dict[str, list[Point]]) -> None:
+    print(f"\n{title}: run time [ms] to an error of at most ... (rtol = atol)\n")
+    print(f"| method | {' | '.join(f'{x:.0e}' for x in LEVELS)} |\n|---|{'---|' * len(LEVELS)}")
+    for name, points in curves.items():
+        cells = [best(points, x) for x in LEVELS]
+        text = [f"{1e3 * p.seconds:.3g} ({p.asked:.0e})" if p else "-" for p in cells]
+        print(f"| `{name}` | {' | '.join(text)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -11,7 +11,6 @@ in ``against_peers.py``.
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable, Iterator
 from typing import Any
 
@@ -171,31 +170,35 @@ def reached(rows: list[dict[str, Any]]) -> list[list[str]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="few settings and repeats")
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
-    options = parser.parse_args()
+    options = measure.command_line(__doc__).parse_args()
     repeats = 3 if options.quick else 15
-    rows = bench(PENDULUM, pendulum_runs(options.quick), error_at_end, repeats)
-    rows += bench(FOUR_BAR, four_bar_runs(options.quick), lambda t: abs(t - LOCK), repeats)
-    compiling = [] if options.quick else compile_rows()
     measure.print_machine()
     print(f"medians of {repeats} alternating repeats")
-    for work, what in ((PENDULUM, "error"), (FOUR_BAR, "error of the time [s]")):
-        mine = [row for row in rows if row["work"] == work]
-        print(f"\n{work}\n")
-        head = [["engine", "setting", what, "us", "steps"]]
-        lines = [
-            [r["engine"], r["setting"], f"{r['error']:.1e}", f"{r['us']:.4g}", str(r["steps"])] for r in mine
-        ]
-        print(measure.table(head + lines, left=2))
-        print("\nmicroseconds to a true error of at most\n")
-        print(measure.table(reached(mine)))
-    if compiling:
-        print("\nseconds to compile, and to load what is cached\n")
-        lines = [[r["work"], r["engine"], f"{r['cold_s']:.3f}", f"{r['cached_s']:.4f}"] for r in compiling]
-        print(measure.table([["work", "engine", "cold", "cached"], *lines], left=2))
-    measure.write_json(options.json, rows, compiling=compiling, repeats=repeats)
+    with measure.reporting(options.json) as report:
+        report.more["repeats"] = repeats
+        for work, runs, error_of, meaning in (
+            (PENDULUM, pendulum_runs, error_at_end, "error"),
+            (FOUR_BAR, four_bar_runs, lambda t: abs(t - LOCK), "error of the time [s]"),
+        ):
+            with report.part(work):
+                rows = bench(work, runs(options.quick), error_of, repeats)
+                report.rows += rows
+                print(f"\n{work}\n")
+                head = [["engine", "setting", meaning, "us", "steps"]]
+                lines = [
+                    [r["engine"], r["setting"], f"{r['error']:.1e}", f"{r['us']:.4g}", str(r["steps"])]
+                    for r in rows
+                ]
+                print(measure.table(head + lines, left=2))
+                print("\nmicroseconds to a true error of at most\n")
+                print(measure.table(reached(rows)), flush=True)
+        if not options.quick:
+            compiling = report.more["compiling"] = compile_rows()
+            print("\nseconds to compile, and to load what is cached\n")
+            lines = [
+                [r["work"], r["engine"], f"{r['cold_s']:.3f}", f"{r['cached_s']:.4f}"] for r in compiling
+            ]
+            print(measure.table([["work", "engine", "cold", "cached"], *lines], left=2))
 
 
 if __name__ == "__main__":

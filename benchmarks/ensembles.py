@@ -12,7 +12,6 @@ clock.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import os
 import subprocess
@@ -136,17 +135,11 @@ def error_of(found: np.ndarray, reference: np.ndarray) -> float:
     return float(np.median(np.abs(found[:count] - reference[:count]).max(axis=1)))
 
 
-def has(module: str) -> bool:
-    import importlib.util
-
-    return importlib.util.find_spec(module) is not None
-
-
-def double_pendulums(count: int, repeats: int) -> list[dict[str, Any]]:
+def double_pendulums(count: int, repeats: int, heyoka: bool) -> list[dict[str, Any]]:
     ensemble = Ensemble(count)
     actions = {f"robodyn {m}": ensemble.ours(m) for m in ("dop853", "gauss")}
     actions["robodyn gauss, a loop in Python"] = ensemble.in_python("gauss")
-    if has("heyoka"):
+    if heyoka:
         actions[f"heyoka, batches of {BATCH}"] = ensemble.heyoka(BATCH, TOLERANCE)
         actions["heyoka, one by one"] = ensemble.heyoka(1, TOLERANCE)
         reference = ensemble.heyoka(1, 1e-15, CHECKED)()
@@ -160,7 +153,7 @@ def double_pendulums(count: int, repeats: int) -> list[dict[str, Any]]:
         rows.append(
             {"work": "double pendulums", "way": name, "runs": count, "seconds": seconds, "error": error}
         )
-        if "heyoka, batches" in "".join(actions):
+        if heyoka:
             rows[-1]["to_batch"] = measure.median_ratio(times[f"heyoka, batches of {BATCH}"], times[name])
     return rows
 
@@ -194,7 +187,7 @@ def threads(count: int, repeats: int) -> dict[str, Any]:
     return {"threads": max(ratios)}
 
 
-def stiff(count: int, repeats: int) -> list[dict[str, Any]]:
+def stiff(count: int, repeats: int, casadi: bool) -> list[dict[str, Any]]:
     springs = np.logspace(4, 8, count)
 
     def ours(method: str, tolerance: float) -> Callable[[], np.ndarray]:
@@ -207,7 +200,7 @@ def stiff(count: int, repeats: int) -> list[dict[str, Any]]:
         return run
 
     actions = {f"robodyn {method}": ours(method, 1e-8) for method in ("radau13", "rodas5p")}
-    if has("casadi"):
+    if casadi:
         actions["CasADi, CVODES"] = _cvodes(springs)
     times = measure.alternate(actions, repeats)
     reference = ours("radau13", 1e-12)()
@@ -293,37 +286,42 @@ def studies(count: int, turns: int) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json")
-    chosen = parser.parse_args()
+    chosen = measure.command_line(__doc__).parse_args()
     count, repeats = (50, 1) if chosen.quick else (10_000, 5)
-    rows = double_pendulums(count, repeats)
-    rows += stiff(20 if chosen.quick else 1000, repeats)
-    rows += four_bars(count, repeats)
-    precise = work_precision(count // 5, repeats) if has("heyoka") else []
-    side = threads(count, repeats)
-    whole = studies(count, 1 if chosen.quick else 3)
     measure.print_machine()
-    print(f"\nTwo threads: {side['threads']:.2f} times one, by the clock\n")
-    head = ["work", "way", "runs", "runs/s", "median error", "to heyoka's batch"]
-    body = [
-        [r["work"], r["way"], str(r["runs"]), f"{r['runs'] / r['seconds']:.0f}",
-         f"{r['error']:.1e}" if np.isfinite(r["error"]) else "-",
-         f"{r['to_batch']:.2f}" if "to_batch" in r else "-"]
-        for r in rows
-    ]  # fmt: skip
-    print(measure.table([head, *body], left=2))
-    print()
-    head = ["whole process", "one run [s]", "study [s]", "ratio"]
-    print(measure.table([head, *[
-        [r["work"], f"{r['single']:.2f}", f"{r['study']:.2f}", f"{r['study'] / r['single']:.1f}"] for r in whole
-    ]]))  # fmt: skip
-    head = ["double pendulums", "tolerance", "runs/s", "median error"]
-    print("\n" + measure.table([head, *[
-        [r["way"], f"{r['tolerance']:.0e}", f"{r['runs'] / r['seconds']:.0f}", f"{r['error']:.1e}"] for r in precise
-    ]]))  # fmt: skip
-    measure.write_json(chosen.json, rows, **side, studies=whole, work_precision=precise)
+    with measure.reporting(chosen.json) as report:
+        heyoka, casadi = report.has("heyoka"), report.has("casadi")
+        with report.part("two threads"):
+            report.more |= threads(count, repeats)
+            print(f"\nTwo threads: {report.more['threads']:.2f} times one, by the clock\n", flush=True)
+        for name, bench in (
+            ("double pendulums", lambda: double_pendulums(count, repeats, heyoka)),
+            ("stiff double pendulums", lambda: stiff(20 if chosen.quick else 1000, repeats, casadi)),
+            ("four-bars to their lock", lambda: four_bars(count, repeats)),
+        ):
+            with report.part(name):
+                report.rows += bench()
+        if report.rows:
+            print(measure.table([
+                ["work", "way", "runs", "runs/s", "median error", "to heyoka's batch"],
+                *([r["work"], r["way"], str(r["runs"]), f"{r['runs'] / r['seconds']:.0f}",
+                   f"{r['error']:.1e}" if np.isfinite(r["error"]) else "-",
+                   f"{r['to_batch']:.2f}" if "to_batch" in r else "-"] for r in report.rows),
+            ], left=2), flush=True)  # fmt: skip
+        with report.part("whole studies"):
+            whole = report.more["studies"] = studies(count, 1 if chosen.quick else 3)
+            print("\n" + measure.table([
+                ["whole process", "one run [s]", "study [s]", "ratio"],
+                *([r["work"], f"{r['single']:.2f}", f"{r['study']:.2f}", f"{r['study'] / r['single']:.1f}"]
+                  for r in whole),
+            ]), flush=True)  # fmt: skip
+        with report.part("error over run time"):
+            precise = report.more["work_precision"] = work_precision(count // 5, repeats) if heyoka else []
+            print("\n" + measure.table([
+                ["double pendulums", "tolerance", "runs/s", "median error"],
+                *([r["way"], f"{r['tolerance']:.0e}", f"{r['runs'] / r['seconds']:.0f}", f"{r['error']:.1e}"]
+                  for r in precise),
+            ]))  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """The error that runs report beside their true error: scenes, methods and tolerances.
 
-    python benchmarks/error_estimates.py [--quick] [SCENE.yaml ...]
+    python benchmarks/error_estimates.py [--quick] [--json FILE] [SCENE.yaml ...]
 
 The true error is that against a reference on which two methods at tight tolerance agree. Only runs count whose true
 error can be told: above 100 times the rounding floor and ten times what the references disagree by, and below 1e-2
@@ -9,7 +9,6 @@ of the motion.
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
 import math
 import statistics
@@ -17,6 +16,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+import measure
 import numpy as np
 
 from robodyn_cli import load_scene
@@ -71,7 +71,7 @@ def settings(
             yield tolerance, {"rtol": tolerance, "atol": 1e-2 * tolerance, "step": None}
 
 
-def measure(
+def runs_of(
     path: Path, names: Iterable[str], tolerances: Sequence[float] = TOLERANCES, budget: Budget | None = None
 ) -> Iterator[Row]:
     """Yield a row for each run of a scene."""
@@ -112,19 +112,27 @@ def judge(scene: str, method: str, setting: float, done: Any, ref: TrialReferenc
     return Row(scene, method, setting, true, estimate, floor, ratio, note, cost)
 
 
+QUICK = ("double_pendulum", "four_bar_deploy", "tumbling_body")  # scenes of ``--quick``
+
+
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = measure.command_line(__doc__)
     parser.add_argument("scenes", nargs="*", type=Path)
-    parser.add_argument("--quick", action="store_true", help="fewer tolerances and methods")
     options = parser.parse_args()
     names = ["gauss", "dop853", "rodas5p"] if options.quick else list(registry)
     tolerances = TOLERANCES[1::2] if options.quick else TOLERANCES
-    rows = []
-    for path in options.scenes or scenes():
-        try:
-            rows += list(measure(path, names, tolerances))
-        except RobodynError as error:
-            print(f"{path.stem}: {error.message}")
+    chosen = [path for path in scenes() if not options.quick or path.stem in QUICK]
+    rows: list[Row] = []
+    with measure.reporting(options.json) as report:
+        for path in options.scenes or chosen:
+            with report.part(path.stem):
+                for row in runs_of(path, names, tolerances):
+                    rows.append(row)
+                    report.rows.append(dataclasses.asdict(row))
+        print_rows(rows)
+
+
+def print_rows(rows: list[Row]) -> None:
     told = [r for r in rows if r.ratio is not None]
     missed = [r for r in told if not 1.0 / FACTOR <= r.ratio <= FACTOR]  # type: ignore[operator]
     logs = [math.log10(max(r.ratio, 1e-12)) for r in told]  # type: ignore[type-var]

@@ -11,7 +11,6 @@ Toolbox is compared where it is installed (``pip install roboticstoolbox-python`
 
 from __future__ import annotations
 
-import argparse
 import statistics
 import time
 from collections.abc import Callable
@@ -99,12 +98,10 @@ def pinocchio_solver(forward: Forward, starts: int) -> Callable[[Any, Array], Ar
     return solve
 
 
-def toolbox_solver(arm: arms.Arm, tolerance: float) -> Callable[[Any, Array], Array] | None:
-    """Return the Robotics Toolbox's solver in C, None where it is not installed."""
-    try:
-        import roboticstoolbox as rtb
-    except Exception:  # it also fails to load beside some versions of its own dependencies
-        return None
+def toolbox_solver(arm: arms.Arm, tolerance: float) -> Callable[[Any, Array], Array]:
+    """Return the Robotics Toolbox's solver in C."""
+    import roboticstoolbox as rtb
+
     links = [rtb.RevoluteMDH(a=a, alpha=alpha, d=d) for a, alpha, d in zip(arm.a, arm.alpha, arm.d)]
     ets = rtb.DHRobot(links).ets()
 
@@ -121,20 +118,19 @@ def one_by_one(solve: Callable[[Any, Array], Array], poses: list[Any], q0: Array
     return (time.process_time() - start) / len(poses) * 1e6, np.array(found)
 
 
-def bench(arm: arms.Arm, poses: int, repeats: int) -> list[dict[str, Any]]:
-    """Return a row for each solver."""
+def bench(report: measure.Report, arm: arms.Arm, poses: int, repeats: int) -> None:
+    """Add a row for each solver to the report."""
     forward = Forward(arm)
     rng = np.random.default_rng(1)
     targets = [forward.at(q).copy() for q in rng.uniform(-np.pi, np.pi, (poses, arm.n))]
     p, R = (np.array([getattr(x, name) for x in targets]) for name in ("translation", "rotation"))
     q0 = 0.5 * np.ones(arm.n)
     scene, link = load_scene_text(arms.scene_text(arm)), f"link{arm.n}"
-    rows = []
 
     def row(solver: str, time_us: float, q: Array) -> None:
         errors = forward.errors(q, targets)
         solved = errors <= SOLVED
-        rows.append(
+        report.rows.append(
             {"arm": arm.name, "solver": solver, "us": time_us, "solved": float(solved.mean()),
              "error": float(errors[solved].max(initial=0.0))}
         )  # fmt: skip
@@ -154,31 +150,32 @@ def bench(arm: arms.Arm, poses: int, repeats: int) -> list[dict[str, Any]]:
     for starts in (1, STARTS):
         name = "Pinocchio, 1 start" if starts == 1 else f"Pinocchio, {starts} starts"
         row(name, *one_by_one(pinocchio_solver(forward, starts), targets, q0))
+    if not report.has("roboticstoolbox"):
+        return
     for tolerance in (1e-6, 1e-20):
-        peer = toolbox_solver(arm, tolerance)
-        if peer is not None:
-            row(f"Robotics Toolbox, {tolerance:.0e}", *one_by_one(peer, targets, q0))
-    return rows
+        with report.part(f"Robotics Toolbox, {arm.name}"):
+            solve = toolbox_solver(arm, tolerance)
+            row(f"Robotics Toolbox, {tolerance:.0e}", *one_by_one(solve, targets, q0))
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="100 poses")
-    parser.add_argument("--json", help="write the figures there")
-    given = parser.parse_args()
+    given = measure.command_line(__doc__).parse_args()
     poses, repeats = (100, 3) if given.quick else (1000, 15)
-    kinds = (from_standard("Puma 560", PUMA), from_standard("UR", UR), arms.seven_joint_arm())
-    rows = [row for arm in kinds for row in bench(arm, poses, repeats)]
+    measure.print_machine()
     print(f"{poses} random poses; solved: within {SOLVED:g} m and rad by Pinocchio's forward kinematics\n")
-    lines = [["arm", "solver", "us a pose", "solved", "largest error of these"]]
-    lines += [
-        [row["arm"], row["solver"], f"{row['us']:.2f}", f"{row['solved']:.1%}", f"{row['error']:.1e}"]
-        for row in rows
-    ]
-    print(measure.table(lines, left=2))
-    measure.write_json(given.json, rows, poses=poses, repeats=repeats)
+    with measure.reporting(given.json) as report:
+        report.more |= {"poses": poses, "repeats": repeats}
+        if not report.has("pinocchio"):
+            return
+        for arm in (from_standard("Puma 560", PUMA), from_standard("UR", UR), arms.seven_joint_arm()):
+            with report.part(arm.name):
+                bench(report, arm, poses, repeats)
+        lines = [["arm", "solver", "us a pose", "solved", "largest error of these"]]
+        lines += [
+            [row["arm"], row["solver"], f"{row['us']:.2f}", f"{row['solved']:.1%}", f"{row['error']:.1e}"]
+            for row in report.rows
+        ]
+        print(measure.table(lines, left=2))
 
 
 if __name__ == "__main__":

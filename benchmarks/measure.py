@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import platform
@@ -11,12 +12,18 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+import traceback
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
-LIBRARIES = ("numpy", "scipy", "llvmlite", "h5py", "typer", "matplotlib", "pinocchio", "mujoco", "heyoka")
+LIBRARIES = (
+    "numpy", "scipy", "llvmlite", "h5py", "typer", "matplotlib", "pin", "mujoco", "heyoka", "casadi", "exudyn", "drake",
+    "toppra",
+)  # fmt: skip
 
 
 def single_thread() -> None:
@@ -58,31 +65,68 @@ def alternate(
     return found
 
 
-def beside_pinocchio(
-    doc: str, much: tuple[int, int], quick: tuple[int, int]
-) -> tuple[argparse.Namespace, Any]:
-    """Read the command line of a benchmark of many samples, and import Pinocchio.
-
-    Parameters
-    ----------
-    doc : the script's own text, its first line for the help. much, quick : samples a call and repeats, without and
-        with ``--quick``.
-
-    Returns
-    -------
-    The options ``samples``, ``repeats``, ``quick`` and ``json``; Pinocchio's module, None where it is not installed.
-    """
-    parser = argparse.ArgumentParser(description=doc.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer samples and repeats")
+def command_line(doc: str | None) -> argparse.ArgumentParser:
+    """Return the parser that all benchmarks share, with ``--quick`` and ``--json``; its help is the script's text."""
+    parser = argparse.ArgumentParser(description=doc, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "--quick", action="store_true", help="smaller, with fewer repeats: a look, not figures"
+    )
     parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
-    options = parser.parse_args()
-    options.samples, options.repeats = quick if options.quick else much
+    return parser
+
+
+class Report:
+    """What a benchmark has measured so far; it is written however the benchmark ends.
+
+    rows : a row each figure or engine. more : what else the file gets. failed : parts that failed, and why.
+    absent : peers that are not installed.
+    """
+
+    def __init__(self) -> None:
+        self.rows: list[dict[str, Any]] = []
+        self.more: dict[str, Any] = {}
+        self.failed: dict[str, str] = {}
+        self.absent: list[str] = []
+
+    def has(self, module: str) -> bool:
+        """Tell whether a peer is installed; one that is not is told once, and left out."""
+        if importlib.util.find_spec(module) is not None:
+            return True
+        if module not in self.absent:
+            self.absent.append(module)
+            print(f"{module} is not installed: left out", file=sys.stderr)
+        return False
+
+    @contextmanager
+    def part(self, name: str) -> Iterator[None]:
+        """Measure a part of a benchmark: if it fails, that is a line of the report, and other parts go on."""
+        try:
+            yield
+        except Exception as error:
+            traceback.print_exc()
+            self.failed[name] = f"{type(error).__name__}: {error}"
+
+
+@contextmanager
+def reporting(path: str | None) -> Iterator[Report]:
+    """Yield an empty report, and write it at the end, after an error or an interrupt too.
+
+    Raises
+    ------
+    SystemExit : with 1, after everything is printed and written, if a part failed.
+    """
+    report = Report()
     try:
-        import pinocchio
-    except ImportError:
-        print("Pinocchio is not installed (pip install pin): robodyn alone")
-        return options, None
-    return options, pinocchio
+        yield report
+    finally:
+        if report.failed:
+            print("\n" + table([["failed", "why"], *map(list, report.failed.items())], left=2))
+        if path:
+            kept = {**report.more, "failed": report.failed, "absent": report.absent}
+            text = json.dumps({"machine": machine(), "rows": report.rows, **kept}, indent=2)
+            Path(path).write_text(text + "\n", encoding="utf-8")
+    if report.failed:
+        raise SystemExit(1)
 
 
 def cold_and_cached(code: str, text: str = "") -> tuple[float, float]:
@@ -130,9 +174,8 @@ def machine() -> dict[str, Any]:
     if hasattr(os, "getloadavg"):
         found["load"] = round(os.getloadavg()[0], 2)
     for name in LIBRARIES:
-        module = sys.modules.get(name)
-        if module is not None:
-            found[name] = str(getattr(module, "__version__", "unknown"))
+        with suppress(metadata.PackageNotFoundError):
+            found[name] = metadata.version(name)
     return found
 
 
@@ -148,12 +191,5 @@ def table(rows: Sequence[Sequence[str]], left: int = 1) -> str:
     return "\n".join([line(rows[0]), f"|{'|'.join(rules)}|", *map(line, rows[1:])])
 
 
-def write_json(path: str | None, rows: Sequence[Mapping[str, Any]], **more: Any) -> None:
-    """Write the rows and the machine's description, where a file was asked for."""
-    if path:
-        text = json.dumps({"machine": machine(), "rows": list(rows), **more}, indent=2)
-        Path(path).write_text(text + "\n", encoding="utf-8")
-
-
-def print_machine(done: Mapping[str, Any] | None = None) -> None:
-    print(", ".join(f"{k} {v}" for k, v in (done or machine()).items()))
+def print_machine() -> None:
+    print(", ".join(f"{k} {v}" for k, v in machine().items()), flush=True)

@@ -10,6 +10,7 @@ Machine code only: the first 200 000 states of a kernel are interpreted, and com
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -79,14 +80,14 @@ def difference(name: str, own: Any, theirs: Any) -> float:
     return max(found)
 
 
-def bench(samples: int, repeats: int, pin: Any) -> list[dict[str, Any]]:
-    """Time all functions with both engines; return a row for each."""
+def bench(report: measure.Report, samples: int, repeats: int) -> None:
+    """Time all functions with both engines; add a row for each to the report."""
+    pin = importlib.import_module("pinocchio") if report.has("pinocchio") else None
     arm = arms.seven_joint_arm()
     mechanism = Mechanism(load_scene_text(arms.scene_text(arm)))
     q, v, x = arms.motion(arm.n, samples)
     states = list(zip(*(np.ascontiguousarray(a) for a in (q, v, x))))
     peers = peer_calls(pin, arms.pinocchio_model(arm)) if pin is not None else {}
-    rows = []
     for name, own in own_calls(mechanism).items():
         for _ in range(-(-sample_kernels.MANY // samples)):
             own(q, v, x)
@@ -104,21 +105,29 @@ def bench(samples: int, repeats: int, pin: Any) -> list[dict[str, Any]]:
         if peers:
             row["faster"] = measure.median_ratio(times["pinocchio"], times["robodyn"])
             row["differ"] = max(difference(name, own(*s), peers[name](*s)) for s in states[:: samples // 20])
-        rows.append(row)
-    return rows
+        report.rows.append(row)
 
 
 def main() -> None:
-    options, pin = measure.beside_pinocchio(__doc__ or "", (10_000, 15), (1000, 3))
-    samples, repeats = options.samples, options.repeats
-    rows = bench(samples, repeats, pin)
+    options = measure.command_line(__doc__).parse_args()
+    samples, repeats = (1000, 3) if options.quick else (10_000, 15)
     measure.print_machine()
     print(f"7-joint arm, {samples} states a call, one core, medians of {repeats} alternating repeats\n")
-    head = ["function", "robodyn us", "Pinocchio us", "times faster", "target", "between them"]
-    keys = (("robodyn", ".4f"), ("pinocchio", ".3f"), ("faster", ".1f"), ("target", "d"), ("differ", ".1e"))
-    lines = [[r["function"], *(format(r[k], form) if k in r else "-" for k, form in keys)] for r in rows]
-    print(measure.table([head, *lines]))
-    measure.write_json(options.json, rows, samples=samples, repeats=repeats)
+    with measure.reporting(options.json) as report:
+        report.more |= {"samples": samples, "repeats": repeats}
+        bench(report, samples, repeats)
+        head = ["function", "robodyn us", "Pinocchio us", "times faster", "target", "between them"]
+        keys = (
+            ("robodyn", ".4f"),
+            ("pinocchio", ".3f"),
+            ("faster", ".1f"),
+            ("target", "d"),
+            ("differ", ".1e"),
+        )
+        lines = [
+            [r["function"], *(format(r[k], form) if k in r else "-" for k, form in keys)] for r in report.rows
+        ]
+        print(measure.table([head, *lines]))
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ lines of the links, in the same colours, by Pillow too.
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import subprocess
@@ -52,25 +51,25 @@ FuncAnimation(figure, show, frames=len(chosen), blit=True).save(target, PillowWr
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = measure.command_line(__doc__)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
     parser.add_argument("--alone", action="store_true", help="leave FuncAnimation out")
-    parser.add_argument("--quick", action="store_true", help="fewer frames, one repeat")
     options = parser.parse_args()
     options.repeats = 1 if options.quick else options.repeats
     more = ["--fps", "5"] if options.quick else []
     environment = {**os.environ, "PYTHONPATH": measure.search_path(), "MPLBACKEND": "Agg"}
-    with tempfile.TemporaryDirectory() as folder:
-        rows, made = bench(Path(folder), environment, options.repeats, options.alone, more)
     measure.print_machine()
-    print(
-        f"medians of {options.repeats} alternating processes; {made['frames']} frames, {made['size'] / 1024:.0f} KiB"
-    )
-    print(f"wanted: robodyn animate in less than {WANTED:g} s\n")
-    cells = [[row["process"], f"{row['s']:.2f}", f"{row['cpu_s']:.2f}"] for row in rows]
-    print(measure.table([["process", "s", "CPU s"], *cells]))
-    measure.write_json(options.json, rows, repeats=options.repeats, wanted=WANTED, frames=made["frames"])
+    with measure.reporting(options.json) as report, tempfile.TemporaryDirectory() as folder:
+        rows, made = bench(Path(folder), environment, options.repeats, options.alone, more)
+        report.rows += rows
+        report.more |= {"repeats": options.repeats, "wanted": WANTED, "frames": made["frames"]}
+        print(
+            f"medians of {options.repeats} alternating processes; {made['frames']} frames, "
+            f"{made['size'] / 1024:.0f} KiB"
+        )
+        print(f"wanted: robodyn animate in less than {WANTED:g} s\n")
+        cells = [[row["process"], f"{row['s']:.2f}", f"{row['cpu_s']:.2f}"] for row in rows]
+        print(measure.table([["process", "s", "CPU s"], *cells]))
 
 
 def bench(

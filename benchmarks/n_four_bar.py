@@ -2,6 +2,7 @@
 
     python benchmarks/n_four_bar.py                    5 to 160 loops, table, plot in docs/images
     python benchmarks/n_four_bar.py --loops 5 10       some, no plot
+    python benchmarks/n_four_bar.py --quick            2, 4 and 6 loops, no plot
     python benchmarks/n_four_bar.py --scene 40         print the scene
 
 Time per step is that of the classical method of order 4 at a fixed step of 1 ms with projection, so that a step is
@@ -11,14 +12,14 @@ of dop853 at rtol 1e-10 after 0.4 s, against the reduced equation of the paralle
 
 from __future__ import annotations
 
-import argparse
 import time
 from pathlib import Path
 from typing import Any
 
-from measure import ROOT, print_machine, single_thread, table, write_json
+import measure
 
 SIZES = (5, 10, 20, 40, 80, 160)
+QUICK = (2, 4, 6)
 STEP = 1e-3
 END = 0.4  # before the first pose in which all bars are horizontal
 REPEATS = 15
@@ -64,7 +65,7 @@ def exact(n: int) -> float:
     return float(found.y[0, -1])
 
 
-def measure(n: int) -> dict[str, Any]:
+def bench(n: int) -> dict[str, Any]:
     import numpy as np
 
     from robodyn_cli import load_scene_text
@@ -128,10 +129,9 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser = measure.command_line(__doc__)
     parser.add_argument("--loops", type=int, nargs="+", default=None, help="numbers of loops")
     parser.add_argument("--scene", type=int, help="print the scene with so many loops, and nothing else")
-    parser.add_argument("--json", help="write the rows to this file")
     parser.add_argument(
         "--plot", help="draw into this file (default for the whole series: docs/images/n_four_bar.png)"
     )
@@ -139,24 +139,31 @@ def main() -> None:
     if options.scene is not None:
         print(scene(options.scene), end="")
         return
-    single_thread()
-    rows = [measure(n) for n in options.loops or SIZES]
-    head = [
-        "loops", "joints", "rows", "operations", "a step", "µs a step", "µs a step and loop", "equations s",
-        "compile s", "error rad",
+    measure.single_thread()
+    measure.print_machine()
+    with measure.reporting(options.json) as report:
+        for n in options.loops or (QUICK if options.quick else SIZES):
+            with report.part(f"{n} loops"):
+                report.rows.append(bench(n))
+        print(measure.table([HEAD, *map(cells, report.rows)], left=0))
+        whole = options.loops is None and not options.quick
+        image = options.plot or (str(measure.ROOT / "docs" / "images" / "n_four_bar.png") if whole else None)
+        if image:
+            draw(report.rows, Path(image))
+
+
+HEAD = [
+    "loops", "joints", "rows", "operations", "a step", "µs a step", "µs a step and loop", "equations s",
+    "compile s", "error rad",
+]  # fmt: skip
+
+
+def cells(r: dict[str, Any]) -> list[str]:
+    return [
+        str(r["loops"]), str(r["joints"]), str(r["rows"]), str(r["operations"]), str(r["operations_of_a_step"]),
+        f"{r['us_per_step']:.3g}", f"{r['us_per_step'] / r['loops']:.3f}", f"{r['equations_s']:.2f}",
+        f"{r['compile_s']:.2f}", f"{r['error']:.1e}",
     ]  # fmt: skip
-    cells = [
-        [str(r["loops"]), str(r["joints"]), str(r["rows"]), str(r["operations"]), str(r["operations_of_a_step"]),
-         f"{r['us_per_step']:.3g}", f"{r['us_per_step'] / r['loops']:.3f}", f"{r['equations_s']:.2f}",
-         f"{r['compile_s']:.2f}", f"{r['error']:.1e}"]
-        for r in rows
-    ]  # fmt: skip
-    print_machine()
-    print(table([head, *cells], left=0))
-    write_json(options.json, rows)
-    image = options.plot or (None if options.loops else str(ROOT / "docs" / "images" / "n_four_bar.png"))
-    if image:
-        draw(rows, Path(image))
 
 
 if __name__ == "__main__":

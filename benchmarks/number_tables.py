@@ -8,7 +8,6 @@ those of the accelerations.
 
 from __future__ import annotations
 
-import argparse
 import contextlib
 from collections.abc import Callable, Iterator
 from typing import Any
@@ -89,35 +88,33 @@ CASES: dict[str, Callable[[], Case]] = {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="few turns")
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
-    arguments = parser.parse_args()
-    rows = []
-    for name, case in CASES.items():
-        table, operations = case()
-        with folded():
-            inside, before = case()
-        times = measure.alternate({"inside": inside, "table": table}, 5 if arguments.quick else 60)
-        rows.append(
-            {
-                "case": name,
-                "operations_inside": before,
-                "operations_table": operations,
-                "us_inside": 1e6 * min(times["inside"]),
-                "us_table": 1e6 * min(times["table"]),
-                "ratio": measure.median_ratio(times["table"], times["inside"]),
-            }
-        )
-        row = rows[-1]
-        print(
-            f"{name:32s} {before:6d} {operations:6d} operations {row['us_inside']:9.2f} {row['us_table']:9.2f} us "
-            f"ratio {row['ratio']:.3f}",
-            flush=True,
-        )
-    measure.write_json(arguments.json, rows)
+    arguments = measure.command_line(__doc__).parse_args()
+    with measure.reporting(arguments.json) as report:
+        for name, case in CASES.items():
+            with report.part(name):
+                row = bench(name, case, 5 if arguments.quick else 60)
+                report.rows.append(row)
+                print(
+                    f"{name:32s} {row['operations_inside']:6d} {row['operations_table']:6d} operations "
+                    f"{row['us_inside']:9.2f} {row['us_table']:9.2f} us ratio {row['ratio']:.3f}",
+                    flush=True,
+                )
+
+
+def bench(name: str, case: Any, turns: int) -> dict[str, Any]:
+    """Return the row of a case."""
+    table, operations = case()
+    with folded():
+        inside, before = case()
+    times = measure.alternate({"inside": inside, "table": table}, turns)
+    return {
+        "case": name,
+        "operations_inside": before,
+        "operations_table": operations,
+        "us_inside": 1e6 * min(times["inside"]),
+        "us_table": 1e6 * min(times["table"]),
+        "ratio": measure.median_ratio(times["table"], times["inside"]),
+    }
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Pages of results in a headless Chromium: size, time to make them, first drawing, frames a second.
 
-    python benchmarks/pages.py [--repeats N] [--json FILE]
+    python benchmarks/pages.py [--repeats N] [--quick] [--json FILE]
 
 Results: the deploying four-bar, and the seven-joint arm at 100 000 samples. Making a page is a process from start to
 end. The first drawing is counted from the start of the page's navigation, frames over seconds in which the motion
@@ -9,10 +9,10 @@ plays; the clock and the processor are shared with the browser. Needs playwright
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import statistics
+import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -45,28 +45,34 @@ FRAMES = """async (seconds) => {
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser = measure.command_line(__doc__)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
     options = parser.parse_args()
+    repeats = 1 if options.quick else options.repeats
     environment = {**os.environ, "PYTHONPATH": measure.search_path(), "MPLBACKEND": "Agg"}
-    with tempfile.TemporaryDirectory() as folder, browser() as chromium:
-        rows = [
-            bench(name, command, Path(folder), environment, chromium, options.repeats)
-            for name, command in RESULTS.items()
-        ]
     measure.print_machine()
-    print(f"medians of {options.repeats}; {WANTED}\n")
-    head = ["result", "KiB", "made in s", "CPU s", "first drawing s", "frames/s"]
-    cells = [
-        [
-            row["result"], f"{row['bytes'] / 1024:.0f}", f"{row['s']:.2f}", f"{row['cpu_s']:.2f}",
-            f"{row['first_drawing_s']:.2f}", f"{row['frames_per_s']:.0f}",
-        ]
-        for row in rows
-    ]  # fmt: skip
-    print(measure.table([head, *cells]))
-    measure.write_json(options.json, rows, repeats=options.repeats)
+    print(f"medians of {repeats}; {WANTED}\n")
+    with measure.reporting(options.json) as report, tempfile.TemporaryDirectory() as folder:
+        report.more["repeats"] = repeats
+        path = next((path for name in CHROMIUM if (path := shutil.which(name))), None)
+        if path is None:
+            report.absent.append("chromium")
+            print(f"needs a Chromium on the PATH, by one of the names {', '.join(CHROMIUM)}", file=sys.stderr)
+        if path is None or not report.has("playwright"):
+            return
+        with browser(path) as chromium:
+            for name, command in RESULTS.items():
+                with report.part(name):
+                    report.rows.append(bench(name, command, Path(folder), environment, chromium, repeats))
+        head = ["result", "KiB", "made in s", "CPU s", "first drawing s", "frames/s"]
+        cells = [
+            [
+                row["result"], f"{row['bytes'] / 1024:.0f}", f"{row['s']:.2f}", f"{row['cpu_s']:.2f}",
+                f"{row['first_drawing_s']:.2f}", f"{row['frames_per_s']:.0f}",
+            ]
+            for row in report.rows
+        ]  # fmt: skip
+        print(measure.table([head, *cells]))
 
 
 def bench(
@@ -106,13 +112,10 @@ def look(chromium: Any, page: Path) -> tuple[float, float]:
 
 
 @contextmanager
-def browser() -> Iterator[Any]:
-    """Start the Chromium that is on the PATH."""
+def browser(path: str) -> Iterator[Any]:
+    """Start a Chromium."""
     from playwright.sync_api import sync_playwright
 
-    path = next((found for name in CHROMIUM if (found := shutil.which(name))), None)
-    if path is None:
-        raise SystemExit(f"needs a Chromium on the PATH, by one of the names {', '.join(CHROMIUM)}")
     with sync_playwright() as driver:
         started = driver.chromium.launch(executable_path=path, args=["--no-sandbox"])
         yield started

@@ -1,6 +1,7 @@
 """Reference solutions of the arms that swing freely, by a method and an arithmetic that no engine here uses.
 
-    python benchmarks/reference.py        # writes benchmarks/reference.json; a minute
+    python benchmarks/reference.py          # writes benchmarks/reference.json; a minute
+    python benchmarks/reference.py --quick  # one variant and the arm on coarser meshes, beside what is written there
 
 Radau collocation with 7 and with 9 stages in extended precision (``longdouble``, 64 bits of mantissa on x86), on
 meshes that grow geometrically from the start, where stiff variants have their transient. Stage equations are
@@ -15,6 +16,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+import measure
 import numpy as np
 from cases import ARM_DURATION, ARM_START, START, VARIANTS
 
@@ -166,21 +168,40 @@ def solve_arm(stages: int, steps: int) -> Any:
 
 
 def main() -> None:
-    found: dict[str, Any] = {"times": JUDGED}
-    for variant in VARIANTS:
-        first = 1e-13 if VARIANTS[variant][1] else 1e-2
-        x = solve(variant, 9, first, 0.01)
-        other = solve(variant, 7, 0.7 * first, 0.007)
-        apart = np.abs(x - other)
-        angles, rates_apart = float(apart[:, :2].max()), float(apart[:, 2:].max())
-        print(f"{variant}: angles agree to {angles:.1e} rad, rates to {rates_apart:.1e} rad/s")
-        states = [[float(v) for v in row] for row in x]
-        found[variant] = {"states": states, "angles_agree": angles, "rates_agree": rates_apart}
-    x, other = solve_arm(9, 200), solve_arm(8, 240)
-    apart = float(np.abs(x - other).max())
-    print(f"arm: agrees to {apart:.1e}")
-    found["arm"] = {"states": [[float(v) for v in x]], "agree": apart}
-    FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+    options = measure.command_line(__doc__).parse_args()
+    with measure.reporting(options.json) as report:
+        if options.quick:
+            check(report)
+            return
+        found: dict[str, Any] = {"times": JUDGED}
+        for variant in VARIANTS:
+            first = 1e-13 if VARIANTS[variant][1] else 1e-2
+            x = solve(variant, 9, first, 0.01)
+            other = solve(variant, 7, 0.7 * first, 0.007)
+            apart = np.abs(x - other)
+            angles, rates_apart = float(apart[:, :2].max()), float(apart[:, 2:].max())
+            print(f"{variant}: angles agree to {angles:.1e} rad, rates to {rates_apart:.1e} rad/s")
+            report.rows.append({"case": variant, "angles_agree": angles, "rates_agree": rates_apart})
+            states = [[float(v) for v in row] for row in x]
+            found[variant] = {"states": states, "angles_agree": angles, "rates_agree": rates_apart}
+        x, other = solve_arm(9, 200), solve_arm(8, 240)
+        apart = float(np.abs(x - other).max())
+        print(f"arm: agrees to {apart:.1e}")
+        report.rows.append({"case": "arm", "agree": apart})
+        found["arm"] = {"states": [[float(v) for v in x]], "agree": apart}
+        FILE.write_text(json.dumps(found, indent=1) + "\n", encoding="utf-8")
+
+
+def check(report: measure.Report) -> None:
+    """Compare solutions on coarser meshes with those that are written."""
+    written = json.loads(FILE.read_text(encoding="utf-8"))
+    for case, end in (
+        ("plain", lambda: solve("plain", 7, 2e-2, 0.02)[-1]),
+        ("arm", lambda: solve_arm(8, 100)),
+    ):
+        apart = float(np.abs(end() - np.array(written[case]["states"][-1])).max())
+        print(f"{case}: {apart:.1e} from what is written")
+        report.rows.append({"case": case, "apart": apart})
 
 
 if __name__ == "__main__":

@@ -4,6 +4,7 @@
     python benchmarks/scaling.py --commands info inverse    some commands
     python benchmarks/scaling.py --sizes 10 100 --most 60   some sizes; a process may take a minute
     python benchmarks/scaling.py --recursions               inverse and forward dynamics of long chains, us a sample
+    python benchmarks/scaling.py --quick                    two small sizes
     python benchmarks/scaling.py --scene tree 100           print a scene
 
 Chains and trees have random axes, prismatic joints among them, full inertias and offset centres of mass; windows are
@@ -18,7 +19,6 @@ of a line through all sizes.
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
 import resource
@@ -140,56 +140,49 @@ def cost(text: str, command: str, most: float) -> tuple[float, float, str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = measure.command_line(__doc__)
     parser.add_argument("--commands", nargs="*", default=[])
     parser.add_argument("--kinds", nargs="*", default=["chain", "tree", "windows"])
     parser.add_argument("--sizes", nargs="*", type=int, default=[])
     parser.add_argument("--most", type=float, default=120.0, help="seconds a process may take")
     parser.add_argument("--recursions", action="store_true")
     parser.add_argument("--scene", nargs="*", help="KIND N [COMMAND]: print a scene")
-    parser.add_argument("--json", type=Path)
     options = parser.parse_args()
     if options.scene:
         kind, n, *command = options.scene
         print(scene(kind, int(n), command[0] if command else "info"))
         return
-    if options.recursions:
-        rows = recursions(options.sizes or JOINTS)
-        measure.print_machine()
-        if options.json:
-            measure.write_json(options.json, rows)
-        return
-    floor = cost(scene("chain", 2, "validate"), "validate", options.most)[0]
-    found = []
-    for kind in options.kinds:
-        sizes = options.sizes or (WINDOWS if kind == "windows" else SIZES)
-        for command in OF_WINDOWS if kind == "windows" else OF_TREES:
-            if options.commands and command not in options.commands:
-                continue
-            entry: dict[str, Any] = {
-                "kind": kind,
-                "command": command,
-                "seconds": {},
-                "megabytes": {},
-                "wrong": {},
-            }
-            for n in sizes:
-                seconds, memory, wrong = cost(scene(kind, n, command), command, options.most)
-                entry["seconds"][n], entry["megabytes"][n] = round(seconds, 2), round(memory)
-                if wrong:
-                    entry["wrong"][n] = wrong
-                    break
-            good = [n for n in entry["seconds"] if n not in entry["wrong"]]
-            entry["exponent"] = exponent(entry["seconds"], good, floor)
-            found.append(entry)
-            cells = [f"{entry['seconds'].get(n, '-')}{'!' if n in entry['wrong'] else ''}" for n in sizes]
-            megabytes = entry["megabytes"].get(good[-1]) if good else "-"
-            print(kind, command, *cells, megabytes, entry["exponent"], *entry["wrong"].values(), flush=True)
     measure.print_machine()
-    if options.json:
-        measure.write_json(options.json, found)
+    sizes = options.sizes or ([2, 4] if options.quick else [])
+    with measure.reporting(options.json) as report:
+        if options.recursions:
+            report.rows += recursions(sizes or JOINTS)
+            return
+        floor = cost(scene("chain", 2, "validate"), "validate", options.most)[0]
+        for kind in options.kinds:
+            for command in OF_WINDOWS if kind == "windows" else OF_TREES:
+                if options.commands and command not in options.commands:
+                    continue
+                with report.part(f"{kind} {command}"):
+                    chosen = sizes or (WINDOWS if kind == "windows" else SIZES)
+                    report.rows.append(over_sizes(kind, command, chosen, options.most, floor))
+
+
+def over_sizes(kind: str, command: str, sizes: Any, most: float, floor: float) -> dict[str, Any]:
+    """Return the costs of a command over sizes, up to the first at which something goes wrong; print them."""
+    row: dict[str, Any] = {"kind": kind, "command": command, "seconds": {}, "megabytes": {}, "wrong": {}}
+    for n in sizes:
+        seconds, memory, wrong = cost(scene(kind, n, command), command, most)
+        row["seconds"][n], row["megabytes"][n] = round(seconds, 2), round(memory)
+        if wrong:
+            row["wrong"][n] = wrong
+            break
+    good = [n for n in row["seconds"] if n not in row["wrong"]]
+    row["exponent"] = exponent(row["seconds"], good, floor)
+    cells = [f"{row['seconds'].get(n, '-')}{'!' if n in row['wrong'] else ''}" for n in sizes]
+    megabytes = row["megabytes"].get(good[-1]) if good else "-"
+    print(kind, command, *cells, megabytes, row["exponent"], *row["wrong"].values(), flush=True)
+    return row
 
 
 def recursions(sizes: list[int]) -> list[dict[str, Any]]:

@@ -11,8 +11,6 @@ step of 1e-4 of each number.
 
 from __future__ import annotations
 
-import argparse
-from collections.abc import Mapping
 from pathlib import Path
 
 import measure
@@ -90,43 +88,26 @@ def error(found: np.ndarray) -> float:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json")
-    options = parser.parse_args()
-    lock = Lock()
-    ways = {
-        "derivatives": lock.once,
-        "with their errors": lock.twice,
-        "20 runs by deploy_many": lock.differences,
-        "20 runs one by one": lock.one_by_one,
-    }
-    errors: Mapping[str, float | None] = {
-        "derivatives": error(lock.once()),
-        "with their errors": error(lock.twice()),
-        "20 runs by deploy_many": error(lock.differences()),
-        "20 runs one by one": None,
-    }
-    times = measure.alternate(ways, 3 if options.quick else 25)
-    base = times["20 runs by deploy_many"]
-    rows = [
-        {
-            "way": way,
-            "ms": 1e3 * measure.median(times[way]),
-            "of_differences": measure.median_ratio(times[way], base),
-            "error": errors[way],
-        }
-        for way in ways
-    ]
+    options = measure.command_line(__doc__).parse_args()
     measure.print_machine()
-    shown = [["way", "ms", "of the 20 runs", "error"]]
-    for row in rows:
-        told = "" if row["error"] is None else f"{row['error']:.1e}"
-        shown.append([str(row["way"]), f"{row['ms']:.2f}", f"{row['of_differences']:.2f}", told])
-    print(measure.table(shown))
-    measure.write_json(options.json, rows)
+    with measure.reporting(options.json) as report:
+        lock = Lock()
+        ways = {
+            "derivatives": lock.once,
+            "with their errors": lock.twice,
+            "20 runs by deploy_many": lock.differences,
+            "20 runs one by one": lock.one_by_one,
+        }
+        errors = {way: error(run()) for way, run in ways.items() if way != "20 runs one by one"}
+        times = measure.alternate(ways, 3 if options.quick else 25)
+        base = times["20 runs by deploy_many"]
+        shown = [["way", "ms", "of the 20 runs", "error"]]
+        for way, seconds in times.items():
+            ms, ratio = 1e3 * measure.median(seconds), measure.median_ratio(seconds, base)
+            report.rows.append({"way": way, "ms": ms, "of_differences": ratio, "error": errors.get(way)})
+            told = f"{errors[way]:.1e}" if way in errors else ""
+            shown.append([way, f"{ms:.2f}", f"{ratio:.2f}", told])
+        print(measure.table(shown))
 
 
 if __name__ == "__main__":

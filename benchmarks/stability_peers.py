@@ -1,6 +1,6 @@
 """The stability suite's cases in MuJoCo, Exudyn and scipy, each at settings that a user would start with.
 
-    python benchmarks/stability_peers.py [--cases A,B] [--json FILE]
+    python benchmarks/stability_peers.py [--cases A,B] [--quick] [--json FILE]
 
 Errors are the largest of any position or rate over its range, against the suite's own reference, whose two methods
 agree. Springs, dampers and dry friction of joints, loops and rigid stops are the engines' own as far as they have them
@@ -10,9 +10,6 @@ in words. Engines that are not installed are left out.
 
 from __future__ import annotations
 
-import argparse
-import importlib.util
-import json
 import sys
 import time
 from pathlib import Path
@@ -36,6 +33,7 @@ from robodyn_cli.over.stability.trial import INACCURATE, Budget, attempt, refere
 
 ENGINES = {"mujoco": mujoco.runs, "exudyn": exudyn.runs, "scipy": scipy.runs}
 BUDGET = Budget(2_000_000, 20.0)
+QUICK = ("gravity_alone", "start_near_singular", "double_pendulum")  # cases of ``--quick``
 INSTANTS = 257  # of a case that has no reference
 TORN = 1e-2  # m: ends of a loop that are further apart are no loop
 SAME = 0.02  # rad between crank and follower of a parallelogram; on its other branch 0.25 at the end
@@ -83,7 +81,7 @@ def passage(found: dict[str, Any], states: np.ndarray | None, mechanism: Mechani
     return {**found, "words": f"{branch}, gap {gap:.0e} m", "gap": gap, "apart": float(apart)}
 
 
-def compare(case: Case, text: str | None = None) -> dict[str, Any] | None:
+def compare(report: measure.Report, case: Case, text: str | None = None) -> dict[str, Any] | None:
     """Return what robodyn and its peers do with a case (``text``: with another scene); None without a reference."""
     if not case.peers:
         return None
@@ -101,7 +99,7 @@ def compare(case: Case, text: str | None = None) -> dict[str, Any] | None:
     found = {"robodyn auto": mine}
     times = np.linspace(0.0, scene.simulate.duration, INSTANTS) if ref is None else ref.times
     for module, runs in ENGINES.items():
-        if importlib.util.find_spec(module) is None:
+        if not report.has(module):
             continue
         for name, run in runs(mechanism):
             told, states = outcome(run, times)
@@ -121,24 +119,27 @@ def shown(run: dict[str, Any] | None) -> str:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--cases", default="", help="names of the suite's cases; default: all")
-    parser.add_argument("--json", type=Path, help="write everything there")
+    parser = measure.command_line(__doc__)
+    parser.add_argument(
+        "--cases", default="", help="names of the suite's cases; default: all, three by --quick"
+    )
     options = parser.parse_args()
     names = options.cases.split(",") if options.cases else [c.name for c in CASES]
-    rows = []
-    for case in (c for c in CASES if c.name in names):
-        row = compare(case)
-        if row is not None:
-            rows.append(row)
-            print(case.name, {k: shown(v) for k, v in row["runs"].items()}, file=sys.stderr, flush=True)
-    columns = list(dict.fromkeys(name for row in rows for name in row["runs"]))
-    print("| case | " + " | ".join(columns) + " |")
-    print("|---" * (len(columns) + 1) + "|")
-    for row in rows:
-        print(f"| {row['case']} | " + " | ".join(shown(row["runs"].get(c)) for c in columns) + " |")
-    if options.json:
-        options.json.write_text(json.dumps(rows, indent=1) + "\n")
+    if options.quick and not options.cases:
+        names = QUICK
+    with measure.reporting(options.json) as report:
+        for case in (c for c in CASES if c.name in names):
+            with report.part(case.name):
+                row = compare(report, case)
+                if row is not None:
+                    report.rows.append(row)
+                    told = {k: shown(v) for k, v in row["runs"].items()}
+                    print(case.name, told, file=sys.stderr, flush=True)
+        columns = list(dict.fromkeys(name for row in report.rows for name in row["runs"]))
+        print("| case | " + " | ".join(columns) + " |")
+        print("|---" * (len(columns) + 1) + "|")
+        for row in report.rows:
+            print(f"| {row['case']} | " + " | ".join(shown(row["runs"].get(c)) for c in columns) + " |")
 
 
 if __name__ == "__main__":

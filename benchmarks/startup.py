@@ -10,7 +10,6 @@ as in any installed package, in a folder of the benchmark's own; ``--as-is`` lea
 
 from __future__ import annotations
 
-import argparse
 import os
 import shutil
 import struct
@@ -105,27 +104,25 @@ def robodyn() -> list[str]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer repeats")
-    parser.add_argument("--json", metavar="FILE", help="write the rows to FILE")
+    parser = measure.command_line(__doc__)
     parser.add_argument("--as-is", action="store_true", help="leave bytecode to the environment")
     options = parser.parse_args()
     repeats = 3 if options.quick else 21
     environment = {**os.environ, "PYTHONPATH": measure.search_path(), "MPLBACKEND": "Agg"}
-    with tempfile.TemporaryDirectory() as folder:
+    measure.print_machine()
+    print(f"medians of {repeats} alternating processes\n")
+    with measure.reporting(options.json) as report, tempfile.TemporaryDirectory() as folder:
         if not options.as_is:
             environment.pop("PYTHONDONTWRITEBYTECODE", None)
             environment["PYTHONPYCACHEPREFIX"] = f"{folder}/bytecode"
-        rows = bench(Path(folder), environment, repeats)
+        report.rows += bench(Path(folder), environment, repeats)
+        head = ["work", "process", "ms", "CPU ms", "ratio", "CPU ratio", "of minima", "target"]
+        print(measure.table([head, *map(line, report.rows)], left=2))
         loaded = modules_of(["inverse", str(SCENE), "--no-plots", "--out", f"{folder}/modules"], environment)
-    measure.print_machine()
-    print(f"medians of {repeats} alternating processes\n")
-    head = ["work", "process", "ms", "CPU ms", "ratio", "CPU ratio", "of minima", "target"]
-    print(measure.table([head, *map(line, rows)], left=2))
-    found = [name for name in UNWANTED if name in loaded]
-    unwanted = ", ".join(found) or f"none ({', '.join(UNWANTED)})"
-    print(f"\nrobodyn inverse --no-plots imports {len(loaded)} modules; unwanted ones: {unwanted}")
-    measure.write_json(options.json, rows, repeats=repeats, unwanted_imports=found)
+        unwanted = [name for name in UNWANTED if name in loaded]
+        report.more |= {"repeats": repeats, "unwanted_imports": unwanted}
+        told = ", ".join(unwanted) or f"none ({', '.join(UNWANTED)})"
+        print(f"\nrobodyn inverse --no-plots imports {len(loaded)} modules; unwanted ones: {told}")
 
 
 def bench(folder: Path, environment: dict[str, str], repeats: int) -> list[dict[str, Any]]:

@@ -8,7 +8,6 @@ Memory is the largest resident set that the system counted, pages of files inclu
 
 from __future__ import annotations
 
-import argparse
 import os
 import sys
 import tempfile
@@ -42,12 +41,9 @@ def sweep(scene: Path, runs: int, environment: dict[str, str]) -> dict[str, floa
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true")
-    parser.add_argument("--json")
-    chosen = parser.parse_args()
-    rows = []
-    with tempfile.TemporaryDirectory() as folder:
+    chosen = measure.command_line(__doc__).parse_args()
+    measure.print_machine()
+    with measure.reporting(chosen.json) as report, tempfile.TemporaryDirectory() as folder:
         scene = Path(folder) / "pendulum.yaml"
         text = ensembles.scene("dopri5", 1e-6).replace(
             f"duration: {ensembles.DURATION}", f"duration: {DURATION}"
@@ -56,16 +52,15 @@ def main() -> None:
         environment = {**os.environ, "ROBODYN_CACHE": f"{folder}/cache", "PYTHONPATH": measure.search_path()}
         sweep(scene, 100, environment)
         for runs in (100, 1000) if chosen.quick else (10**4, 10**5, 10**6):
-            rows.append(sweep(scene, runs, environment))
-    measure.print_machine()
-    head = ["runs", "peak memory [MB]", "time [s]", "runs/s", "result.h5 [MB]"]
-    body = [
-        [str(r["runs"]), f"{r['peak_MB']:.0f}", f"{r['seconds']:.1f}", f"{r['runs'] / r['seconds']:.0f}",
-         f"{r['result_MB']:.1f}"]
-        for r in rows
-    ]  # fmt: skip
-    print(measure.table([head, *body]))
-    measure.write_json(chosen.json, rows)
+            with report.part(f"{runs} runs"):
+                report.rows.append(sweep(scene, runs, environment))
+        head = ["runs", "peak memory [MB]", "time [s]", "runs/s", "result.h5 [MB]"]
+        body = [
+            [str(r["runs"]), f"{r['peak_MB']:.0f}", f"{r['seconds']:.1f}", f"{r['runs'] / r['seconds']:.0f}",
+             f"{r['result_MB']:.1f}"]
+            for r in report.rows
+        ]  # fmt: skip
+        print(measure.table([head, *body]))
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ Compiling is not part of the time a sample and is listed apart.
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable
 from typing import Any
 
@@ -89,19 +90,21 @@ def bench(arm: arms.Arm, kind: str, samples: int, repeats: int, pin: Any) -> lis
 
 
 def main() -> None:
-    options, pin = measure.beside_pinocchio(__doc__ or "", (10_000, 25), (1000, 3))
-    samples, repeats = options.samples, options.repeats
-    rows: list[dict[str, Any]] = []
-    for arm in (arms.planar_2r(), arms.seven_joint_arm(), arms.random_chain(30)):
-        for kind in KINDS:
-            found = bench(arm, kind, samples, repeats, pin)
-            if not options.quick:
-                found[0]["cold_s"], found[0]["cached_s"] = compile_times(arms.scene_text(arm), kind)
-            rows += found
+    options = measure.command_line(__doc__).parse_args()
+    samples, repeats = (1000, 3) if options.quick else (10_000, 25)
     measure.print_machine()
     print(f"{samples} samples a call, one thread, medians of {repeats} alternating repeats\n")
-    print(measure.table(list(lines(rows))))
-    measure.write_json(options.json, rows, samples=samples, repeats=repeats)
+    with measure.reporting(options.json) as report:
+        report.more |= {"samples": samples, "repeats": repeats}
+        pin = importlib.import_module("pinocchio") if report.has("pinocchio") else None
+        for arm in (arms.planar_2r(), arms.seven_joint_arm(), arms.random_chain(30)):
+            for kind in KINDS:
+                with report.part(f"{kind} dynamics, {arm.name}"):
+                    rows = bench(arm, kind, samples, repeats, pin)
+                    if not options.quick:
+                        rows[0]["cold_s"], rows[0]["cached_s"] = compile_times(arms.scene_text(arm), kind)
+                    report.rows += rows
+        print(measure.table(list(lines(report.rows))))
 
 
 def lines(rows: list[dict[str, Any]]) -> Any:

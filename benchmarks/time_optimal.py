@@ -1,6 +1,6 @@
 """Paths in the least time: errors of the duration, what the limits are passed by, and times, beside toppra.
 
-    python benchmarks/time_optimal.py [--quick] [--random N]
+    python benchmarks/time_optimal.py [--quick] [--random N] [--json FILE]
 
 A mass has a closed form. For the arms the duration is compared with that of a grid of 12 800 intervals. ``stated`` is
 the error that is printed beside the duration, both in parts of it; ``passed`` the largest part by which any limit is
@@ -14,9 +14,7 @@ path and number of intervals. It takes torques as quadratic in the speed, so tha
 
 from __future__ import annotations
 
-import argparse
 import dataclasses
-import importlib.util
 import re
 import sys
 import time
@@ -74,10 +72,10 @@ class Case:
         s, v, u = law(t)[:, 0], law(t, 1)[:, 0], law(t, 2)[:, 0]
         way = self.path.motion(s)
         use = np.abs(self.path.torques_at(way, u, v * v)).max(axis=1, initial=0.0)
-        places, bounds = self.path.speed
-        speed = np.abs(way.qd[:, places] * v[:, None]) / bounds
-        places, bounds = self.path.acceleration
-        quick = np.abs(way.qd[:, places] * u[:, None] + way.qdd[:, places] * (v * v)[:, None]) / bounds
+        speed = self.path.speed.slowness(way.qd) * v[:, None]
+        bounds = self.path.acceleration
+        qdd = way.qd[:, bounds.places] * u[:, None] + way.qdd[:, bounds.places] * (v * v)[:, None]
+        quick = np.abs(bounds.parts(qdd))
         return float(max(use.max(), speed.max(initial=0.0), quick.max(initial=0.0)) - 1.0)
 
     def toppra(self, intervals: int) -> tuple[float, float]:
@@ -85,8 +83,9 @@ class Case:
         import toppra as ta
         from toppra import algorithm, constraint
 
-        case, bounds = self, np.full(self.program.problem.model.nv, 1e9)
-        bounds[self.path.effort[0]] = self.path.effort[1]
+        case, effort, speed = self, self.path.effort, self.path.speed
+        bounds = np.full((self.program.problem.model.nv, 2), (-1e9, 1e9))
+        bounds[effort.places] = np.column_stack([effort.low, effort.high])
 
         class Path(ta.interpolator.AbstractGeometricPath):
             path_interval = np.array([0.0, case.trajectory.way.duration])
@@ -102,14 +101,12 @@ class Case:
 
         scheme = constraint.DiscretizationType.Interpolation
         limits = [
-            constraint.JointTorqueConstraint(
-                torques, np.column_stack([-bounds, bounds]), 0 * bounds, discretization_scheme=scheme
-            )
+            constraint.JointTorqueConstraint(torques, bounds, 0 * bounds[:, 0], discretization_scheme=scheme)
         ]
-        if self.path.speed[0]:
-            fast = np.full(len(bounds), 1e9)
-            fast[self.path.speed[0]] = self.path.speed[1]
-            limits.append(constraint.JointVelocityConstraint(np.column_stack([-fast, fast])))
+        if speed.places:
+            fast = np.full(bounds.shape, (-1e9, 1e9))
+            fast[speed.places] = np.column_stack([speed.low, speed.high])
+            limits.append(constraint.JointVelocityConstraint(fast))
         grid = np.linspace(0.0, case.trajectory.way.duration, intervals + 1)
         start = time.perf_counter()
         solver = algorithm.TOPPRA(limits, Path(), gridpoints=grid, parametrizer="ParametrizeConstAccel")
@@ -118,6 +115,7 @@ class Case:
 
 
 REFERENCE = 12_800  # intervals
+TOPPRA = (("toppra_error", ".1e"), ("toppra_ms", ".1f"))
 
 
 def compared(case: Case, reference: float, calls: int, **how: Any) -> dict[str, float]:
@@ -138,8 +136,8 @@ def compared(case: Case, reference: float, calls: int, **how: Any) -> dict[str, 
     }
 
 
-def named(quick: bool) -> list[list[str]]:
-    """Return the table of known cases, at several tolerances and beside toppra."""
+def named(report: measure.Report, quick: bool) -> list[list[str]]:
+    """Return the table of known cases, at several tolerances and beside toppra; add its rows to the report."""
     seven = measure.ROOT / "configs" / "seven_joint_arm.yaml"
     head = seven.read_text().split("trajectory:")[0]
     rigid = re.sub(r",?\s*friction: \{(?:[^{}]|\{[^{}]*\})*\}", "", head)
@@ -151,21 +149,24 @@ def named(quick: bool) -> list[list[str]]:
         ("7-joint arm", load_scene_text(head + ARM, str(seven)), None),
         ("... no friction", load_scene_text(rigid + ARM, str(seven)), None),
     ]
-    peer = importlib.util.find_spec("toppra") is not None
+    peer = report.has("toppra")
     rows = [["path", "tolerance", "intervals", "duration [s]", "error", "stated", "passed", "ms"]]
     rows[0] += ["toppra: error", "ms"] if peer else []
     for name, scene, exact in cases:
         case = Case(scene)
         reference = exact or case.solve(400 if quick else REFERENCE).law.duration
         for tolerance in (1e-3, 1e-4) if quick else (1e-3, 1e-4, 1e-5, 1e-6):
-            row = compared(case, reference, 1 if quick else 5, tolerance=tolerance)
+            row: dict[str, Any] = compared(case, reference, 1 if quick else 5, tolerance=tolerance)
             rows.append([name, f"{tolerance:.0e}", f"{row['intervals']:.0f}", f"{row['duration']:.10f}"])
             rows[-1] += [*(f"{row[key]:.1e}" for key in ("error", "stated", "passed")), f"{row['ms']:.1f}"]
             if peer and any(body.forces for body in case.program.problem.model.bodies):
                 rows[-1] += ["", ""]
             elif peer:
-                duration, ms = case.toppra(int(row["intervals"]))
-                rows[-1] += [f"{duration / reference - 1.0:.1e}", f"{ms:.1f}"]
+                with report.part(f"toppra, {name}, {tolerance:.0e}"):
+                    duration, ms = case.toppra(int(row["intervals"]))
+                    row |= {"toppra_error": duration / reference - 1.0, "toppra_ms": ms}
+                rows[-1] += [format(row[k], form) if k in row else "failed" for k, form in TOPPRA]
+            report.rows.append({"path": name, "tolerance": tolerance, **row})
     return rows
 
 
@@ -198,15 +199,15 @@ def random(count: int, quick: bool) -> list[list[str]]:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="coarser references, fewer calls")
+    parser = measure.command_line(__doc__)
     parser.add_argument("--random", type=int, default=0, metavar="N", help="random paths too")
-    given = parser.parse_args()
+    options = parser.parse_args()
     measure.print_machine()
-    print(measure.table(named(given.quick)), flush=True)
-    if given.random:
-        print()
-        print(measure.table(random(given.random, given.quick)))
+    with measure.reporting(options.json) as report:
+        with report.part("known paths"):
+            print(measure.table(named(report, options.quick)), flush=True)
+        if options.random:
+            print("\n" + measure.table(random(options.random, options.quick)))
 
 
 if __name__ == "__main__":

@@ -1,17 +1,17 @@
 """Every robot of the package example-robot-data, read by robodyn and by Pinocchio: differences of their equations.
 
     pip download --no-deps example-robot-data -d DIR && unzip DIR/*.whl '*.urdf' -d DIR
-    python benchmarks/urdf_corpus.py DIR [--json FILE]
+    python benchmarks/urdf_corpus.py DIR [--quick] [--json FILE]
 
 For each URDF below DIR at a random state: torques of inverse dynamics, accelerations of forward dynamics, mass matrix
 and the frames of all links, as the largest difference over the largest entry. Damping and friction against
 b v + f sign(v). Torques of joints that lead mimics, by the command ``inverse``, against Pinocchio's torques projected
 onto the coupling. Read: the least time of several to read the file and check the scene. A dash is nothing to compare.
+Without DIR: the robots of ``configs``.
 """
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from pathlib import Path
@@ -28,15 +28,14 @@ from tests.urdf_robots import compare  # noqa: E402
 
 BOUND = 1e-10
 FIGURES = ("torques", "mass", "frames", "acceleration", "residual", "drag", "coupled")
-REPEATS = 5
 
 
-def row_of(name: str, path: Path) -> dict[str, Any]:
+def row_of(name: str, path: Path, repeats: int) -> dict[str, Any]:
     """Return the figures of one robot, or why it is refused."""
     row: dict[str, Any] = {"robot": name}
     try:
         times = []
-        for _ in range(REPEATS):
+        for _ in range(repeats):
             start = time.perf_counter()
             load_description(path)
             times.append(time.perf_counter() - start)
@@ -78,25 +77,30 @@ def within(row: dict[str, Any]) -> bool:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("folder", type=Path, help="folder with the URDF files, at any depth")
-    parser.add_argument("--json", help="file for the figures")
-    parsed = parser.parse_args()
+    parser = measure.command_line(__doc__)
+    parser.add_argument("folder", type=Path, nargs="?", default=measure.ROOT / "configs" / "robots",
+                        help="folder with the URDF files, at any depth")  # fmt: skip
+    options = parser.parse_args()
     measure.print_machine()
     print()
-    rows = [row_of(name, path) for name, path in robots(parsed.folder).items()]
+    with measure.reporting(options.json) as report:
+        if not report.has("pinocchio"):
+            return
+        for name, path in robots(options.folder).items():
+            with report.part(name):
+                report.rows.append(row_of(name, path, 1 if options.quick else 5))
+        good, read = print_rows(report.rows)
+    sys.exit(0 if good == read else 1)
+
+
+def print_rows(rows: list[dict[str, Any]]) -> tuple[int, int]:
+    """Print the table; return how many robots are within the bound, and how many were read."""
     read = [row for row in rows if "refused" not in row]
-    header = ["robot", "joints", "mimics", *FIGURES, "read [ms]"]
-    table = [header]
+    table = [["robot", "joints", "mimics", *FIGURES, "read [ms]"]]
     for row in read:
+        figures = (cell(row[f]) for f in FIGURES)
         table.append(
-            [
-                row["robot"],
-                cell(row["joints"]),
-                cell(row["mimics"]),
-                *(cell(row[f]) for f in FIGURES),
-                f"{row['read_ms']:.0f}",
-            ]
+            [row["robot"], cell(row["joints"]), cell(row["mimics"]), *figures, f"{row['read_ms']:.0f}"]
         )
     print(measure.table(table))
     for row in read:
@@ -109,8 +113,7 @@ def main() -> None:
             print(f"{row['robot']}: refused: {row['refused']}")
     good = sum(within(row) for row in read)
     print(f"{good} of {len(rows)} robots within {BOUND:g}, {len(rows) - len(read)} refused")
-    measure.write_json(parsed.json, rows)
-    sys.exit(0 if good == len(read) else 1)
+    return good, len(read)
 
 
 if __name__ == "__main__":

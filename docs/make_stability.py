@@ -79,7 +79,7 @@ def main(suite: Path, peers: Path, *four_bar: Path) -> None:
     )
     parts.append(table(["case", *SHOWN], rows))
     parts.append("![the suite by all methods](images/stability_suite.png)\n")
-    runs = json.loads(peers.read_text(encoding="utf-8"))
+    runs = json.loads(peers.read_text(encoding="utf-8"))["rows"]
     columns = list(dict.fromkeys(name for row in runs for name in row["runs"]))
     parts.append(PEERS)
     parts.append(

@@ -21,7 +21,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark as ``quick`` the first case of each test function that ``slow.txt`` does not name."""
     met = set(SLOW)
     for item in items:
-        if not isinstance(item, pytest.Function):
+        if not isinstance(item, pytest.Function) or item.get_closest_marker("benchmarks"):
             continue
         name = f"{item.module.__name__}.{item.originalname}"
         if name not in met:

@@ -76,10 +76,13 @@ def graph_rates(case: Chain, x: Sequence[Any], sin: Any, cos: Any) -> list[Any]:
         "add": lambda a, b: a + b, "sub": lambda a, b: a - b, "mul": lambda a, b: a * b, "div": lambda a, b: a / b,
         "neg": lambda a: -a, "sin": sin, "cos": cos,
     }  # fmt: skip
+    numbers = program.table.tolist()
     values: list[Any] = []
     for i in program.instructions:
         if i.op == "const":
             values.append(i.value)
+        elif i.op == "number":
+            values.append(numbers[i.value])
         elif i.op == "sym":
             group, place = i.value
             values.append(inputs[group][place])

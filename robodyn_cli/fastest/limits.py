@@ -4,19 +4,20 @@ A path q(s) is run through as s(t). With x = s-dot^2 and u = s-double-dot
 
     q-dot = q' sqrt(x),    q-ddot = q' u + q'' x,    tau = M q' u + f(s, x)
 
-so that each limit, divided by its bound, reads |A u + B x + C| <= 1; f is linear in x but for forces like viscous
-friction, and is replaced by its tangent at a profile x(s) then.
+so that each limit, from the middle of its range in halves of it, reads |A u + B x + C| <= 1; f is linear in x but for
+forces like viscous friction, and is replaced by its tangent at a profile x(s) then.
 
 Limits of a scene's joints along a path, as rows of the path's acceleration.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
 
 from robodyn_cli.record import record
+from robodyn_cli.schema.spans import Span, sides
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.motion import JointMotion
 
@@ -100,18 +101,51 @@ Torques = Callable[[Array, Array, Array], Array]
 
 
 @record
+class PathBounds:
+    """Limits of one kind: places in v of the joints that have one, the least and the largest value (n,) of each."""
+
+    places: list[int]
+    low: Array
+    high: Array
+
+    @staticmethod
+    def of(limits: Mapping[str, Span], columns: Sequence[str]) -> PathBounds:
+        """Return the limits of columns of v."""
+        places = [k for k, name in enumerate(columns) if name in limits]
+        ends = np.array([sides(limits[columns[k]]) for k in places]).reshape(-1, 2)
+        return PathBounds(places, ends[:, 0], ends[:, 1])
+
+    @property
+    def half(self) -> Array:
+        """Half of each range (n,): the limit where it is the same either way."""
+        return np.asarray(0.5 * (self.high - self.low))
+
+    @property
+    def middle(self) -> Array:
+        return np.asarray(0.5 * (self.high + self.low))
+
+    def parts(self, values: Array) -> Array:
+        """Return values (..., n) from the middle of the range in halves of it: 1 and -1 on the limits."""
+        return np.asarray((values - self.middle) / self.half)
+
+    def slowness(self, slope: Array) -> Array:
+        """Return slopes dq/ds (..., nv) of these joints over the rate that their sign allows: 1 / s-dot at most."""
+        slope = slope[..., self.places]
+        return np.asarray(slope / np.where(slope < 0.0, self.low, self.high))
+
+
+@record
 class LimitedPath:
     """A path q(s), the torques of its robot, and the limits.
 
     motion : q, dq/ds and d2q/ds2 at many s. torques : tau (T, nv) of q, qd, qdd.
-    speed, acceleration, effort : places in v, and bounds, of the joints that have one.
     """
 
     motion: Callable[[Array], JointMotion]
     torques: Torques
-    speed: tuple[list[int], Array]
-    acceleration: tuple[list[int], Array]
-    effort: tuple[list[int], Array]
+    speed: PathBounds
+    acceleration: PathBounds
+    effort: PathBounds
 
     def at(self, s: Array, places: tuple[float, ...] = PLACES) -> JointMotion:
         """Return the path at places in each segment, K places rows."""
@@ -120,20 +154,18 @@ class LimitedPath:
         return self.motion((s[:-1, None] + D * inside).ravel())
 
     def torques_at(self, way: JointMotion, u: Array, x: Array) -> Array:
-        """Return the limited torques (T, n) at speeds and accelerations (T,), in parts of their limits."""
-        places, bounds = self.effort
-        if not places:
+        """Return the limited torques (T, n) at speeds and accelerations (T,), 1 and -1 on their limits."""
+        if not self.effort.places:
             return np.zeros((len(u), 0))
         qd = np.asfortranarray(way.qd * np.sqrt(x)[:, None])
         qdd = np.asfortranarray(way.qd * u[:, None] + way.qdd * x[:, None])
-        return np.asarray(self.torques(way.q, qd, qdd)[:, places] / bounds)
+        return self.effort.parts(self.torques(way.q, qd, qdd)[:, self.effort.places])
 
     def typical(self, way: JointMotion, length: float) -> float:
         """Return an x of the size that the limits allow."""
         zero = np.zeros(len(way.q))
         u = [np.abs(self.torques_at(way, zero + 1.0, zero) - self.torques_at(way, zero, zero))]
-        places, bounds = self.acceleration
-        u.append(np.abs(way.qd[:, places]) / bounds)
+        u.append(np.abs(way.qd[:, self.acceleration.places]) / self.acceleration.half)
         steepest = np.concatenate(u, axis=1).max(axis=1)
         return length / float(np.median(steepest)) / 2.0 if np.median(steepest) > 0.0 else 1.0
 
@@ -177,10 +209,10 @@ class PathLimits:
             self.fine = s, self.path.at(s, FINE)
         path, way = self.path, self.fine[1]
         flat_u, flat_x = u.ravel()[:, None], x.ravel()[:, None]
-        (quick, acceleration), (fast, speed) = path.acceleration, path.speed
+        quick = path.acceleration.places
         effort = path.torques_at(way, u.ravel(), np.maximum(x.ravel(), TINY * (self.typical or 0.0)))
-        qdd = (way.qd[:, quick] * flat_u + way.qdd[:, quick] * flat_x) / acceleration
-        squares = np.square(way.qd[:, fast] / speed) * flat_x
+        qdd = path.acceleration.parts(way.qd[:, quick] * flat_u + way.qdd[:, quick] * flat_x)
+        squares = np.square(path.speed.slowness(way.qd)) * flat_x
         ends = JointMotion(way.q[[0, -1]], way.qd[[0, -1]], way.qdd[[0, -1]])
         still = path.torques_at(ends, flat_u[[0, -1], 0], np.zeros(2))
         values = np.concatenate([effort, qdd], axis=1).reshape(*u.shape, -1)
@@ -191,15 +223,14 @@ class PathLimits:
         return self.path.torques_at(self.way, np.zeros(len(x)), x)
 
     def _rows(self, slope: Array, offset: Array) -> Rows:
-        (places, bounds), way = self.path.acceleration, self.way
-        rest = np.zeros((len(way.q), len(places)))
-        A = np.concatenate([self.inertia, way.qd[:, places] / bounds], axis=1)
-        B = np.concatenate([slope, way.qdd[:, places] / bounds], axis=1)
+        quick, way = self.path.acceleration, self.way
+        rest = quick.parts(np.zeros((len(way.q), len(quick.places))))
+        A = np.concatenate([self.inertia, way.qd[:, quick.places] / quick.half], axis=1)
+        B = np.concatenate([slope, way.qdd[:, quick.places] / quick.half], axis=1)
         C = np.concatenate([offset, rest], axis=1)
         at_rest = np.concatenate([self.still, rest], axis=1)[[0, -1]]
-        places, bounds = self.path.speed
         with np.errstate(divide="ignore"):
-            most = 1.0 / np.square(way.qd[:, places] / bounds).max(axis=1, initial=0.0)
+            most = 1.0 / np.square(self.path.speed.slowness(way.qd)).max(axis=1, initial=0.0)
         three = len(PLACES)
         shape = (len(way.q) // three, three, A.shape[1])
         return Rows(A.reshape(shape), B.reshape(shape), C.reshape(shape), most.reshape(shape[:2]), at_rest)

@@ -11,7 +11,7 @@ import numpy as np
 
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError, GeometryError
-from robodyn_cli.fastest.limits import LimitedPath, PathLimits, Torques
+from robodyn_cli.fastest.limits import LimitedPath, PathBounds, PathLimits, Torques
 from robodyn_cli.fastest.profile import NoProfile
 from robodyn_cli.fastest.search import Fastest, fastest, merged
 from robodyn_cli.given.guided_motion import motion_along, motion_at
@@ -19,6 +19,7 @@ from robodyn_cli.given.motion import Planned, led_by
 from robodyn_cli.model.model import Model
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.schema.spans import use_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import FastestFigures
 from robodyn_cli.torques.build import build_inverse
@@ -43,7 +44,7 @@ def use_of_limits(scaling: Scaling, model: Model, sampled: Sampled) -> tuple[lis
     limits = names_of(scaling.limits, model.v_names)
     values = {"speed": sampled.motion.qd, "acceleration": sampled.motion.qdd, "effort": sampled.tau}
     columns = [
-        np.abs(values[kind][:, model.v_names.index(name)]) / scaling.limits[kind][name]
+        use_of(values[kind][:, model.v_names.index(name)], scaling.limits[kind][name])
         for kind, name in limits
     ]
     return [f"{name} {kind}" for kind, name in limits], np.column_stack(columns)
@@ -151,11 +152,7 @@ def limited_path(trajectory: FastestTrajectory, program: InverseProgram) -> Limi
             f"trajectory.path.ik.redundancy ({ik.redundancy}) makes the path depend on its times, which 'fastest' "
             "chooses; allowed there: least_rates"
         )
-    limits = []
-    for kind in BOUNDS:
-        given = getattr(trajectory, kind)
-        places = [k for k, name in enumerate(model.v_names) if name in given]
-        limits.append((places, np.array([given[model.v_names[k]] for k in places])))
+    limits = [PathBounds.of(getattr(trajectory, kind), model.v_names) for kind in BOUNDS]
     return LimitedPath(_path_of(program), _torques_of(program), *limits)
 
 
@@ -280,10 +277,16 @@ def _refusal(path: LimitedPath, where: float, model: Model) -> GeometryError:
     at = f"at t = {where:.6g} s of its path"
     if at_rest.size and np.abs(at_rest).max() > 1.0:
         k = int(np.argmax(np.abs(at_rest)))
-        joint, bound = model.v_names[path.effort[0][k]], float(path.effort[1][k])
+        efforts, joint = path.effort, model.v_names[path.effort.places[k]]
+        needed, (low, high) = (
+            at_rest[k] * efforts.half[k] + efforts.middle[k],
+            (efforts.low[k], efforts.high[k]),
+        )
+        same = low == -high
+        needed, most = (abs(needed), f"{high:.6g}") if same else (needed, f"{low:.6g} to {high:.6g}")
         return GeometryError(
-            f"trajectory: the limits allow no motion {at}: joint {joint!r} needs {abs(at_rest[k]) * bound:.6g} there "
-            f"at rest, and its effort is limited to {bound:.6g}",
+            f"trajectory: the limits allow no motion {at}: joint {joint!r} needs {needed:.6g} there "
+            f"at rest, and its effort is limited to {most}",
             time=where, joint=joint,
         )  # fmt: skip
     return GeometryError(

@@ -10,6 +10,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Number, Section, key
+from robodyn_cli.schema.spans import Span, span_fault, span_kind
 
 BOUNDS = ("lower", "upper", "speed", "acceleration", "jerk", "effort")
 
@@ -67,17 +68,17 @@ class Limits(InJoint):
     upper: float | None = key(
         Number(angle=True), default=None, unit="rad or m", doc="Largest q; none by default."
     )
-    speed: float | None = key(
-        Number(minimum=0.0, exclusive=True, angle=True),
+    speed: Span | None = key(
+        span_kind(angle=True),
         default=None,
         unit="rad/s or m/s",
-        doc="Largest speed.",
+        doc="Largest speed, either way; or least and largest rate.",
     )
-    acceleration: float | None = key(
-        Number(minimum=0.0, exclusive=True, angle=True),
+    acceleration: Span | None = key(
+        span_kind(angle=True),
         default=None,
         unit="rad/s^2 or m/s^2",
-        doc="Largest acceleration, either way.",
+        doc="Largest acceleration, either way; or the least and the largest one.",
     )
     jerk: float | None = key(
         Number(minimum=0.0, exclusive=True, angle=True),
@@ -85,11 +86,11 @@ class Limits(InJoint):
         unit="rad/s^3 or m/s^3",
         doc="Largest rate of the acceleration, either way.",
     )
-    effort: float | None = key(
-        Number(minimum=0.0, exclusive=True),
+    effort: Span | None = key(
+        span_kind(angle=False),
         default=None,
         unit="N m or N",
-        doc="Largest torque or force of the drive, either way.",
+        doc="Largest torque or force of the drive, either way; or the least and the largest one.",
     )
     stop: JointStop | None = key(
         Section(JointStop),
@@ -103,6 +104,10 @@ class Limits(InJoint):
             yield (), f"needs one of {', '.join(repr(name) for name in BOUNDS)}"
         if self.lower is not None and self.upper is not None and not self.lower < self.upper:
             yield ("upper",), f"must be above 'lower' (value {self.upper!r}, lower {self.lower!r})"
+        for name in ("speed", "acceleration", "effort"):
+            limit = getattr(self, name)
+            if limit is not None and (fault := span_fault(limit, with_zero=name != "effort")):
+                yield (name,), fault
         if self.stop is None:
             return
         if self.lower is None and self.upper is None:

@@ -16,6 +16,7 @@ from robodyn_cli.model.model import TORQUE
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.observe.joint_limits import ROUNDING, LimitedJoint, limited_joints
 from robodyn_cli.record import record
+from robodyn_cli.schema.spans import Span, span_text
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -25,6 +26,17 @@ class LimitFunction(EventFunction):
 
     joint: str = ""
     words: str = ""
+
+
+def _inside(x: Scalar, limit: Span, name: str, place: str) -> Scalar:
+    """Return what is positive while x is within a limit, whose number stands at a place of the scene."""
+    if isinstance(limit, tuple):
+        low, high = (literal(bound, f"{place}.{k}") for k, bound in enumerate(limit))
+        return (x - low) * (high - x)
+    bound = literal(limit, place)
+    if name in ("lower", "upper"):
+        return x - bound if name == "lower" else bound - x
+    return bound * bound - x * x
 
 
 class LimitWatcher(Watcher):
@@ -43,19 +55,18 @@ class LimitWatcher(Watcher):
         problem, limits, unit = self.problem, joint.limits, joint.unit
         q, v = problem.q[joint.place], problem.v[joint.velocity]
         tau = problem.actuator_torques[joint.velocity]
-        inside = {"lower": limits.lower, "upper": limits.upper} if not limits.acts else {}
+        inside: dict[str, Span | None] = (
+            {"lower": limits.lower, "upper": limits.upper} if not limits.acts else {}
+        )
         inside |= {"speed": limits.speed, "effort": limits.effort}
         functions = []
         for name, x in inside.items():
             if x is not None:
-                bound = literal(x, f"robot.joints.{joint.name}.limits.{name}")
-                value, measure = {
-                    "lower": (q - bound, unit),
-                    "upper": (bound - q, unit),
-                    "speed": (bound * bound - v * v, f"{unit}/s"),
-                    "effort": (bound * bound - tau * tau, TORQUE[unit]),
-                }[name]
-                words = f"{name} limit of {x:.6g} {measure}"
+                measured, measure = {
+                    "lower": (q, unit), "upper": (q, unit), "speed": (v, f"{unit}/s"), "effort": (tau, TORQUE[unit]),
+                }[name]  # fmt: skip
+                value = _inside(measured, x, name, f"robot.joints.{joint.name}.limits.{name}")
+                words = f"{name} limit of {span_text(x)} {measure}"
                 path = f"limits.{joint.name}.{name}"
                 functions.append(LimitFunction(path, value, -1, EventKind.MARK, self, joint.name, words))
         return functions

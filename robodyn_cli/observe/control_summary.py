@@ -22,8 +22,11 @@ def control_keys(control: Control, recorder: Recorder, time: float, begun: float
     """Return what samples say of a controller in a run from ``begun`` to ``time`` [s]."""
     t, torque = recorder.array("time"), recorder.array("control/torque")
     qd = recorder.array("qd")[:, control.places]
-    limits = {name: float(x) for name, x in zip(control.joints, control.limits) if np.isfinite(float(x))}
+    limits = {
+        name: (float(x[0]), float(x[1])) for name, x in zip(control.joints, control.limits) if x is not None
+    }
     saturated, unsure = _saturated(t, torque[:, [control.joints.index(name) for name in limits]], limits)
+    least = {name: low for name, (low, high) in limits.items() if low != -high}
     sampled = control.period is not None
     updates = 0 if control.period is None else _updates(control.period, begun, time)
     power = torque * qd
@@ -35,7 +38,8 @@ def control_keys(control: Control, recorder: Recorder, time: float, begun: float
         delay=float(control.controller.delay) if sampled else ABSENT,
         updates=updates if sampled else ABSENT,
         tracking=_tracking(control, recorder, t) or ABSENT,
-        limits=limits or ABSENT,
+        limits={name: high for name, (_, high) in limits.items()} or ABSENT,
+        least_limits=least or ABSENT,
         saturated=saturated or ABSENT,
         saturated_error=unsure or ABSENT,
         energy=DrivenWork(float(driving.sum()), float(braking.sum()), float(off.sum())),
@@ -44,11 +48,13 @@ def control_keys(control: Control, recorder: Recorder, time: float, begun: float
 
 
 def _saturated(
-    t: Array, torque: Array, limits: Mapping[str, float]
+    t: Array, torque: Array, limits: Mapping[str, tuple[float, float]]
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Return for how long torques (T, n) are at their limits by name, and the errors of that: half of the time between
     the samples of which one is there."""
-    at = np.abs(torque) >= np.array(list(limits.values())) * (1.0 - AT_LIMIT)
+    low, high = np.array(list(limits.values())).reshape(-1, 2).T
+    near = AT_LIMIT * np.maximum(np.abs(low), np.abs(high))
+    at = (torque >= high - near) | (torque <= low + near)
     steps = np.diff(t)[:, None]
     long = 0.5 * np.sum(steps * (1.0 * at[1:] + at[:-1]), axis=0)
     off = 0.5 * np.sum(steps * (at[1:] != at[:-1]), axis=0)

@@ -10,6 +10,7 @@ import numpy as np
 from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.schema.spans import sides
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
@@ -112,8 +113,14 @@ def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -
         ("effort", "tau", TORQUE[unit]),
     ):
         limit = getattr(joint.limits, name)
-        if limit is not None and column in columns:
-            values = columns[column]
+        if limit is None or column not in columns:
+            continue
+        values = columns[column]
+        if isinstance(limit, tuple):
+            low, high = sides(limit)
+            yield Bound(name, low, values, low - values, limit_unit, times)
+            yield Bound(name, high, values, values - high, limit_unit, times)
+        else:
             yield Bound(name, limit, values, np.abs(values) - limit, limit_unit, times)
 
 

@@ -15,6 +15,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 
 if TYPE_CHECKING:
+    from robodyn_cli.forces.limits import Limits
     from robodyn_cli.trajectories.motion import JointMotion
 
 
@@ -66,13 +67,22 @@ def add_joint_limits(result: Result, scene: Scene, model: Model) -> None:
     for path, limited in JOINT_LIMITS.items():
         units = dict(zip(columns[path].names, columns[path].column_units))
         for name in limited:
-            limits = {joint.name: getattr(joint.limits, name) for joint in joints if joint.name in units}
+            limits = {joint.name: _stored(joint.limits, name) for joint in joints if joint.name in units}
             limits = {joint: value for joint, value in limits.items() if value is not None}
             if limits:
                 shown = JointColumns(
                     tuple(limits), tuple(units[joint] for joint in limits), (f"{name}_limit",)
                 )
                 result.add(f"joint_limits/{name}", list(limits.values()), **shown.described())
+
+
+def _stored(limits: Limits, name: str) -> float | None:
+    """Return a limit by its name in a result: one for both directions, or the ``least_`` or ``largest_`` one."""
+    side, _, kind = name.rpartition("_")
+    limit = getattr(limits, kind)
+    if isinstance(limit, tuple) != bool(side):
+        return None
+    return limit if not side else limit[0 if side == "least" else 1]
 
 
 def add_motion(result: Result, model: Model, times: NDArray[np.float64], motion: JointMotion) -> None:

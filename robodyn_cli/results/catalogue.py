@@ -44,9 +44,9 @@ TIMED = {
 # limits of joints under ``joint_limits/`` by the dataset that they bound, with the signs of the sides on which they do
 JOINT_LIMITS: dict[str, dict[str, tuple[float, ...]]] = {
     "q": {"lower": (1.0,), "upper": (1.0,)},
-    "qd": {"speed": (1.0, -1.0)},
-    "qdd": {"acceleration": (1.0, -1.0)},
-    "tau": {"effort": (1.0, -1.0)},
+    "qd": {"speed": (1.0, -1.0), "least_speed": (1.0,), "largest_speed": (1.0,)},
+    "qdd": {"acceleration": (1.0, -1.0), "least_acceleration": (1.0,), "largest_acceleration": (1.0,)},
+    "tau": {"effort": (1.0, -1.0), "least_effort": (1.0,), "largest_effort": (1.0,)},
 }
 
 RUN: tuple[Entry, ...] = (
@@ -59,7 +59,8 @@ RUN: tuple[Entry, ...] = (
         "joint_limits/LIMIT",
         ("LIMIT_limit",),
         "of what it limits",
-        "limits (`lower`, `upper`, `speed`, `acceleration`, `effort`) of the joints that have one",
+        "limits (`lower`, `upper`, `speed`, `acceleration`, `effort`; `least_effort`, `largest_effort` and so on where "
+        "the directions differ) of the joints that have one",
     ),
     Entry("torque_terms/TERM", ("time", "joint"), "N m or N", "part of the actuator torque"),
     Entry(
@@ -117,6 +118,13 @@ RUN: tuple[Entry, ...] = (
         "forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"
     ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
+    Entry(
+        "pieces",
+        ("piece", "coefficient"),
+        "s, rad or m, and per s^N",
+        "a motion in the least time as a table of pieces: begin, and coefficients of each joint by powers of the time "
+        "since then",
+    ),
     Entry("limits/use", ("time", "limit"), "1", "part of each limit that a motion in the least time uses"),
     Entry("limits/binding", ("time",), "1", "column of limits/use that binds, -1 where none does"),
     Entry("drives/load", ("time", "drive"), "N m or N", "torque or force of the gears on the mechanism"),

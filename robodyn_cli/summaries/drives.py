@@ -207,6 +207,7 @@ class ControlSummary:
     updates: int | Absent = fact("how many samples it took")
     tracking: dict[str, Tracking] | Absent = fact("error of each coordinate that it leads", names="TRACKED")
     limits: dict[str, float] | Absent = fact("largest torque or force of joints that have one", LOAD)
+    least_limits: dict[str, float] | Absent = fact("least one, where it is not the same the other way", LOAD)
     saturated: dict[str, float] | Absent = fact(
         "time at the limit, of joints that have one", "s", errors=("control.saturated_error.JOINT",)
     )

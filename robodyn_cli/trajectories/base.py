@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, Text, key
+from robodyn_cli.schema.spans import Span, either_way, sides, span_fault, span_kind, span_text
 
 if TYPE_CHECKING:
     from robodyn_cli.spatial.algebra import Array
@@ -76,13 +77,15 @@ class SceneNames(Protocol):
         ...
 
 
-def limit_key(limit: str, unit: str, angle: bool = True) -> Any:
-    """Declare a key with a limit of each joint."""
+def limit_key(limit: str, unit: str, angle: bool = True, spans: bool = False) -> Any:
+    """Declare a key with a limit of each joint. spans : it may differ by direction."""
+    item = span_kind(angle) if spans else Number(minimum=0.0, exclusive=True, angle=angle)
+    other = ", or [least, largest]" if spans else ""
     return key(
-        JointMap(Number(minimum=0.0, exclusive=True, angle=angle), coordinates="v"),
+        JointMap(item, coordinates="v"),
         default=None,
         unit=unit,
-        doc=f"Largest {limit} of each joint, either way; by default that in its `limits`.",
+        doc=f"Largest {limit} of each joint, either way{other}; by default that in its `limits`.",
     )
 
 
@@ -254,22 +257,31 @@ def joint_problems(
         yield path, f"joint {missing[0]!r} is missing; needed here: {', '.join(needed)}"
 
 
-def limit_problems(given: Mapping[str, Mapping[str, float]], scene: SceneNames) -> Problems:
+def limit_problems(given: Mapping[str, Mapping[str, Span]], scene: SceneNames) -> Problems:
     """Report limits of a trajectory, by kind and joint, that are of no joint or above the joint's own."""
     for name, values in given.items():
         yield from joint_problems(tuple(values), scene.rates, (name,), ())
         for joint, x in values.items():
-            most = getattr(scene.limits(joint), name, None)
-            if most is not None and x > most:
-                yield (name, joint), f"{x:.6g} is above the joint's own limit; allowed: up to {most:.6g}"
+            if fault := span_fault(x, with_zero=name != "effort"):
+                yield (name, joint), fault
+            own = getattr(scene.limits(joint), name, None)
+            if own is not None and (sides(x)[0] < sides(own)[0] or sides(x)[1] > sides(own)[1]):
+                allowed = f"within {span_text(own)}" if isinstance(own, tuple) else f"up to {span_text(own)}"
+                yield (name, joint), f"{span_text(x)} is above the joint's own limit; allowed: {allowed}"
 
 
-def with_joint_limits(given: Mapping[str, Mapping[str, float]], scene: SceneNames) -> dict[str, Any]:
-    """Return limits of a trajectory, by kind and joint, with those of the joints where it gives none of its own."""
+def with_joint_limits(
+    given: Mapping[str, Mapping[str, Span]], scene: SceneNames, spans: bool = False
+) -> dict[str, Any]:
+    """Return limits of a trajectory, by kind and joint, with those of the joints where it gives none of its own.
+
+    spans : they may differ by direction; otherwise what is allowed in both counts.
+    """
     limits = {}
     for name, values in given.items():
         own = {joint: getattr(scene.limits(joint), name, None) for joint in scene.rates}
-        limits[name] = {joint: x for joint, x in own.items() if x is not None} | dict(values)
+        known = {joint: x if spans else either_way(x) for joint, x in own.items() if x is not None}
+        limits[name] = known | dict(values)
     return limits
 
 

@@ -17,6 +17,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, ListOf, Number, OrFile, Section, Tagged, key
+from robodyn_cli.schema.spans import Span
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import (
     Ik,
@@ -95,9 +96,9 @@ class FastestTrajectory(Trajectory):
         default=None,
         doc="A trajectory whose path is taken, in joint or task space; it must not stand still on the way.",
     )
-    speed: dict[str, float] = limit_key("speed", "rad/s or m/s")
-    acceleration: dict[str, float] = limit_key("acceleration", "rad/s^2 or m/s^2")
-    effort: dict[str, float] = limit_key("torque or force of the drive", "N m or N", angle=False)
+    speed: dict[str, Span] = limit_key("speed", "rad/s or m/s", spans=True)
+    acceleration: dict[str, Span] = limit_key("acceleration", "rad/s^2 or m/s^2", spans=True)
+    effort: dict[str, Span] = limit_key("torque or force of the drive", "N m or N", angle=False, spans=True)
     tolerance: float = key(
         Number(minimum=1e-7, maximum=0.1),
         default=1e-4,
@@ -150,12 +151,12 @@ class FastestTrajectory(Trajectory):
 
     def completed(self, scene: SceneNames) -> FastestTrajectory:
         """Return the trajectory with the limits of the joints where it gives none of its own."""
-        limits = with_joint_limits(self._limits, scene)
+        limits = with_joint_limits(self._limits, scene, spans=True)
         path = None if self.path is None else self.path.completed(scene)
         return dataclasses.replace(self, path=path, **limits)
 
     @property
-    def _limits(self) -> dict[str, dict[str, float]]:
+    def _limits(self) -> dict[str, dict[str, Span]]:
         return {name: getattr(self, name) for name in BOUNDS}
 
     def parts(self) -> list[tuple[FastestTrajectory, float]]:
@@ -175,6 +176,8 @@ class FastestTrajectory(Trajectory):
 @record
 class Timed(Trajectory):
     """A path with its time law."""
+
+    least_time = True
 
     way: Any
     scaling: Scaling
@@ -232,6 +235,6 @@ def timed(way: Any, scaling: Scaling) -> TimedJoints | TimedPath:
     return TimedJoints(way, scaling)
 
 
-def names_of(limits: Mapping[str, Mapping[str, float]], columns: Sequence[str]) -> list[tuple[str, str]]:
+def names_of(limits: Mapping[str, Mapping[str, Span]], columns: Sequence[str]) -> list[tuple[str, str]]:
     """Return the limits as (kind, column of v) in the order of kinds and columns."""
     return [(kind, name) for kind in BOUNDS for name in columns if name in limits.get(kind, {})]

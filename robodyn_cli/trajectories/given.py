@@ -125,8 +125,19 @@ class FourierTrajectory(JointSpaceTrajectory):
 
 
 # rows that an interpolation needs
-LEAST = {"linear": 2, "monotone": 2, "cubic": 4, "quintic": 6}
+LEAST = {"linear": 2, "monotone": 2, "pieces": 2, "cubic": 4, "quintic": 6}
 UNIT = 1e-3  # tolerance of a quaternion's length 1: three digits
+
+
+def power_column(joint: str, power: int) -> str:
+    """Return the name of the column with a coefficient of a joint's polynomials."""
+    return f"{joint}^{power}" if power else joint
+
+
+def column_power(name: str) -> tuple[str, int]:
+    """Return the joint and the power of a column."""
+    joint, sign, power = name.rpartition("^")
+    return (joint, int(power)) if sign and power.isdecimal() else (name, 0)
 
 
 @record
@@ -135,8 +146,9 @@ class TableTrajectory(CourseTrajectory):
 
     Between the rows runs the spline of degree k (5, 3 or 1) with not-a-knot ends, which reproduces
     polynomials up to degree k; it needs k + 1 rows. Linear: rates jump at the rows, and accelerations are 0
-    between them. Monotone: cubics that do not overshoot, whose accelerations jump at the rows. The loader replaces
-    ``file`` by the ``columns`` and ``rows`` that it contains.
+    between them. Monotone: cubics that do not overshoot, whose accelerations jump at the rows. Pieces: each row has the
+    polynomial from its time t_k to the next row's, q = sum_i c_i (t - t_k)^i, with c_i in the column ``joint^i``. The
+    loader replaces ``file`` by the ``columns`` and ``rows`` that it contains.
     """
 
     type: str = key(Choice(("table",)), doc="Kind of trajectory.")
@@ -148,13 +160,16 @@ class TableTrajectory(CourseTrajectory):
     columns: tuple[str, ...] = key(
         ListOf(Text(), minimum=2),
         default=(),
-        doc="Column names: `t`, then the joints, or their coordinates as `slide.d`.",
+        doc="Column names: `t`, then the joints, or their coordinates as `slide.d`; of pieces `joint^1` and so on too.",
     )
     rows: tuple[tuple[float, ...], ...] = key(
         ListOf(Vector(0), minimum=2), default=(), unit="s, rad or m", doc="Rows of numbers, times from 0."
     )
-    interpolation: str = key(
-        Choice(("quintic", "cubic", "monotone", "linear")), default="quintic", doc="Spline between the rows."
+    interpolation: str | None = key(
+        Choice(("quintic", "cubic", "monotone", "linear", "pieces")),
+        default=None,
+        doc="Spline between the rows, or the rows' own polynomials; by default `quintic`, and `pieces` where columns "
+        "have powers.",
     )
 
     def problems(self, scene: SceneNames) -> Problems:
@@ -172,12 +187,12 @@ class TableTrajectory(CourseTrajectory):
             places = [("rows", k, 0) for k in range(len(self.rows))]
             yield from time_problems([row[0] for row in self.rows], places)
         yield from self._attitude_problems()
-        least = LEAST[self.interpolation]
+        least = LEAST[self.spline]
         if len(self.rows) < least:
-            fits = " or ".join(name for name, k in LEAST.items() if k <= len(self.rows))
+            fits = " or ".join(name for name, k in LEAST.items() if k <= len(self.rows) and name != "pieces")
             yield (
                 ("rows",),
-                f"has {len(self.rows)} rows; {self.interpolation} interpolation needs {least}, "
+                f"has {len(self.rows)} rows; {self.spline} interpolation needs {least}, "
                 f"with fewer rows use interpolation: {fits}",
             )
 
@@ -185,8 +200,13 @@ class TableTrajectory(CourseTrajectory):
         for k, name in enumerate(self.columns):
             if name in self.columns[:k]:
                 yield ("columns", k), f"column {name!r} appears twice"
-            elif k and name not in scene.columns:
+            elif k and column_power(name)[0] not in scene.columns:
                 yield ("columns", k), f"unknown joint {name!r}; allowed: {', '.join(scene.columns)}"
+        if self._powers and self.spline != "pieces":
+            yield (
+                ("interpolation",),
+                f"a column of powers ({self._powers[0]!r}) is of pieces; allowed: pieces",
+            )
         if set(self.joints) <= set(scene.columns):
             led = {name.partition(".")[0] for name in self.joints}
             whole = [
@@ -197,8 +217,9 @@ class TableTrajectory(CourseTrajectory):
 
     def _attitude_problems(self) -> Problems:
         for joint, places in attitude_places(self.joints).items() if all(map(len, self.rows)) else ():
+            columns = [self.columns.index(self.joints[place]) for place in places]
             for k, row in enumerate(self.rows):
-                length = math.hypot(*(row[1 + place] for place in places if 1 + place < len(row)))
+                length = math.hypot(*(row[column] for column in columns if column < len(row)))
                 if abs(length - 1.0) > UNIT:
                     fault = f"the quaternion of joint {joint!r} has length {length:.6g}"
                     yield ("rows", k), f"{fault}; needed: length 1, to three digits"
@@ -207,7 +228,16 @@ class TableTrajectory(CourseTrajectory):
     @property
     def joints(self) -> tuple[str, ...]:
         """The columns of q whose motion it gives."""
-        return tuple(self.columns[1:])
+        return tuple(dict.fromkeys(column_power(name)[0] for name in self.columns[1:]))
+
+    @property
+    def spline(self) -> str:
+        """How the rows are interpolated."""
+        return self.interpolation or ("pieces" if self._powers else "quintic")
+
+    @property
+    def _powers(self) -> list[str]:
+        return [name for name in self.columns if column_power(name)[1]]
 
     @property
     def duration(self) -> float:
@@ -216,12 +246,22 @@ class TableTrajectory(CourseTrajectory):
 
     def make_course(self) -> Course:
         data = np.array(self.rows, dtype=float)
+        if self.spline == "pieces":
+            return self._pieces(data)
         t, q = data[:, 0], the_shorter_way(self.joints, data[:, 1:])
-        if self.interpolation == "linear":
+        if self.spline == "linear":
             return Course(t, [q[:-1], np.diff(q, axis=0) / np.diff(t)[:, None]])
-        if self.interpolation == "monotone":
+        if self.spline == "monotone":
             return hermite_cubic(t, q, monotone_rates(t, q))
-        return _spline(t, q, LEAST[self.interpolation] - 1)
+        return _spline(t, q, LEAST[self.spline] - 1)
+
+    def _pieces(self, data: Array) -> Course:
+        """Return the rows' polynomials; the last row is where the motion ends."""
+        where = [column_power(name) for name in self.columns[1:]]
+        c = np.zeros((1 + max(power for _, power in where), len(data) - 1, len(self.joints)))
+        for column, (joint, power) in enumerate(where, start=1):
+            c[power, :, self.joints.index(joint)] = data[:-1, column]
+        return Course(data[:, 0], c)
 
 
 def _spline(t: Array, q: Array, degree: int) -> Course:

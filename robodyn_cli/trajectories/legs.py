@@ -11,6 +11,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.record import record
+from robodyn_cli.schema.spans import Span
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course
 
@@ -43,7 +44,7 @@ class Scaling:
 
     law: Course
     error: float
-    limits: Mapping[str, Mapping[str, float]]
+    limits: Mapping[str, Mapping[str, Span]]
     intervals: int
     tolerance: float | None
 

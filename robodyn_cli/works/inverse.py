@@ -194,6 +194,10 @@ def report(program: InverseProgram, planned: Planned, sampled: Sampled, loads: L
         from robodyn_cli.fastest.resolve import add_limits
 
         add_limits(result, program.scaling, problem.model, sampled)
+    if scene.trajectory is not None and scene.trajectory.least_time:
+        from robodyn_cli.given.pieces import add_pieces
+
+        add_pieces(result, problem)
     if loads is not None:
         loads.add_to(result)
     return result

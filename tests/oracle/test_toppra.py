@@ -49,10 +49,10 @@ def by_toppra(path: Any, length: float) -> float:
         return path.torques(*(np.asfortranarray(x[None]) for x in (q, qd, qdd)))[0]
 
     two = ta.constraint.DiscretizationType.Interpolation
-    limit = np.column_stack([-path.effort[1], path.effort[1]])
+    limit = np.column_stack([path.effort.low, path.effort.high])
     limits = [
         ta.constraint.JointTorqueConstraint(torques, limit, np.zeros(2), discretization_scheme=two),
-        ta.constraint.JointVelocityConstraint(np.column_stack([-path.speed[1], path.speed[1]])),
+        ta.constraint.JointVelocityConstraint(np.column_stack([path.speed.low, path.speed.high])),
     ]
     solver = ta.algorithm.TOPPRA(
         limits, Way(), gridpoints=np.linspace(0.0, length, GRID + 1), parametrizer="ParametrizeConstAccel"

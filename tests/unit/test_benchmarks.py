@@ -1,9 +1,15 @@
-"""The benchmarks run, their errors are small, and start-up imports only what it needs. Nothing is timed."""
+"""The benchmarks run, their errors are small, and start-up imports only what it needs. Nothing is timed.
+
+``-m benchmarks`` runs every script in its quick form beside its peers (`pip install robodyn[peers]`): a script without
+one of them is skipped with its name after it has run, and fails where ROBODYN_PEERS=required.
+"""
 
 from __future__ import annotations
 
+import importlib
 import importlib.util
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -13,6 +19,9 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 BENCHMARKS = ROOT / "benchmarks"
+SCRIPTS = sorted(
+    path.name for path in BENCHMARKS.glob("*.py") if "\nif __name__ ==" in path.read_text("utf-8")
+)
 
 
 def run(script: str, *arguments: str) -> str:
@@ -26,6 +35,70 @@ def rows_of(file: Path) -> list[dict[str, Any]]:
     assert found["machine"]["cpu"] and found["machine"]["robodyn"]
     rows: list[dict[str, Any]] = found["rows"]
     return rows
+
+
+@pytest.mark.benchmarks
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_every_script_beside_its_peers(script: str, tmp_path: Path) -> None:
+    file = tmp_path / "rows.json"
+    command = [sys.executable, str(BENCHMARKS / script), "--quick", "--json", str(file)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
+    written = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+    absent = written.get("absent", [])
+    assert done.returncode == 0 and written["failed"] == {}, done.stdout + done.stderr
+    assert written["rows"] or absent
+    if absent and os.environ.get("ROBODYN_PEERS") == "required":
+        pytest.fail(f"without {', '.join(absent)}")
+    if absent:
+        pytest.skip(f"ran without {', '.join(absent)}, not installed")
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_every_script_reports(script: str) -> None:
+    """All have ``--quick`` and ``--json`` and one way of keeping what was measured."""
+    text = (BENCHMARKS / script).read_text(encoding="utf-8")
+    assert "measure.command_line(__doc__)" in text and "measure.reporting(" in text
+
+
+@pytest.mark.parametrize("error", [ValueError("no such thing"), KeyboardInterrupt()])
+def test_what_was_measured_is_kept(
+    error: BaseException, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A part that fails is a line, and the parts behind it go on; an interrupt ends, with all before it written."""
+    monkeypatch.syspath_prepend(str(BENCHMARKS))
+    measure = importlib.import_module("measure")
+    file = tmp_path / "rows.json"
+    ends = SystemExit if isinstance(error, Exception) else KeyboardInterrupt
+    with pytest.raises(ends), measure.reporting(str(file)) as report:
+        report.rows.append({"engine": "first"})
+        with report.part("second"):
+            raise error
+        report.rows.append({"engine": "third"})
+    kept = json.loads(file.read_text(encoding="utf-8"))
+    if ends is SystemExit:
+        assert [row["engine"] for row in kept["rows"]] == ["first", "third"]
+        assert kept["failed"] == {"second": "ValueError: no such thing"}
+        assert "| second | ValueError: no such thing |" in capsys.readouterr().out
+    else:
+        assert kept["rows"] == [{"engine": "first"}] and kept["failed"] == {}
+
+
+def test_formulas_of_peers_are_those_of_the_graph() -> None:
+    """Accelerations operation by operation, by what an engine of formulas is given, beside Newton and Euler's."""
+    code = """
+import math, sys
+sys.path.insert(0, ".")
+import arms, numpy as np
+from cases import CASES
+from peers.formulas import graph_rates
+case = CASES["arm"]()
+q, v, _ = arms.motion(case.n, 3)
+for x, y in zip(q, v):
+    got = np.array(graph_rates(case, [*x, *y], math.sin, math.cos), dtype=float)[case.n:]
+    tau = arms.newton_euler(case.arm, x[None], y[None], got[None])
+    assert abs(tau).max() < 1e-11, tau
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, cwd=BENCHMARKS)
 
 
 def test_throughput(tmp_path: Path) -> None:

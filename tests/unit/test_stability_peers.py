@@ -183,7 +183,7 @@ def test_script(tmp_path: Path) -> None:
     command = [sys.executable, str(ROOT / "benchmarks" / "stability_peers.py"), "--json", str(file)]
     command += ["--cases", "gravity_alone,start_near_singular"]
     printed = subprocess.run(command, check=True, cwd=ROOT, stdout=subprocess.PIPE, text=True).stdout
-    rows = {row["case"]: row for row in json.loads(file.read_text(encoding="utf-8"))}
+    rows = {row["case"]: row for row in json.loads(file.read_text(encoding="utf-8"))["rows"]}
     assert set(rows) == {"gravity_alone", "start_near_singular"}
     assert rows["start_near_singular"]["runs"]["robodyn auto"]["words"] == "stops"
     assert rows["gravity_alone"]["runs"]["robodyn auto"]["relative"] < 1e-12

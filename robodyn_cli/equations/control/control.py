@@ -25,6 +25,7 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.record import record
+from robodyn_cli.schema.spans import sides
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
 
 STATES = "z"
@@ -175,20 +176,21 @@ class Control:
         return Law(asked, given, self.controller.updated(at, asked, given, self.period))
 
     @cached_property
-    def limits(self) -> list[float]:
-        """Largest torque of each driven joint, infinite where there is none."""
+    def limits(self) -> list[tuple[float, float] | None]:
+        """Least and largest torque of each driven joint, None where there is no limit."""
         robot, efforts = self.problem.scene.robot, []
         for name in self.joints:
             own = _of_joint(self.controller.limit, name)
             if own is None:
                 limits = robot.limits_of(name)
                 own = None if limits is None else limits.effort
-            efforts.append(math.inf if own is None else own)
+            efforts.append(None if own is None else sides(own))
         return efforts
 
     def _limited(self, asked: Sequence[Any]) -> list[Any]:
         return [
-            x if math.isinf(most) else minimum(maximum(x, -most), most) for x, most in zip(asked, self.limits)
+            x if most is None else minimum(maximum(x, most[0]), most[1])
+            for x, most in zip(asked, self.limits)
         ]
 
     def _limited_rate(self, wanted: Sequence[Any]) -> list[Any]:

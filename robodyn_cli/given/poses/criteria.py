@@ -23,6 +23,7 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.observe.joint_limits import limited_joints
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.schema.spans import sides
 from robodyn_cli.solve.closure import size_number
 from robodyn_cli.spatial.algebra import Array, Matrix, identity, vector, zeros
 
@@ -117,10 +118,12 @@ def holding_torques(problem: Problem) -> list[Scalar]:
 
 
 def efforts(scene: Scene, problem: Problem) -> list[float] | None:
-    """Return the effort limits (nv,) of the joints, None where one has none."""
+    """Return the effort limits (nv,) of the joints, of the larger side, None where one has none."""
     by_column = [scene.robot.limits_of(name) for name in problem.model.v_names]
     values = [None if limits is None else limits.effort for limits in by_column]
-    return None if any(x is None for x in values) else [x for x in values if x is not None]
+    return (
+        None if any(x is None for x in values) else [max(map(abs, sides(x))) for x in values if x is not None]
+    )
 
 
 def _torques(problem: Problem) -> tuple[list[Scalar], Matrix]:

@@ -113,6 +113,8 @@ def _of_result(file: Any, path: str) -> tuple[list[str], Array]:
         raise ResultFileError(
             f"{path} is a result without a motion (command {file.attrs['command']})", path=path
         )
+    if "pieces" in file:
+        return [str(name) for name in file["pieces"].attrs["names"]], file["pieces"][()]
     names = [str(name) for name in file["q"].attrs["names"]]
     return ["t", *names], np.column_stack([file["time"][()], file["q"][()]])
 
