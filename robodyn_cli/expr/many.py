@@ -221,7 +221,7 @@ class ManyNumbers:
         return np.array([x for x, _ in lists], dtype=float), np.array([kept for _, kept in lists])
 
     def looked_up(self, x: Any, table: Any) -> Array:
-        """Return the values of a piecewise polynomial at x (N, ...); its knots and coefficients may be others in each run."""
+        """Return a piecewise polynomial at x (N, ...), whose knots and coefficients may be others in each run."""
         knots, rows, held = table
         own = self.table(knots), [self.table(row) for row in rows], None if held is None else self.table(held)
         xs = np.broadcast_to(x, (self.runs, *np.shape(x)[1:]))

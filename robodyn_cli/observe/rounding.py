@@ -47,7 +47,7 @@ class Rounded:
         samples = len(next(iter(inputs.values())))
         shape = (*([] if runs is None else [runs.runs]), DRAWS + 1, samples)
         factors = itertools.cycle(1.0 + ENLARGED * UNIT * _changes(PATTERNS, samples))
-        numbers = Numbers(runs, factors)
+        numbers = RoundedNumbers(runs, factors)
         value: dict[int, Any] = {}
         with np.errstate(all="ignore"):
             for node in self.nodes:
@@ -63,7 +63,7 @@ class Rounded:
         return np.stack([np.broadcast_to(x, shape) for x in columns], axis=-1)
 
 
-class Numbers:
+class RoundedNumbers:
     """Numbers of a graph as rounding might make them (draw, sample), or (run, draw, sample) of many runs.
 
     Parameters

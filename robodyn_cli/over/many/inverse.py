@@ -123,7 +123,7 @@ class Figures:
         return self._round()
 
     def __getitem__(self, key: str) -> tuple[Array, Array]:
-        """Return a figure, and the largest of the errors that its declaration names; nan for a joint that is not there."""
+        """Return a figure and the largest error that its declaration names; nan of a joint that is not there."""
         joint, figure = _figure_of(key) or ("", "")
         leaf = leaf_of("inverse", key)
         if leaf is None or joint not in self._joints:
