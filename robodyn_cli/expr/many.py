@@ -145,6 +145,10 @@ class ManyNumbers:
         """Return the values (N, n) of n numbers."""
         return self._joined(self._take(self.recipe.values_of(numbers)))
 
+    def value(self, number: float) -> Any:
+        """Return the values (N,) of one number, or a number where it is the same in all runs."""
+        return self._take([self.recipe.value_of(number)])[0]
+
     def _joined(self, columns: Sequence[Any]) -> Array:
         """Return columns, arrays or numbers, as one array (N, n)."""
         if self.runs == 1:
@@ -166,7 +170,7 @@ class ManyNumbers:
         take = values.__getitem__
         for op, args, data in expressions.code:
             if op == "table":
-                values.append(self._looked_up(values[args[0]], data))
+                values.append(self.looked_up(values[args[0]], data))
             else:
                 values.append(functions[op](*map(take, args)))
         outputs = self._take(self.recipe.values_of(expressions.outputs))
@@ -216,11 +220,11 @@ class ManyNumbers:
         lists = [derive(shared, row) for row in rows]
         return np.array([x for x, _ in lists], dtype=float), np.array([kept for _, kept in lists])
 
-    def _looked_up(self, x: Any, table: Any) -> Array:
-        """Return the values of a piecewise polynomial whose knots and coefficients may be others in each run."""
+    def looked_up(self, x: Any, table: Any) -> Array:
+        """Return a piecewise polynomial at x (N, ...), whose knots and coefficients may be others in each run."""
         knots, rows, held = table
         own = self.table(knots), [self.table(row) for row in rows], None if held is None else self.table(held)
-        xs = np.broadcast_to(x, self.runs)
+        xs = np.broadcast_to(x, (self.runs, *np.shape(x)[1:]))
         return np.array([
             piecewise(xs[k], (own[0][k], [row[k] for row in own[1]], None if own[2] is None else own[2][k]))
             for k in range(self.runs)

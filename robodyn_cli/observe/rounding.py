@@ -16,6 +16,7 @@ import numpy as np
 
 from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.graph import Expr, Scalar, reachable
+from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.expr.rebuild import APPLY, apply
 from robodyn_cli.spatial.algebra import Array
 
@@ -23,6 +24,7 @@ UNIT = 2.0**-53
 ENLARGED = 2.0**13
 DRAWS = 4
 PATTERNS = 61  # of changes, which nodes take in turn
+MOST_SAMPLES = 9  # that are looked at
 SHORT = 1024.0  # numbers with so few binary places are exact
 EXACT = frozenset({"neg", "abs", "sign", "min", "max", "where"})
 
@@ -37,11 +39,15 @@ class Rounded:
         self.outputs = list(outputs)
         self.nodes = reachable(self.outputs)
 
-    def __call__(self, inputs: Mapping[str, Array]) -> Array:
-        """Return the outputs (draw, sample, output) at inputs (T, n) by group."""
+    def __call__(self, inputs: Mapping[str, Array], runs: ManyNumbers | None = None) -> Array:
+        """Return the outputs (draw, sample, output) at inputs (T, n) by group.
+
+        runs : numbers of the scene in many runs, in place of its own; then the outputs are (run, draw, sample, output).
+        """
         samples = len(next(iter(inputs.values())))
+        shape = (*([] if runs is None else [runs.runs]), DRAWS + 1, samples)
         factors = itertools.cycle(1.0 + ENLARGED * UNIT * _changes(PATTERNS, samples))
-        numbers: dict[int, Any] = {}
+        numbers = RoundedNumbers(runs, factors)
         value: dict[int, Any] = {}
         with np.errstate(all="ignore"):
             for node in self.nodes:
@@ -49,37 +55,63 @@ class Rounded:
                     _, group, position = node.value
                     value[node.index] = inputs[group][:, position] * next(factors)
                 elif node.op == "const":
-                    value[node.index] = _number(node.value, numbers, factors)
+                    value[node.index] = numbers(node.value)
                 else:
-                    exact = apply(node, [value[a.index] for a in node.args])
+                    exact = numbers.apply(node, [value[a.index] for a in node.args])
                     value[node.index] = exact if node.op in EXACT else exact * next(factors)
-            columns = [
-                value[e.index] if isinstance(e, Expr) else _number(e, numbers, factors) for e in self.outputs
-            ]
-        return np.stack([np.broadcast_to(x, (DRAWS + 1, samples)) for x in columns], axis=-1)
+            columns = [value[e.index] if isinstance(e, Expr) else numbers(e) for e in self.outputs]
+        return np.stack([np.broadcast_to(x, shape) for x in columns], axis=-1)
 
 
-def _number(x: float, known: dict[int, Any], factors: Iterator[Array]) -> Any:
-    """Return a number of the graph as rounding might make it; ``known`` keeps those of the scene, by identity."""
-    if not isinstance(x, Fixed):
-        return x if float(x * SHORT).is_integer() else x * next(factors)
-    stack = [x]
-    while stack:
-        top = stack[-1]
-        computed = top.op not in ("literal", "entry")
-        inputs = [a for a in top.args if isinstance(a, Fixed)] if computed else []
-        if missing := [a for a in inputs if id(a) not in known]:
-            stack += missing
-            continue
-        stack.pop()
-        if id(top) in known:
-            continue
-        if not computed:
-            known[id(top)] = float(top) if top.op == "literal" else float(top) * next(factors)
-            continue
-        exact = APPLY[top.op](*(known[id(a)] if isinstance(a, Fixed) else a for a in top.args))
-        known[id(top)] = exact if top.op in EXACT else exact * next(factors)
-    return known[id(x)]
+class RoundedNumbers:
+    """Numbers of a graph as rounding might make them (draw, sample), or (run, draw, sample) of many runs.
+
+    Parameters
+    ----------
+    runs : numbers of the scene in many runs; None: as they are. factors : what each result is multiplied by.
+    """
+
+    def __init__(self, runs: ManyNumbers | None, factors: Iterator[Array]) -> None:
+        self._runs, self._factors = runs, factors
+        self._known: dict[int, Any] = {}  # numbers of the scene, by identity
+
+    def __call__(self, x: float) -> Any:
+        """Return a number."""
+        known = self._known
+        if not isinstance(x, Fixed):
+            return x if float(x * SHORT).is_integer() else x * next(self._factors)
+        stack = [x]
+        while stack:
+            top = stack[-1]
+            computed = top.op not in ("literal", "entry")
+            inputs = [a for a in top.args if isinstance(a, Fixed)] if computed else []
+            if missing := [a for a in inputs if id(a) not in known]:
+                stack += missing
+                continue
+            stack.pop()
+            if id(top) in known:
+                continue
+            if not computed:
+                given = self._given(top)
+                known[id(top)] = given if top.op == "literal" else given * next(self._factors)
+                continue
+            exact = APPLY[top.op](*(known[id(a)] if isinstance(a, Fixed) else a for a in top.args))
+            known[id(top)] = exact if top.op in EXACT else exact * next(self._factors)
+        return known[id(x)]
+
+    def _given(self, x: Fixed) -> Any:
+        """Return a number as the scene, or each run, has it."""
+        if self._runs is None:
+            return float(x)
+        own = self._runs.value(x)
+        return own if np.ndim(own) == 0 else own[:, None, None]
+
+    def apply(self, node: Expr, args: Sequence[Any]) -> Any:
+        """Return the operation of a node; tables may be others in each run."""
+        if node.op == "table" and self._runs is not None:
+            x = np.broadcast_to(args[0], (self._runs.runs, *np.shape(args[0])[-2:]))
+            return self._runs.looked_up(x, node.value)
+        return apply(node, args)
 
 
 def _changes(patterns: int, samples: int) -> Array:
@@ -92,11 +124,17 @@ def _changes(patterns: int, samples: int) -> Array:
 
 def largest_difference(draws: Array) -> float | None:
     """Return how far draws (draw, ...) of a figure lie from draw 0 at most; None if not finite."""
-    largest = float(np.abs(draws[1:] - draws[0]).max(initial=0.0)) / ENLARGED
+    largest = float(largest_differences(draws[None])[0])
     return largest if np.isfinite(largest) else None
 
 
-def few(samples: int, most: int = 9) -> Array:
+def largest_differences(draws: Array) -> Array:
+    """Return how far draws (run, draw, ...) of a figure lie from draw 0 at most (run,)."""
+    away = np.abs(draws[:, 1:] - draws[:, :1])
+    return np.asarray(away.reshape(len(draws), -1).max(axis=1, initial=0.0)) / ENLARGED
+
+
+def few(samples: int, most: int = MOST_SAMPLES) -> Array:
     """Return indices of a few samples out of many, the first and the last among them."""
     places: Array = np.unique(np.linspace(0, samples - 1, min(samples, most)).round().astype(int))
     return places

@@ -12,6 +12,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import stated
 from robodyn_cli.summaries.keys import Leaf, leaf_of, leaves_of
+from robodyn_cli.summaries.study import QUANTILES
 
 MOST_ROWS = 12  # that a small table shows
 Summary = Mapping[str, Any]
@@ -198,7 +199,7 @@ def _units(result: Result, path: str) -> dict[str, str]:
 def _study(result: Result, summary: Summary) -> list[Table]:
     head = ["output", "as it stands", "smallest", "largest"]
     if "sampler" in summary:
-        head += ["mean", "standard deviation"]
+        head += ["mean", "standard deviation", *(f"quantile {name}" for name in QUANTILES)]
     rows = []
     for name, spread in summary.get("results", {}).items():
         if spread is None:
@@ -206,7 +207,9 @@ def _study(result: Result, summary: Summary) -> list[Table]:
         worst, unit = spread.get("largest_error"), spread["unit"]
         row = [name, *(figure(spread[key], worst, unit) for key in ("nominal", "minimum", "maximum"))]
         if "sampler" in summary:
-            row += [figure(spread["mean"], spread.get("mean_error"), unit), figure(spread["sd"], None, unit)]
+            row += [figure(spread.get(key), spread.get(f"{key}_error"), unit) for key in ("mean", "sd")]
+            levels, errors = spread.get("quantiles", {}), spread.get("quantile_errors", {})
+            row += [figure(levels.get(name), errors.get(name), unit) for name in QUANTILES]
         rows.append(row)
     return [Table(head, rows)]
 

@@ -21,14 +21,41 @@ class Spread:
     maximum: float = fact("largest value", BESIDE, errors=OF_RUNS)
     nominal: float | None = fact("value of the scene as it stands", BESIDE, errors=OF_RUNS)
     unit: str = fact("of all numbers of this output")
-    mean: float | Absent = fact(
-        "of samples", BESIDE, errors=("results.OUTPUT.mean_error", *OF_RUNS), default=ABSENT
+    independent: int | Absent = fact(
+        "number of independent runs that have it, by which the errors go: with `--indices` those of blocks A and B, "
+        "of which mean, deviation and quantiles are; with samples at points of a grid those at one point",
+        default=ABSENT,
     )
-    sd: float | Absent = fact("standard deviation of samples", BESIDE, default=ABSENT)
+    mean: float | Absent = fact("of samples", BESIDE, errors=("results.OUTPUT.mean_error",), default=ABSENT)
+    sd: float | Absent = fact(
+        "standard deviation of samples", BESIDE, errors=("results.OUTPUT.sd_error",), default=ABSENT
+    )
     quantiles: dict[str, float] | Absent = fact(
-        "of samples", BESIDE, names=QUANTILES, errors=OF_RUNS, default=ABSENT
+        "of samples",
+        BESIDE,
+        names=QUANTILES,
+        errors=("results.OUTPUT.quantile_errors.LEVEL",),
+        default=ABSENT,
     )
-    mean_error: float | Absent = fact("standard error of the mean", BESIDE, default=ABSENT)
+    mean_error: float | Absent | None = fact(
+        "half the width of the interval that holds the true mean (Student's), and the mean of the errors of the runs; "
+        "`null` of a single run",
+        BESIDE, default=ABSENT,
+    )  # fmt: skip
+    sd_error: float | Absent | None = fact(
+        "the larger distance to an end of the interval that holds the true deviation, and the largest error of a run",
+        BESIDE, default=ABSENT,
+    )  # fmt: skip
+    quantile_errors: dict[str, float | None] | Absent = fact(
+        "the larger distance to an end of the interval between two runs that holds the true quantile, whatever the "
+        "distribution, and the largest error of a run; `null` where there are too few runs for one",
+        BESIDE, names=QUANTILES, default=ABSENT,
+    )  # fmt: skip
+    confidence: float | Absent = fact(
+        "probability that an interval holds the true value; with samplers `sobol` and `latin` it is larger, for their "
+        "samples are spread more evenly than independent ones",
+        default=ABSENT,
+    )
     largest_error: float | Absent = fact(
         "of the errors that the runs estimate, where they do", BESIDE, default=ABSENT
     )
@@ -56,7 +83,7 @@ class Influence:
 
 @record
 class SobolIndex:
-    """Shares of an output's variance, each with the interval of a bootstrap at 95 %."""
+    """Shares of an output's variance, each with the interval that holds it with 95 %."""
 
     first: float = fact("by the key alone")
     first_low: float = fact("lower end of its interval")

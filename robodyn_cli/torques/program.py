@@ -12,11 +12,12 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Outputs, torque_terms
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.observe.places import place_outputs
-from robodyn_cli.observe.rounding import Rounded, few
+from robodyn_cli.observe.rounding import DRAWS, MOST_SAMPLES, Rounded, few
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -166,20 +167,29 @@ class InverseProgram(ABC):
         None where the mass matrix is singular.
         """
 
-    def torques_by_draw(self, sampled: Sampled) -> Array | None:
+    def torques_by_draw(self, sampled: Sampled, runs: ManyNumbers | None = None) -> Array | None:
         """Return torques (draw, T, nv) at a few samples, as they are and as rounding might make them.
 
         None where actuators would lose their hold by a change of the last digits.
+        runs : numbers of the scene in many runs with this motion; then torques are (run, draw, T, nv).
         """
         places = few(len(sampled.times))
-        entries = [x for term in self.terms.values() for x in term]
-        drawn = Rounded([*entries, *self._shared_by()])(sampled.inputs(places))
-        draws, samples, _ = drawn.shape
-        split = np.split(drawn, [len(entries)], axis=2)
-        terms = split[0].reshape(draws * samples, len(self.terms), -1)
+        drawn = self._rounded(sampled.inputs(places), runs)
+        split = np.split(drawn, [sum(len(term) for term in self.terms.values())], axis=-1)
+        terms = split[0].reshape(-1, len(self.terms), split[0].shape[-1] // len(self.terms))
         loads = dict(zip(self.terms, np.moveaxis(terms, 1, 0)))
-        tau = self.shared(loads, split[1].reshape(draws * samples, -1), sampled)
-        return None if tau is None else tau.reshape(draws, samples, -1)
+        tau = self.shared(loads, split[1].reshape(len(terms), -1), sampled)
+        return None if tau is None else tau.reshape(*drawn.shape[:-1], -1)
+
+    @cached_property
+    def _rounded(self) -> Rounded:
+        """The torques' terms, and what decides how they are shared, as rounding might make them."""
+        return Rounded([*(x for term in self.terms.values() for x in term), *self._shared_by()])
+
+    @property
+    def rounded_size(self) -> int:
+        """Numbers that ``torques_by_draw`` holds for each of many runs."""
+        return len(self._rounded.nodes) * (DRAWS + 1) * MOST_SAMPLES
 
     def _shared_by(self) -> list[Scalar]:
         """Return the expressions beside the terms that decide how actuators share the load."""

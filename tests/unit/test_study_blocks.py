@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tracemalloc
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,8 +13,9 @@ import pytest
 
 from robodyn_cli.expr.statements import parse_variation
 from robodyn_cli.over.study.design import Design, make_design, strata
-from robodyn_cli.over.study.report import MOST, Moments, quantiles, report
+from robodyn_cli.over.study.report import MOST, report
 from robodyn_cli.over.study.rows import BLOCK, REASONS_NAME, ROWS_NAME, RowFile, RunRows
+from robodyn_cli.over.study.statistics import Moments, SampleSpread, quantiles
 from robodyn_cli.over.study.study import AskedStudy, Study, prepare
 from robodyn_cli.results.hdf5 import ResultWriter, read
 from robodyn_cli.scene.load import Family, load_scene_text
@@ -163,7 +165,8 @@ def test_moments_and_quantiles_by_blocks_are_those_of_the_whole(kind: str) -> No
 
     for sample in (x, x[strata(len(x), 700)], x[:3]):
         assert np.array_equal(quantiles(blocks, len(there), sample), np.quantile(there, LEVELS))
-    found = moments.spread(1.0, "m", np.quantile(there, LEVELS))
+    sampled, of = SampleSpread.of(sample, len(there)), partial(quantiles, blocks, moments.counted, sample)
+    found = moments.spread(1.0, "m", sampled, of)
     assert found is not None
     assert found.mean == pytest.approx(there.mean(), rel=1e-12)
     assert found.sd == pytest.approx(there.std(ddof=1), rel=1e-12, abs=1e-15)

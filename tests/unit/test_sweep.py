@@ -26,9 +26,9 @@ from robodyn_cli.expr.statements import parse_variation
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.design import make_design
-from robodyn_cli.over.study.report import influences, share, sobol
 from robodyn_cli.over.study.rows import ROWS_NAME, RowFile, Task
 from robodyn_cli.over.study.runs import run_here
+from robodyn_cli.over.study.statistics import influences, share, sobol
 from robodyn_cli.over.study.study import AskedStudy, prepare
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
@@ -183,7 +183,7 @@ def test_the_share_and_its_interval_are_those_of_the_binomial() -> None:
     from scipy.stats import binomtest
 
     for count, runs in ((0, 10), (3, 10), (10, 10), (450, 1000)):
-        mine, theirs = share(count, runs), binomtest(count, runs).proportion_ci(0.95, "exact")
+        mine, theirs = share(count, runs, runs), binomtest(count, runs).proportion_ci(0.95, "exact")
         assert (mine.share, mine.low, mine.high) == pytest.approx((count / runs, theirs.low, theirs.high))
 
 

@@ -238,16 +238,40 @@ def _share(share: Mapping[str, float]) -> str:
 
 
 def _spreads(summary: Mapping[str, Any]) -> list[str]:
-    """Return the table of the outputs: of samples their spread, of a grid the extremes."""
-    columns = {"mean": "mean", "sd": "sd", "5 %": "5 %", "50 %": "50 %", "95 %": "95 %"}
+    """Return the table of the outputs: of samples their spread, of a grid the extremes; each with its error."""
+    columns = {"mean": "mean", "sd": "sd"} | {name: f"quantiles.{name}" for name in ("5 %", "50 %", "95 %")}
     if "sampler" not in summary:
         columns = {"least": "minimum", "greatest": "maximum"}
     rows = [["output", *columns, "as it stands", "unit"]]
     for key, spread in summary["results"].items():
-        figures = {**spread, **spread.get("quantiles", {})} if spread is not None else {}
-        numbers = (shown(figures.get(name)) for name in (*columns.values(), "nominal"))
-        rows.append([key, *numbers, _unit(figures.get("unit", ""))])
-    return [table(rows)]
+        own = [f"results.{key}.{name}" for name in (*columns.values(), "nominal")]
+        unit = spread["unit"] if spread is not None else ""
+        rows.append([key, *(_with_error(summary, name) for name in own), _unit(unit)])
+    lines = [table(rows)]
+    if any(spread is not None and "confidence" in spread for spread in summary["results"].values()):
+        lines.append(
+            "  errors             with 95 % confidence, runs' own errors included; none where runs are too few to tell"
+        )
+    return lines
+
+
+def _with_error(summary: Mapping[str, Any], key: str) -> str:
+    """Return a figure and the largest of the errors that its declaration names."""
+    from robodyn_cli.over.batch.criteria import lookup_number
+    from robodyn_cli.report.figures import figure
+    from robodyn_cli.summaries.keys import leaf_of
+
+    value, leaf = lookup_number(summary, key), leaf_of("sweep", key)
+    if value is None:
+        return "-"
+    errors = [
+        x
+        for name in (leaf.errors if leaf is not None else ())
+        if (x := lookup_number(summary, name)) is not None
+    ]
+    if not errors:
+        return shown(value)
+    return figure(value, max(errors)).replace("±", "+-")
 
 
 def _unit(unit: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -14,6 +14,7 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
+from robodyn_cli.observe.rounding import largest_differences
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
 from robodyn_cli.over.many.groups import Built, first_of, table_rows
 from robodyn_cli.over.many.keys import NUMBER, Key, settings
@@ -21,9 +22,11 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.inverse import ROUNDING
+from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.torques.build import OpenChain
 from robodyn_cli.torques.checks import FIGURES, Loaded, breaks_of
-from robodyn_cli.torques.program import InverseProgram
+from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.works.inverse import at_rest, inverse, program_of
 
@@ -59,6 +62,18 @@ class InverseStructure(Built):
             self._planned = at_rest(self.program.problem, self.program.plan(samples))
         return self._planned
 
+    def rounding(self, planned: Planned, values: Array) -> Array:
+        """Return how far rounding may have put any torque off in runs with rows of values (N, keys)."""
+        program, times = self.program, planned.times
+        sampled = Sampled(times, planned.motion, program.parameters(times), {}, {}, {})
+        off = np.empty(len(values))
+        runs = max(1, ENTRIES // program.rounded_size)
+        for first in range(0, len(values), runs):
+            part = slice(first, first + runs)
+            draws = program.torques_by_draw(sampled, self.numbers(values[part]))
+            off[part] = np.nan if draws is None else largest_differences(draws)
+        return np.where(np.isfinite(off), off, np.nan)
+
 
 def obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
     """Return why runs are made one by one; nothing where their torques are evaluated at once."""
@@ -83,22 +98,70 @@ def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) 
     return first_of(reasons)
 
 
+def _figure_of(key: str) -> tuple[str, str] | None:
+    """Return the joint and the figure that a key of the summary is about; None where it is no figure of a joint."""
+    leaf = leaf_of("inverse", key)
+    joint = leaf.names[0] if leaf is not None and leaf.names else ""
+    section, _, figure = leaf.key.partition(f".{joint}.") if leaf is not None else ("", "", "")
+    return (joint, figure) if section == "joints" and figure in FIGURES else None
+
+
+class Figures:
+    """Figures of joints and their errors (N,) in many runs, by key of the summary; each is computed once.
+
+    Parameters
+    ----------
+    loaded : columns of all joints of all runs. joints : of a run. rounding : of the torques in each run (N,).
+    """
+
+    def __init__(self, loaded: Loaded, joints: Sequence[str], rounding: Callable[[], Array]) -> None:
+        self._loaded, self._joints, self._round = loaded, list(joints), rounding
+        self._known: dict[str, tuple[Array, Array]] = {}
+
+    @cached_property
+    def _rounding(self) -> Array:
+        return self._round()
+
+    def __getitem__(self, key: str) -> tuple[Array, Array]:
+        """Return a figure and the largest error that its declaration names; nan of a joint that is not there."""
+        joint, figure = _figure_of(key) or ("", "")
+        leaf = leaf_of("inverse", key)
+        if leaf is None or joint not in self._joints:
+            nothing = np.full(self._loaded.tau.shape[1] // max(len(self._joints), 1), np.nan)
+            return nothing, nothing
+        errors = [self._error(joint, error) for error in leaf.errors]
+        return self._columns(figure, joint)[0], np.fmax.reduce(errors)
+
+    def _columns(self, figure: str, joint: str) -> tuple[Array, Array]:
+        if figure not in self._known:
+            self._known[figure] = FIGURES[figure](self._loaded)
+        k, step = self._joints.index(joint), len(self._joints)
+        value, error = self._known[figure]
+        return value[k::step], error[k::step]
+
+    def _error(self, joint: str, key: str) -> Array:
+        """Return the error that stands under a key of the summary."""
+        if key == ROUNDING:
+            return self._rounding
+        name = key.rpartition(".")[2]
+        if name == "energy":
+            name = (
+                "energy_net"  # has the same error, and takes no search for where the power changes its sign
+            )
+        return np.max([self._columns(x, joint)[1] for x in FIGURES if x.partition(".")[0] == name], axis=0)
+
+
 class InverseRuns(BatchCommand[InverseStructure]):
     """Torques of the scene's trajectory; ends are the ends of the motion."""
 
     name = "inverse"
     sampled = ("q", "qd", "qdd", "tau")
 
-    @cached_property
-    def _endings(self) -> tuple[str, ...]:
-        return tuple(f".{figure}" for figure in FIGURES)
-
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> InverseStructure:
         return InverseStructure(family, keys, row)
 
     def is_plain(self, key: str) -> bool:
-        short = key.partition(".")[0] in FIGURES  # peak_torque.theta1
-        return short or (key.startswith("joints.") and key.endswith(self._endings))
+        return _figure_of(key) is not None
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, inverse=dataclasses.replace(scene.inverse, samples=samples))
@@ -129,12 +192,13 @@ class InverseRuns(BatchCommand[InverseStructure]):
         for array in arrays.values():
             good &= np.isfinite(array).all(axis=(1, 2))
         tau, to = tau[good], rows[good]
-        figures = self._figures(list(result.outputs), result.qd_names, Loaded(
+        loaded = Loaded(
             times, tau.reshape(-1, len(times)).T, np.tile(motion.qd, (1, len(tau))),
             breaks_of(structure.program.problem, times, motion),
-        ))  # fmt: skip
-        for key, column in figures.items():
-            result.outputs[key][to] = column
+        )  # fmt: skip
+        figures = Figures(loaded, result.qd_names, lambda: structure.rounding(planned, result.values[to]))
+        for key, column in result.outputs.items():
+            column[to], result.errors[key][to] = figures[key]
         result.code[to], result.time[to] = 0, times[-1]
         result.q[to], result.qd[to] = motion.q[-1], motion.qd[-1]
         if asked.samples:
@@ -142,19 +206,6 @@ class InverseRuns(BatchCommand[InverseStructure]):
             kept["time"][to], kept["tau"][to] = times, tau.transpose(0, 2, 1)
             kept["q"][to], kept["qd"][to], kept["qdd"][to] = motion.q, motion.qd, motion.qdd
         return [int(row) for row in rows[~good]]
-
-    def _figures(self, keys: Sequence[str], joints: Sequence[str], loaded: Loaded) -> dict[str, Array]:
-        """Return the keys of the summary (N,) that joints have."""
-        by_key: dict[str, Array] = {}
-        columns: dict[str, Array] = {}
-        for key in keys:
-            for k, joint in enumerate(joints):
-                for name, figure in FIGURES.items():
-                    if key in (f"joints.{joint}.{name}", f"{name}.{joint}"):
-                        if name not in columns:
-                            columns[name] = figure(loaded)[0].reshape(-1, len(joints))
-                        by_key[key] = columns[name][:, k]
-        return by_key
 
     def single(self, scene: Scene) -> Result:
         return inverse(scene)

@@ -192,6 +192,16 @@ class Design:
         """Number of runs."""
         return math.prod(len(x) for x in self.grid) * self.samples.n
 
+    @property
+    def independent(self) -> int:
+        """Number of independent runs: two of each of Saltelli's samples, one of the same sample at points of a grid."""
+        return 2 * self.samples.n // (len(self.keys) + 2) if self.indices else self.samples.n
+
+    @property
+    def counted(self) -> int:
+        """Number of runs, the first ones, of which statistics are: Saltelli's mixed blocks repeat others."""
+        return self.independent if self.indices else len(self)
+
     def rows(self, first: int = 0, last: int | None = None) -> Array:
         """Return the values (runs, keys) of the runs from ``first`` up to, and without, ``last``."""
         last = len(self) if last is None else last
