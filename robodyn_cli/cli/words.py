@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.cli.console import width
+from robodyn_cli.summaries.facts import LOAD, UnitOf
 
 
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
@@ -43,13 +44,32 @@ def figure_columns(rows: Sequence[Mapping[str, Any]], figures: Figures) -> list[
     """Return the columns of figures; units that differ between rows are printed beside each figure."""
     columns = []
     for heading, key, quantity, digits in figures:
+        there = [row.get(key) is not None for row in rows]
         units = [{**row.get("units", {}), "time": "s"}.get(quantity, quantity) for row in rows]
+        own = dict.fromkeys(unit for unit, known in zip(units, there) if known)
         found = [number(row.get(key), digits) for row in rows]
-        if len(set(units)) > 1:
-            columns.append([heading, *(f"{x} {unit}" for x, unit in zip(found, units))])
+        if len(own) > 1:
+            with_units = (f"{x} {unit}" if known else x for x, unit, known in zip(found, units, there))
+            columns.append([heading, *with_units])
         else:
-            columns.append([f"{heading} [{units[0]}]", *found])
+            columns.append([f"{heading} [{next(iter(own), units[0])}]", *found])
     return columns
+
+
+# of a table by coordinate: heading, values by coordinate, their unit by that of the coordinate, digits
+ByCoordinate = Sequence[tuple[str, Mapping[str, float], UnitOf, int]]
+
+
+def coordinate_table(units: Mapping[str, str], columns: ByCoordinate) -> str:
+    """Return a table of values by coordinate, from the ``units`` of all coordinates."""
+    names = dict.fromkeys(name for _, values, _, _ in columns for name in values)
+    rows = [
+        {"units": {head: unit(units[name]) for head, _, unit, _ in columns}}
+        | {head: values.get(name) for head, values, _, _ in columns}
+        for name in names
+    ]
+    figures = [(head, head, head, digits) for head, _, _, digits in columns]
+    return table(list(zip(["coordinate", *names], *figure_columns(rows, figures))))
 
 
 def _widths(rows: Sequence[Sequence[str]]) -> list[int]:
@@ -134,10 +154,10 @@ def cost_line(summary: Mapping[str, Any]) -> str:
     return f"  cost               {steps}ms: {parts}; in all {1e3 * times.get('total', 0.0):.4g}{told}"
 
 
-def holding_lines(torques: Mapping[str, float]) -> list[str]:
-    """Return a line about torques that keep a pose, beside those that the scene states."""
-    held = ", ".join(f"{name} {number(x)}" for name, x in torques.items())
-    return [f"  holding torques    {held} (N m or N)"] if held else []
+def holding_lines(torques: Mapping[str, float], units: Mapping[str, str]) -> list[str]:
+    """Return a line about torques that keep a pose, beside those that the scene states; ``units`` of coordinates."""
+    held = ", ".join(f"{name} {number(x)} {LOAD(units.get(name, ''))}" for name, x in torques.items())
+    return [f"  holding torques    {held}"] if held else []
 
 
 def mobility_lines(summary: Mapping[str, Any]) -> list[str]:

@@ -73,6 +73,7 @@ class LinearSummary:
     freedoms: int = fact("number of independent coordinates")
     configuration: dict[str, float] | Absent = fact("joint positions of the state; not along a motion", OWN)
     rates: dict[str, float] | Absent = fact("their rates; not along a motion", RATE)
+    units: dict[str, str] | Absent = fact("unit of each coordinate: `rad`, `m` or `1`; not along a motion")
     holding_torques: dict[str, float] | Absent = fact(
         "with `--hold`: the constant torques of the inputs; at a balance: of joints in `initial.hold` and prescribed "
         "ones, which keep them there",

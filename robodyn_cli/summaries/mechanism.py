@@ -73,6 +73,7 @@ class AssembleSummary:
     termination: Termination = fact("how the run ended")
     samples: int = fact("number of samples: 1")
     configuration: dict[str, float] = fact("joint positions with the loops closed", OWN, column="position")
+    units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
     rates: dict[str, float] = fact("their rates; those that are not given are of least norm", RATE)
     accelerations: dict[str, float] = fact("of least norm", ACCELERATION)
     held: list[str] = fact("joints that stayed")
@@ -221,6 +222,7 @@ class ReachSummary:
     frame: str = fact("the frame that was brought there")
     method: str = fact("`analytic` or `damped`")
     configuration: dict[str, float] = fact("the joint positions chosen", OWN)
+    units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
     branch: str | Absent = fact("name of their branch, with a closed form")
     error: float = fact(
         "the larger of distance and angle to the pose, and of what the loops lack", "m or rad"
@@ -280,6 +282,7 @@ class StaticsSummary:
     samples: int = fact("number of samples: 1")
     find: str = fact("what was asked for: `balance` or `hold`")
     configuration: dict[str, float] = fact("joint positions", OWN, column="position")
+    units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
     torques_of_joints: dict[str, float] = fact(
         "torques of actuators, and what holds joints in place", LOAD, column="torque"
     )

@@ -242,6 +242,7 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
         termination=Termination("closed", 0.0),
         samples=1,
         configuration=dict(zip(model.q_names, closed.q.tolist())),
+        units=model.coordinate_units,
         rates=dict(zip(model.v_names, closed.v.tolist())),
         accelerations=dict(zip(model.v_names, closed.a.tolist())),
         held=list(held),

@@ -56,6 +56,7 @@ def reach(scene: Scene, *, progress: Progress = no_progress, watch: Stopwatch | 
             frame=options.frame,
             method="analytic" if solver.closed_form is not None and number >= 0 else "damped",
             configuration=dict(zip(solver.model.q_names, q.tolist())),
+            units=solver.model.coordinate_units,
             branch=solver.branch_names[number] if number >= 0 else ABSENT,
             error=float(poses.error[0]),
             freedom=solver.freedom,

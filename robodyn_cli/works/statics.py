@@ -353,6 +353,7 @@ def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
         samples=1,
         find=find,
         configuration=dict(zip(model.q_names, state.q.tolist())),
+        units=model.coordinate_units,
         torques_of_joints=dict(zip(model.v_names, state.tau.tolist())),
         equilibrium=state.facts,
         error_estimate=ForceResidual(state.facts.residual),

@@ -9,7 +9,8 @@ import typer
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import closure_text, mobility_lines, number, table
+from robodyn_cli.cli.words import closure_text, coordinate_table, mobility_lines, number, table
+from robodyn_cli.summaries.facts import ACCELERATION, OWN, RATE
 
 
 def command(
@@ -49,19 +50,12 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"{summary['title']}",
         f"  closed             held: {held}; solved: {', '.join(summary['solved'])}",
     ]
-    rows = [["coordinate", "position", "rate", "acceleration"]]
-    rates, accelerations = summary["rates"], summary["accelerations"]
-    same = set(rates) == set(summary["configuration"])
-    for name, q in summary["configuration"].items():
-        rows.append(
-            [
-                name,
-                number(q, 9),
-                number(rates[name]) if same else "",
-                number(accelerations[name]) if same else "",
-            ]
-        )
-    lines.append(table(rows))
+    columns = [
+        ("position", summary["configuration"], OWN, 9),
+        ("rate", summary["rates"], RATE, 6),
+        ("acceleration", summary["accelerations"], ACCELERATION, 6),
+    ]
+    lines.append(coordinate_table(summary["units"], columns))
     lines.append("  residual           " + closure_text(summary["residual"]))
     if summary["redundant_rows"]:
         lines.append(f"  redundant rows     {', '.join(summary['redundant_rows'])}")

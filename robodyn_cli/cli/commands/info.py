@@ -19,6 +19,7 @@ from robodyn_cli.cli.options import (
     utf8,
 )
 from robodyn_cli.cli.runner import begun, default_directory, output, publish
+from robodyn_cli.summaries.facts import LOAD
 
 
 def command(
@@ -75,8 +76,9 @@ def describe(report: Mapping[str, Any]) -> str:
     lines += matrix("mass matrix M", report["mass_matrix"])
     lines.append(f"    singular values  {values(report['mass_matrix_singular_values'])}")
     lines += matrix("Coriolis matrix C", report["coriolis_matrix"])
-    gravity = report["gravity_torques"].items()
-    lines.append("  gravity torques G  " + ", ".join(f"{name} {cell(x)}" for name, x in gravity))
+    rates = units(report["joints"], "v")
+    gravity = zip(report["gravity_torques"].items(), (LOAD(unit.removesuffix("/s")) for unit in rates))
+    lines.append("  gravity torques G  " + ", ".join(f"{name} {cell(x)} {unit}" for (name, x), unit in gravity))
     for name, point in report["points"].items():
         lines.append(
             f"  point {name:<12} at {vector(point['position'])} m, velocity {vector(point['velocity'])} m/s"

@@ -142,7 +142,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"  inputs             {inputs}",
         f"  outputs            {outputs}",
     ]
-    lines += holding_lines(summary.get("holding_torques", {}))
+    lines += holding_lines(summary.get("holding_torques", {}), summary.get("units", {}))
     if "growth" in summary:
         growth = summary["growth"]
         lines.append(

@@ -9,8 +9,9 @@ import typer
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import number, table
+from robodyn_cli.cli.words import coordinate_table, number, table
 from robodyn_cli.errors import SceneError
+from robodyn_cli.summaries.facts import OWN
 
 ROUNDING = 1e-12  # rad or m
 
@@ -62,9 +63,8 @@ def describe(summary: Mapping[str, Any]) -> str:
         f"{summary['title']}",
         f"  {summary['frame']:<18} brought to the pose {how}; error {number(summary['error'], 3)} m or rad",
     ]
-    rows = [["coordinate", "position"]]
-    rows += [[name, _position(q, 9)] for name, q in summary["configuration"].items()]
-    lines.append(table(rows))
+    chosen = {name: _position(q) for name, q in summary["configuration"].items()}
+    lines.append(coordinate_table(summary["units"], [("position", chosen, OWN, 9)]))
     lines.append(f"  singular ratio     {number(summary['singular_ratio'], 3)} (0: a singular pose)")
     if summary["freedom"]:
         lines.append(f"  freedom left       {summary['freedom']}: there are infinitely many ways")
@@ -73,7 +73,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         rows = [["branch", *listed[0]["configuration"], "reached", "within limits"]]
         for facts in listed:
             name = f"{facts['name']} (chosen)" if facts["chosen"] else facts["name"]
-            q = [_position(x, 6) if facts["reached"] else "-" for x in facts["configuration"].values()]
+            q = [number(_position(x)) if facts["reached"] else "-" for x in facts["configuration"].values()]
             within = ("yes" if facts["within_limits"] else "no") if facts["reached"] else "-"
             rows.append([name, *q, "yes" if facts["reached"] else "no", within])
         lines.append(table(rows))
@@ -82,6 +82,6 @@ def describe(summary: Mapping[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def _position(q: float, digits: int) -> str:
+def _position(q: float) -> float:
     """Return a position for reading: what rounding makes of zero is 0."""
-    return number(0.0 if abs(q) < ROUNDING else q, digits)
+    return 0.0 if abs(q) < ROUNDING else q

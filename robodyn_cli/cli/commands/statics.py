@@ -7,7 +7,8 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import holding_lines, mobility_lines, multiplier_lines, number, table
+from robodyn_cli.cli.words import coordinate_table, holding_lines, mobility_lines, multiplier_lines, number
+from robodyn_cli.summaries.facts import LOAD, OWN
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -20,17 +21,15 @@ def describe(summary: Mapping[str, Any]) -> str:
         )
         spread = f"; reduced stiffness {stiffness} N m/rad or N/m" if stiffness else ""
         lines.append(f"  balanced           {facts['stability']}{spread}")
-        lines += holding_lines(facts.get("holding", {}))
+        lines += holding_lines(facts.get("holding", {}), summary["units"])
     else:
         lines.append(f"  held               by {', '.join(facts['actuated'])}; torques {facts['torques']}")
-    rows = [["coordinate", "position", "torque or force"]]
-    torques = summary["torques_of_joints"]
-    for name, q in summary["configuration"].items():
-        rows.append([name, number(q, 9), number(torques[name]) if name in torques else ""])
-    lines.append(table(rows))
+    loads = ("torque or force", summary["torques_of_joints"], LOAD, 6)
+    columns = [("position", summary["configuration"], OWN, 9), loads]
+    lines.append(coordinate_table(summary["units"], columns))
     multipliers = summary.get("multipliers")
     if multipliers:
-        lines.append("  multipliers        " + ", ".join(f"{k} {number(x)}" for k, x in multipliers.items()))
+        lines.append("  multipliers        " + ", ".join(f"{k} {number(x)}" for k, x in multipliers.items()) + " (N or N m)")
     lines += multiplier_lines(summary)
     lines.append(f"  residual           {facts['residual']:.1e} N m or N")
     lines += mobility_lines(summary)

@@ -287,7 +287,8 @@ def _reason(done: Deployment, lock: Lock) -> str:
         return "the multipliers passed their threshold away from any singular configuration: overload"
     if lock.criterion == "latch":
         joint, at = latch_position(done.motion.scene)
-        return f"joint {joint} has come to {at:.6g}, where the latch closes"
+        unit = done.motion.problem.model.coordinate_units[joint]
+        return f"joint {joint} has come to {at:.6g} {unit}, where the latch closes"
     if lock.criterion == "multipliers":
         reason = "the multipliers passed their threshold"
         if lock.kind != "approaching_dead_point":

@@ -345,6 +345,7 @@ def _summary(
         freedoms=len(given.places),
         configuration=dict(zip(model.q_names, states.q[0].tolist())) if one else ABSENT,
         rates=dict(zip(model.v_names, states.v[0].tolist())) if one else ABSENT,
+        units=model.coordinate_units if one else ABSENT,
         holding_torques=held or ABSENT,
         largest_acceleration=acceleration if one else ABSENT,
         states=state_signals(model, given.places),
