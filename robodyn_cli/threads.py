@@ -1,8 +1,9 @@
-"""Threads: of the linear algebra that numpy brings along, and of programs that share an object."""
+"""Threads: how many, those of the linear algebra that numpy brings along, and programs that share an object."""
 
 from __future__ import annotations
 
 import functools
+import os
 import threading
 from collections.abc import Callable, MutableMapping
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -17,6 +18,11 @@ def single_thread(environment: MutableMapping[str, str]) -> None:
     """
     for name in VARIABLES:
         environment.setdefault(name, "1")
+
+
+def cores() -> int:
+    """Return the number of cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 Function = TypeVar("Function", bound=Callable[..., Any])

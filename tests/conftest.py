@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import gc
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -12,7 +13,9 @@ import pytest
 
 from robodyn_cli.threads import single_thread
 
-single_thread(os.environ)  # as the command line does; before numpy is imported
+# as the command line does: before numpy is imported, and as graphs make many objects and hardly any garbage
+single_thread(os.environ)
+gc.set_threshold(200_000, 20, 20)
 
 SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").split())
 
@@ -27,6 +30,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         if name not in met:
             met.add(name)
             item.add_marker(pytest.mark.quick)
+
+
+def pytest_collection_finish() -> None:
+    """Leave what collection has made, ten thousand tests, out of all later searches for garbage."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture

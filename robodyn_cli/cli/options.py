@@ -179,11 +179,6 @@ AbsoluteTolerance = Annotated[
 RTOL, ATOL = 1e-9, 1e-12
 
 
-def cores() -> int:
-    """Return the number of cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-
-
 AsJson = Annotated[bool, typer.Option("--json", help="Print the summary as JSON, alone, on standard output.")]
 ReportAsJson = Annotated[
     bool, typer.Option("--json", help="Print the report as JSON, alone, on standard output.")

@@ -23,20 +23,17 @@ from tests.cli.tool import CONFIGS, environment, files, invoke
 
 pytestmark = pytest.mark.skipif(os.name != "posix", reason="signals")
 
-# of each command a scene, and options: many samples where there is something to write
+# of commands a scene, and options: many samples where there is something to write
 SCENES = {
     "simulate": ("double_pendulum.yaml", "--set", "simulate.samples=20001"),
-    "deploy": ("four_bar_deploy.yaml", "--set", "simulate.samples=20001"),
     "inverse": ("2r_circle.yaml", "--set", "inverse.samples=20001"),
-    "kinematics": ("mechanisms/four_bar_kinematics.yaml",),
-    "statics": ("mechanisms/balanced_four_bar.yaml",),
     "assemble": ("four_bar_deploy.yaml",),
 }
 # before the program has begun, an interrupt is Python's own affair
 BEGIN = "import robodyn_cli.cli.main as m; print('up', flush=True); m.main()"
 # one in each third of a run that writes much, one in each half of the others: without earlier files, and over them
-MOMENTS = {"simulate": 3, "deploy": 3, "inverse": 3, "kinematics": 2, "statics": 2, "assemble": 2}
-# an interrupt meets each command's own computing; what a killed process leaves is a matter of how files are written, in
+MOMENTS = {"simulate": 3, "inverse": 3, "assemble": 2}
+# an interrupt meets the compiled loop, kernels of samples, or a search in Python, of which each has one command here; what a killed process leaves is a matter of how files are written, in
 # one way for all commands
 ENDED = [*((command, "SIGINT") for command in SCENES), ("simulate", "SIGKILL"), ("inverse", "SIGKILL")]
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.expr import functions as f
 from robodyn_cli.formulations.events import EventFunction
-from robodyn_cli.formulations.system import Corrections
+from robodyn_cli.formulations.system import Corrections, System
 from robodyn_cli.integration_methods import METHODS as METHODS_TABLE
 from robodyn_cli.integrators.methods.explicit import ExplicitRungeKutta
 from robodyn_cli.integrators.registry import methods
@@ -163,7 +164,7 @@ def test_the_error_follows_the_tolerance(method: str, case: Case) -> None:
 
 
 @each_error
-@pytest.mark.parametrize("tolerance", [1e-4, 1e-7, 1e-10])
+@pytest.mark.parametrize("tolerance", [1e-4, 1e-10])
 def test_samples_are_as_good_as_the_steps(method: str, case: Case, tolerance: float) -> None:
     grid = Grid(0.0, case.end / 2000, 2001)
     times, states, integrator = samples(case.system, method, case.start, grid, rtol=tolerance, atol=tolerance)
@@ -421,20 +422,27 @@ FRONTS = {
 }
 
 
-@each_adaptive_family
-@pytest.mark.parametrize("width", [1e-2, 1e-3, 1e-4, 9e-6])
-@pytest.mark.parametrize("kind", FRONTS)
-def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float) -> None:
-    """Smooth, but so steep that all of it fits between two stages, or between a stage and the end of a step."""
+@cache
+def front(kind: str, width: float) -> tuple[System, np.ndarray]:
+    """Return a system, and its state at t = 10 from (1, 0)."""
     body = system(1, FRONTS[kind](width))
     exact = Integrator(body, "dop853")
     exact.reset(0.0, (1.0, 0.0), Options(1e-13, 1e-14, max_step=0.01))
     exact.advance(10.0)
+    return body, exact.state
+
+
+@each_adaptive_family
+@pytest.mark.parametrize("width", [1e-2, 1e-4, 9e-6])
+@pytest.mark.parametrize("kind", FRONTS)
+def test_steep_fronts_are_not_stepped_over(method: str, kind: str, width: float) -> None:
+    """Smooth, but so steep that all of it fits between two stages, or between a stage and the end of a step."""
+    body, exact = front(kind, width)
     integrator = Integrator(body, method)
     for tolerance in dict.fromkeys(within_reach(method, x) for x in (1e-4, 1e-6, 1e-8, 1e-10)):
         integrator.reset(0.0, (1.0, 0.0), settings(method, tolerance, tolerance * 1e-2))
         integrator.advance(10.0)
-        assert largest(integrator.state - exact.state) < 1e3 * tolerance
+        assert largest(integrator.state - exact) < 1e3 * tolerance
 
 
 # -- parameters -------------------------------------------------------------------------------------------
@@ -609,8 +617,9 @@ def test_a_state_of_the_wrong_length_is_an_error() -> None:
 
 # -- scales -------------------------------------------------------------------------------------------------
 @each_adaptive_family
-@pytest.mark.parametrize("rate", [1e-8, 1e-3, 1e4, 1e9])
-@pytest.mark.parametrize("size", [1e-9, 1.0, 1e9])
+@pytest.mark.parametrize(
+    ("rate", "size"), [(1e-8, 1e-9), (1e-8, 1e9), (1e-3, 1.0), (1e4, 1e9), (1e9, 1e-9), (1e9, 1e9)]
+)
 def test_units_do_not_matter(method: str, rate: float, size: float) -> None:
     """The same motion in other units of length and time takes the same steps and has the same relative error."""
     w = rate

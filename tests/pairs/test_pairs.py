@@ -32,7 +32,7 @@ from tests.pairs.motions import FAMILIES, MADE, MOST, ROWS, families, scene
 from tests.pairs.reasons import REASONS, reason_of
 
 BLOCKS = 8
-WHOLE = 6  # one scene in so many is run as a whole
+WHOLE = 9  # one scene in so many is run as a whole
 
 
 @cache
@@ -127,7 +127,7 @@ def test_one_run_is_the_same_among_many(command: str, tmp_path: Path) -> None:
 
 
 def test_other_commands_take_the_scenes(tmp_path: Path) -> None:
-    for case in (*cases("simulate")[::80], {"form": "no_estimate"}, {"form": "studied"}):
+    for case in (*cases("simulate")[::160], {"form": "no_estimate"}, {"form": "studied"}):
         names = ("info", "plan", "crosscheck", "sensitivity", "check", "compare", "export")
         assert not by_other_commands(scene(case), tmp_path / "scene", names), case
 

@@ -23,15 +23,13 @@ def line(run: Run) -> str:
 
 @pytest.mark.parametrize("family", range(len(FAMILIES)))
 def test_no_printed_error_hides_the_true_one(family: int) -> None:
-    count = len(FAMILIES)
-    seeds = [family + count * k for k in (0, 1)]
-    runs = [run for seed in seeds for run in try_seed(seed, 3)]
+    runs = try_seed(family, 3)
     bad = [line(run) for run in runs if run.verdict in BAD]
     assert not bad, "\n".join(bad)
     assert any(run.verdict in ("ok", "rounding") for run in runs), [line(run) for run in runs]
 
 
-@pytest.mark.parametrize("seed", [SECOND, SECOND + 1, *range(DEPLOYMENTS + 3, DEPLOYMENTS + 11)])
+@pytest.mark.parametrize("seed", [SECOND, SECOND + 1, *range(DEPLOYMENTS + 3, DEPLOYMENTS + 7)])
 def test_no_gear_bushing_or_lock_hides_its_error(seed: int) -> None:
     runs = try_seed(seed, 4)
     assert not [line(run) for run in runs if run.verdict in BAD]

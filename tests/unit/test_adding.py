@@ -53,9 +53,10 @@ def apply(text: str, diff: str, where: str) -> str:
 
 # reads commands, each a list of words on a line, and answers with the exit code and what the command has printed
 SERVER = """
-import importlib, json, os, runpy, sys, tempfile
+import gc, importlib, json, os, runpy, sys, tempfile
 for name in sys.argv[1:]:
     importlib.import_module(name)
+gc.freeze()
 for line in sys.stdin:
     words = json.loads(line)
     with tempfile.TemporaryFile() as printed:

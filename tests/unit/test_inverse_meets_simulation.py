@@ -15,7 +15,7 @@ from tests.numeric import assert_close
 from tests.random_models import random_inertia
 from tests.unit.test_control_loops import CASES
 
-ROWS = 2001  # of the table of torques, straight between its rows
+ROWS = 1001  # of the table of torques, straight between its rows
 DURATION = 0.5
 # a joint that never stops takes friction and losses with the full sign at every instant
 FRICTION = {"friction": {"viscous": 0.2, "coulomb": 0.4, "transition_speed": 0.005}}
@@ -61,7 +61,7 @@ def meets(text: str, settings: list[str], trajectory: dict[str, Any]) -> None:
     """Fail unless the torques of the motion give the motion.
 
     A straight line between rows h apart is off by up to h^2 / 8 tau''; what that does to the motion is estimated by
-    taking every other row.
+    putting every other row on the line between its neighbours, in a table as long: its code is the same.
     """
     follow = [*settings, f"trajectory={json.dumps(trajectory)}", f"inverse={{samples: {ROWS}}}"]
     torques = inverse(load_scene_text(text, overrides=follow))
@@ -74,12 +74,11 @@ def meets(text: str, settings: list[str], trajectory: dict[str, Any]) -> None:
         start[joint] = [*start.get(joint, []), x] if column else x
     speed = {name: torques["qd"][0, rates.index(name)] for name in driven}
     found = []
-    for every in (2, 1):
-        t = torques.time[::every].tolist()
-        tables = {
-            name: {"table": list(zip(t, torques["tau"][::every, rates.index(name)].tolist()))}
-            for name in driven
-        }
+    t, rows = torques.time.tolist(), torques["tau"]
+    straight = rows.copy()
+    straight[1::2] = 0.5 * (rows[:-1:2] + rows[2::2])
+    for tau in (straight, rows):
+        tables = {name: {"table": list(zip(t, tau[:, rates.index(name)].tolist()))} for name in driven}
         initial = f"initial={json.dumps({'q': start, 'qd': speed})}"
         run = (
             f"simulate={{duration: {DURATION}, samples: 51, rtol: 1e-10, atol: 1e-12, error_estimate: false}}"
@@ -88,7 +87,7 @@ def meets(text: str, settings: list[str], trajectory: dict[str, Any]) -> None:
         found.append(simulate(load_scene_text(text, overrides=free)))
     coarse, fine = (np.abs(x["q"] - torques["q"][:: (ROWS - 1) // 50]).max() for x in found)
     assert np.ptp(torques["q"], axis=0).max() > 0.05
-    assert fine < 2e-6 and (fine < 0.4 * coarse or fine < 1e-9)
+    assert fine < 8e-6 and (fine < 0.4 * coarse or fine < 1e-9)
     assert_close(found[1]["qd"][-1], torques["qd"][-1], 1e-4)
 
 
@@ -99,8 +98,8 @@ def test_random_arms(seed: int) -> None:
     meets(json.dumps(scene), [], trajectory)
 
 
-@pytest.mark.parametrize("drive", [ROTOR, GEAR], ids=["rotor", "gear"])
-@pytest.mark.parametrize("name", ["five_bar", "slider", "delta"])
+# what a rotor or a gear adds to a joint knows nothing of the loops: random arms have both, and each mechanism one
+@pytest.mark.parametrize(("name", "drive"), [("five_bar", GEAR), ("slider", ROTOR), ("delta", GEAR)])
 def test_mechanisms_with_loops(name: str, drive: dict[str, Any]) -> None:
     case = CASES[name]
     drives = [

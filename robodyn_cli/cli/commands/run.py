@@ -23,11 +23,11 @@ from robodyn_cli.cli.options import (
     ReportAsJson,
     SceneFiles,
     SharedOptions,
-    cores,
     number,
 )
 from robodyn_cli.cli.worker import command_line
 from robodyn_cli.errors import CapabilityError, worst
+from robodyn_cli.threads import cores
 
 if TYPE_CHECKING:
     from robodyn_cli.over.batch.entries import BatchEntry

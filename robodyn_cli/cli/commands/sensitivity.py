@@ -8,10 +8,11 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, cores
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
 from robodyn_cli.cli.words import table
+from robodyn_cli.threads import cores
 
 MOST_REASONS = 6  # shown on the terminal
 

@@ -17,7 +17,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.threads import one_at_a_time
+from robodyn_cli.threads import cores, one_at_a_time
 from robodyn_cli.works.functions.model import ModelFunctions
 
 Values = Mapping[str, Any] | Any
@@ -153,7 +153,7 @@ class Mechanism(ModelFunctions):
         result = ManyRuns.empty(
             self._key_names, rows, (self.q_names, self.qd_names), of, command.sampled, samples
         )
-        making, allowed = self._making(command, result, (q, qd), samples, threads or processors())
+        making, allowed = self._making(command, result, (q, qd), samples, threads or cores())
         making.one_by_one(making.compiled(allowed))
         return result
 
@@ -246,8 +246,3 @@ class Mechanism(ModelFunctions):
 
 def _family_of(scene: Scene | str | os.PathLike[str]) -> Family:
     return Family.of(scene) if isinstance(scene, Scene) else Family(scene)
-
-
-def processors() -> int:
-    """Return how many processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
