@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -14,13 +14,12 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError, listed
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.graph import is_number
-from robodyn_cli.model.model import BASE, Model
+from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import mechanism_size
-from robodyn_cli.spatial.algebra import Array, Matrix, columns
+from robodyn_cli.spatial.algebra import Array, Matrix, Vector, columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia
-from robodyn_cli.trajectories.led import led_joints
 
 SINGULAR = 1e-12
 INDEFINITE = 1e-9  # of the joints' own inertias: less below zero is rounding
@@ -62,10 +61,10 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
-        for s, rotor in zip(columns(body.joint.S(here)), body.rotors):
-            felt = [(inertia @ s).dot(s) + rotor for inertia in (free[k], locked[k], own[k])]
-            if not all(is_number(x) and np.isfinite(float(x)) for x in felt):
-                return None
+        about = [_about(body, here, inertia[k]) for inertia in (free, locked, own)]
+        if not all(is_number(x) and np.isfinite(float(x)) for D in about for x in np.diag(D)):
+            return None
+        for felt in zip(_pivots(about[0]), np.diag(about[1]), _pivots(about[2])):
             inertias.append(Felt(body.joint_name, *felt))
         if any(x.share < SINGULAR for x in inertias):
             return inertias
@@ -74,6 +73,29 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
             free[body.parent] = free[body.parent] + rest.to_parent(X[k])
             locked[body.parent] = locked[body.parent] + locked[k].to_parent(X[k])
     return inertias
+
+
+def _about(body: Body, q: Vector, inertia: ArticulatedInertia) -> Matrix:
+    """Return S^T I S (nv, nv) of a joint, rotors included."""
+    S = columns(body.joint.S(q))
+    D = np.array([[(inertia @ s).dot(r) for r in S] for s in S], dtype=object).reshape(len(S), len(S))
+    for j, rotor in enumerate(body.rotors):
+        D[j, j] = D[j, j] + rotor
+    return D
+
+
+def _pivots(D: Matrix) -> list[float]:
+    """Return the pivots of a small symmetric matrix, the first coordinate eliminated first; its diagonal where it
+    depends on data that are missing."""
+    if not all(is_number(x) for x in D.flat):
+        return list(np.diag(D))
+    D, pivots = D.copy(), []
+    for j in range(len(D)):
+        pivots.append(D[j, j])
+        if float(D[j, j]) > 0.0:
+            for i in range(j + 1, len(D)):
+                D[i, j + 1 :] = D[i, j + 1 :] - (D[i, j] / D[j, j]) * D[j, j + 1 :]
+    return pivots
 
 
 def lightest_joint(model: Model, q: Array) -> Felt | None:
@@ -119,33 +141,54 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
         if worst.share < SINGULAR:
             raise _singular(worst)
         return {}
-    if not _costs_digits(model, q, felt, led_joints(problem.scene.prescribed)):
-        return {}
     M = _numbers(model, q)
     if M is None:
         return {}
     psi = problem.numbers(constraints.psi(model.nv), q)
+    along = inertias_along(M, psi)
+    if not (_is_light(felt, M) or _is_lost(M, psi, along) or _may_be_light(model, q, felt)):
+        return {}
     if (least := _least_felt(model, M, psi)) is not None and least.share < SINGULAR:
         raise _singular(worst) if worst.joint == least.joint and not least.others else _undetermined(least)
-    return dict(zip(constraints.names, inertias_along(M, psi).tolist()))
+    return dict(zip(constraints.names, along.tolist()))
 
 
-def _costs_digits(model: Model, q: Array, felt: list[Felt], prescribed: Collection[str]) -> bool:
-    """Tell whether accelerations by the opened tree's M lose digits, at q (nq,) or where the motion may lead."""
-    # all are compared: other values of the scene's numbers may make another joint light
-    if any([x.free < LIGHT * x.locked or float(x.locked) <= 0.0 for x in felt]):
-        return True
-    typical = _typical(model, q)
-    if any(float(x.free) < LIGHT * typical for x in felt if x.joint in prescribed):
-        return True
+def _is_light(felt: list[Felt], M: Array) -> bool:
+    """Tell whether some joint feels next to nothing of what it carries."""
+    # all are compared: with other numbers of the scene another joint may be the light one, of all or of its branch
+    typical = float(np.diag(M).mean())
+    light = [(float(x.locked) <= 0.0 or x.free < LIGHT * x.locked, x.free < LIGHT * typical) for x in felt]
+    return any(share for share, _ in light)
+
+
+def _is_lost(M: Array, psi: Array, along: Array) -> bool:
+    """Tell whether Psi M^-1 Psi^T loses digits that inertias ``along`` the rows (m,) leave: where a light branch moves
+    in several rows, they are alike but for the part of the others."""
+    rows = psi / np.maximum(np.linalg.norm(psi, axis=1), 1e-300)[:, None]
+    s = np.linalg.svd(rows, compute_uv=False)
+    rank = int((s > DEPENDENT * s.max(initial=0.0)).sum())
+
+    def least(M: Array) -> float:
+        A = psi @ np.linalg.solve(M, psi.T)
+        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        return float(np.linalg.eigvalsh(A / np.outer(size, size))[-rank])
+
+    return rank > 0 and least(M) < LIGHT * least(M + psi.T @ (along[:, None] * psi))
+
+
+def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
+    """Tell whether a joint may come to feel next to nothing, in other poses of the opened tree than q (nq,)."""
     # a body that has inertia of its own along its joint leaves the joint some in every pose
-    if not any([x.own < LIGHT * x.locked for x in felt]):
+    doubtful = [x.own < LIGHT * x.locked for x in felt]
+    if not any(doubtful):
         return False
     rng = np.random.default_rng(0)
     room = [np.pi if unit == "rad" else mechanism_size(model) for unit in model.v_units]
     with witnessed():
         for _ in range(POSES):
-            there = lightest_joint(model, np.array(moved(model, q.tolist(), rng.uniform(-1, 1, model.nv) * room)))
+            there = lightest_joint(
+                model, np.array(moved(model, q.tolist(), rng.uniform(-1, 1, model.nv) * room))
+            )
             if there is None or there.share < NEAR_LIGHT:
                 return True
     return False
@@ -221,13 +264,6 @@ def _negative_motion(M: Array, psi: Array) -> Array | None:
     values, vectors = np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)
     rates: Array = N @ vectors[:, 0] / size
     return rates if values[0] < -INDEFINITE else None
-
-
-def _typical(model: Model, q: Array) -> float:
-    """Return the mean of the known entries on the diagonal of M at q that are not zero, 1 where there is none."""
-    diagonal = np.diag(np.array(crba(model, q.tolist()), dtype=object))
-    known = [float(x) for x in diagonal if is_number(x) and x > 0.0]
-    return sum(known) / len(known) if known else 1.0
 
 
 def _singular(felt: Felt) -> NumericalError:
