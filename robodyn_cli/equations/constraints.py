@@ -152,17 +152,20 @@ def _braced(braces: Braces, constraints: Constraints) -> list[tuple[float, Row]]
     return [(braces[row.name], row) for row in constraints.rows if row.name in braces]
 
 
-def inertias_along(M: Array, psi: Array) -> Array:
-    """Return inertias b (m,) of the size of those that the rows Psi (m, nv) move, as powers of two.
+def inertias_along(M: Matrix, psi: Matrix) -> list[Any]:
+    """Return inertias b (m,) of the size of those that the rows Psi (m, nv) move.
 
-    b_i is the mean of M_kk / Psi_ik^2 with weights Psi_ik^4, that of the other rows where a row moves nothing with
-    inertia. Between b of the size of M and one that is 2^10 times as large lie three digits of the accelerations.
+    b_i is the mean of M_kk / Psi_ik^2 with weights Psi_ik^4, and that of the other rows where a row moves nothing with
+    inertia. Of the digits of accelerations those are lost by which b is larger or smaller than what moves.
     """
-    square = psi * psi
-    b = (square @ np.diag(M)) / np.maximum((square.sum(axis=1)) ** 2, 1e-300)
-    heavy = b[b > 0.0]
-    b = np.where(b > 0.0, b, np.exp(np.log(heavy).mean()) if len(heavy) else 1.0)
-    return np.asarray(2.0 ** np.round(np.log2(b)))
+    inertias: list[Any] = []
+    for row in psi:
+        square = [x * x for x in row]
+        moved, length = dot(np.diag(M), square), sum(square)
+        inertias.append(moved / (length * length) if is_nonzero(moved) and is_nonzero(length) else 0.0)
+    heavy = [b for b in inertias if is_nonzero(b)]
+    other = sum(heavy) / len(heavy) if heavy else 1.0
+    return [b if is_nonzero(b) else other for b in inertias]
 
 
 FLOOR = 1e-12  # closeness below which the rows themselves have lost rank

@@ -14,6 +14,8 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError, listed
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.graph import is_number
+from robodyn_cli.expr.rebuild import renamed
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, Body, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -145,12 +147,26 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     if M is None:
         return {}
     psi = problem.numbers(constraints.psi(model.nv), q)
-    along = inertias_along(M, psi)
-    if not (_is_light(felt, M) or _is_lost(M, psi, along) or _may_be_light(model, q, felt)):
+    along = _along(problem, model)
+    if not (
+        _is_light(felt, M) or _is_lost(M, psi, np.array(along, dtype=float)) or _may_be_light(model, q, felt)
+    ):
         return {}
     if (least := _least_felt(model, M, psi)) is not None and least.share < SINGULAR:
         raise _singular(worst) if worst.joint == least.joint and not least.others else _undetermined(least)
-    return dict(zip(constraints.names, along.tolist()))
+    return dict(zip(constraints.names, along))
+
+
+def _along(problem: Problem, model: Model) -> list[float]:
+    """Return inertias along all rows, as numbers of the scene, so that runs with others share their code: those in a
+    pose that no loop closes and no start decides."""
+    angles = np.random.default_rng(0).uniform(0.3, 1.2, model.nv)
+    step = [x if unit == "rad" else 0.0 for x, unit in zip(angles.tolist(), model.v_units)]
+    q, psi = moved(model, Manifold(model).neutral().tolist(), step), problem.all_constraints.psi(model.nv)
+    with witnessed():
+        entries = renamed(psi.ravel().tolist(), {"q": dict(enumerate(q)), "t": {0: 0.0}})
+        known = np.array([x if is_number(x) else 0.0 for x in entries], dtype=object)
+        return inertias_along(crba(model, q), known.reshape(psi.shape))
 
 
 def _is_light(felt: list[Felt], M: Array) -> bool:
@@ -199,7 +215,7 @@ def _least_felt(model: Model, M: Array, psi: Array) -> LeastFelt | None:
 
     Coordinates are scaled by the inertias on M's diagonal, or by those along the rows where these are next to nothing.
     """
-    along = np.diag(psi.T @ (inertias_along(M, psi)[:, None] * psi))
+    along = np.diag(psi.T @ (np.array(inertias_along(M, psi))[:, None] * psi))
     square = np.maximum(np.diag(M), SINGULAR * along)
     size = np.sqrt(np.where(square > 0.0, square, 1.0))
     rows = psi / size

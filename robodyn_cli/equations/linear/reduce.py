@@ -110,7 +110,7 @@ def constrained(M: Array, psi: Array, f: Array, c: Array) -> tuple[Array, Array]
     """
     k = f.shape[2]
     if len(M) and psi.shape[1] and _is_light(M):
-        lever = np.swapaxes(psi, 1, 2) * inertias_along(M[0], psi[0])
+        lever = np.swapaxes(psi, 1, 2) * np.array(inertias_along(M[0], psi[0]))
         M, f = M + lever @ psi, f + lever @ c
     free = np.linalg.solve(M, np.concatenate([f, np.swapaxes(psi, 1, 2)], axis=2))
     own, lever = free[:, :, :k], free[:, :, k:]
