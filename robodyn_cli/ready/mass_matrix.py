@@ -215,6 +215,8 @@ def _least_felt(model: Model, M: Array, psi: Array) -> LeastFelt | None:
 
     Coordinates are scaled by the inertias on M's diagonal, or by those along the rows where these are next to nothing.
     """
+    # what rounding leaves of a zero is to scale nothing
+    psi = np.where(np.abs(psi) > SINGULAR * np.abs(psi).max(axis=1, initial=0.0, keepdims=True), psi, 0.0)
     along = np.diag(psi.T @ (np.array(inertias_along(M, psi))[:, None] * psi))
     square = np.maximum(np.diag(M), SINGULAR * along)
     size = np.sqrt(np.where(square > 0.0, square, 1.0))
