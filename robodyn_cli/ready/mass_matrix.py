@@ -147,14 +147,11 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     if M is None:
         return {}
     psi = problem.numbers(constraints.psi(model.nv), q)
-    along = _along(problem, model)
-    if not (
-        _is_light(felt, M) or _is_lost(M, psi, np.array(along, dtype=float)) or _may_be_light(model, q, felt)
-    ):
+    if not (_is_light(felt, M) or _is_lost(problem, model, M, psi) or _may_be_light(model, q, felt)):
         return {}
     if (least := _least_felt(model, M, psi)) is not None and least.share < SINGULAR:
         raise _singular(worst) if worst.joint == least.joint and not least.others else _undetermined(least)
-    return dict(zip(constraints.names, along))
+    return dict(zip(constraints.names, _along(problem, model)))
 
 
 def _along(problem: Problem, model: Model) -> list[float]:
@@ -177,9 +174,9 @@ def _is_light(felt: list[Felt], M: Array) -> bool:
     return any(share for share, _ in light)
 
 
-def _is_lost(M: Array, psi: Array, along: Array) -> bool:
-    """Tell whether Psi M^-1 Psi^T loses digits that inertias ``along`` the rows (m,) leave: where a light branch moves
-    in several rows, they are alike but for the part of the others."""
+def _is_lost(problem: Problem, model: Model, M: Array, psi: Array) -> bool:
+    """Tell whether Psi M^-1 Psi^T loses digits that inertias along the rows leave: where a light branch moves in
+    several rows, they are alike but for the part of the others."""
     rows = psi / np.maximum(np.linalg.norm(psi, axis=1), 1e-300)[:, None]
     s = np.linalg.svd(rows, compute_uv=False)
     rank = int((s > DEPENDENT * s.max(initial=0.0)).sum())
@@ -189,7 +186,10 @@ def _is_lost(M: Array, psi: Array, along: Array) -> bool:
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
         return float(np.linalg.eigvalsh(A / np.outer(size, size))[-rank])
 
-    return rank > 0 and least(M) < LIGHT * least(M + psi.T @ (along[:, None] * psi))
+    if rank == 0 or (opened := least(M)) >= LIGHT:
+        return False
+    along = np.array(_along(problem, model), dtype=float)
+    return opened < LIGHT * least(M + psi.T @ (along[:, None] * psi))
 
 
 def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
