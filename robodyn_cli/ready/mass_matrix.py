@@ -177,19 +177,20 @@ def _is_light(felt: list[Felt], M: Array) -> bool:
 def _is_lost(problem: Problem, model: Model, M: Array, psi: Array) -> bool:
     """Tell whether Psi M^-1 Psi^T loses digits that inertias along the rows leave: where a light branch moves in
     several rows, they are alike but for the part of the others."""
-    rows = psi / np.maximum(np.linalg.norm(psi, axis=1), 1e-300)[:, None]
-    s = np.linalg.svd(rows, compute_uv=False)
-    rank = int((s > DEPENDENT * s.max(initial=0.0)).sum())
 
-    def least(M: Array) -> float:
+    def eigenvalues(M: Array) -> Array:
         A = psi @ np.linalg.solve(M, psi.T)
         size = np.sqrt(np.maximum(np.diag(A), 1e-300))
-        return float(np.linalg.eigvalsh(A / np.outer(size, size))[-rank])
+        values: Array = np.linalg.eigvalsh(A / np.outer(size, size))
+        return values
 
-    if rank == 0 or (opened := least(M)) >= LIGHT:
+    opened = eigenvalues(M)
+    if opened[0] >= LIGHT:
         return False
     along = np.array(_along(problem, model), dtype=float)
-    return opened < LIGHT * least(M + psi.T @ (along[:, None] * psi))
+    s = np.linalg.svd(psi / np.maximum(np.linalg.norm(psi, axis=1), 1e-300)[:, None], compute_uv=False)
+    least = -int((s > DEPENDENT * s.max(initial=0.0)).sum())  # of the rows that are independent
+    return least < 0 and bool(opened[least] < LIGHT * eigenvalues(M + psi.T @ (along[:, None] * psi))[least])
 
 
 def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
@@ -202,9 +203,8 @@ def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
     room = [np.pi if unit == "rad" else mechanism_size(model) for unit in model.v_units]
     with witnessed():
         for _ in range(POSES):
-            there = lightest_joint(
-                model, np.array(moved(model, q.tolist(), rng.uniform(-1, 1, model.nv) * room))
-            )
+            step = rng.uniform(-1, 1, model.nv) * room
+            there = lightest_joint(model, np.array(moved(model, q.tolist(), step)))
             if there is None or there.share < NEAR_LIGHT:
                 return True
     return False
