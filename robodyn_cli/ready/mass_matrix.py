@@ -66,9 +66,10 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
         about = [_about(body, here, inertia[k]) for inertia in (free, locked, own)]
         if not all(is_number(x) and np.isfinite(float(x)) for D in about for x in np.diag(D)):
             return None
-        for felt in zip(_pivots(about[0]), np.diag(about[1]), _pivots(about[2])):
-            inertias.append(Felt(body.joint_name, *felt))
-        if any(x.share < SINGULAR for x in inertias):
+        sizes = zip(_pivots(about[0]), np.diag(about[1]), _pivots(about[2]))
+        of_joint = [Felt(body.joint_name, *felt) for felt in sizes]
+        inertias += of_joint
+        if any(x.share < SINGULAR for x in of_joint):
             return inertias
         if body.parent != BASE:
             _, rest = factor_joint(body, here, free[k])
