@@ -169,7 +169,7 @@ class Standstill:
         """
         prescribed = problem.constraints.prescribed
         rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in prescribed]
-        M, terms = problem.mass_matrix, list(torque_terms(problem).values())
+        M, terms = problem.tree_mass_matrix, list(torque_terms(problem).values())
         hold: list[Any] = [sum((term[k] for term in terms[1:]), terms[0][k]) for k in range(problem.model.nv)]
         outputs: dict[str, list[Scalar]] = {"M": list(M.flat), "hold": hold}
         groups = {n: {symbol.value[1] for symbol in free_symbols(x)} for n, x in outputs.items()}

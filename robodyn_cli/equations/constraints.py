@@ -6,6 +6,9 @@ In a planar loop modelled in space, or in Bennett's linkage, only r of m consist
 independent combinations W eta with Jacobian W Psi, W (r, m) piecewise constant, give the same motion as all rows. The
 entries of W are parameters p of the equations, chosen at a pose and again along the motion (see
 ``formulations.row_combinations``).
+
+Inertias along constraint rows (braces), where the opened tree's M has no inverse, or a bad one, and the closed
+mechanism is determined all the same.
 """
 
 from __future__ import annotations
@@ -19,7 +22,7 @@ import numpy as np
 from robodyn_cli.algorithms.constraints import gram
 from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import Graph, Scalar, free_symbols
+from robodyn_cli.expr.graph import Graph, Scalar, free_symbols, is_nonzero
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import PARAMETER_GROUP, Model
 from robodyn_cli.record import record
@@ -115,6 +118,54 @@ def coordinate_row(
     rate = directional([value], [t], [1.0])[0]
     second = directional([rate], [t], [1.0])[0]
     return Row(name, eta - value, psi, -second, -rate, kind)
+
+
+Braces = Mapping[str, float]  # b_i by the name of a row
+
+
+def with_inertia(M: Matrix, braces: Braces, constraints: Constraints) -> Matrix:
+    """Return M + Psi^T b Psi (nv, nv).
+
+    The rows give Psi v-dot = -gamma, so an inertia b_i along a row, of any size, changes nothing but the force in the
+    row, and what ``with_force`` adds to h takes that off again: accelerations and multipliers are the mechanism's.
+    """
+    M = M.copy()
+    for b, row in _braced(braces, constraints):
+        moving = [k for k, x in enumerate(row.psi) if is_nonzero(x)]
+        for i in moving:
+            for j in moving:
+                M[i, j] = M[i, j] + b * (row.psi[i] * row.psi[j])
+    return M
+
+
+def with_force(h: Vector, braces: Braces, constraints: Constraints) -> Vector:
+    """Return h + Psi^T b gamma (nv,)."""
+    h = h.copy()
+    for b, row in _braced(braces, constraints):
+        for k, x in enumerate(row.psi):
+            if is_nonzero(x):
+                h[k] = h[k] + b * (x * row.gamma)
+    return h
+
+
+def _braced(braces: Braces, constraints: Constraints) -> list[tuple[float, Row]]:
+    return [(braces[row.name], row) for row in constraints.rows if row.name in braces]
+
+
+def inertias_along(M: Matrix, psi: Matrix) -> list[Any]:
+    """Return inertias b (m,) of the size of those that the rows Psi (m, nv) move.
+
+    b_i is the mean of M_kk / Psi_ik^2 with weights Psi_ik^4, and that of the other rows where a row moves nothing with
+    inertia. Of the digits of accelerations those are lost by which b is larger or smaller than what moves.
+    """
+    inertias: list[Any] = []
+    for row in psi:
+        square = [x * x for x in row]
+        moved, length = dot(np.diag(M), square), sum(square)
+        inertias.append(moved / (length * length) if is_nonzero(moved) and is_nonzero(length) else 0.0)
+    heavy = [b for b in inertias if is_nonzero(b)]
+    other = sum(heavy) / len(heavy) if heavy else 1.0
+    return [b if is_nonzero(b) else other for b in inertias]
 
 
 FLOOR = 1e-12  # closeness below which the rows themselves have lost rank

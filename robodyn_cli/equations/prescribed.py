@@ -1,22 +1,17 @@
-"""Rows of joints whose motion is prescribed, and inertias for those of them that feel none, without which M would have
-no inverse.
-
-The acceleration a_j of such a joint is given, so an inertia b_j of any size changes nothing but the force that drives
-it, and -b_j a_j takes that off again: with b_j in M and -b_j a_j in h, motion and multipliers are the mechanism's.
-"""
+"""Rows of joints whose motion is prescribed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.equations.constraints import Constraints, coordinate_row
+from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.expr.calculus import directional
-from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
+from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Body, Model
 from robodyn_cli.spatial import quaternion
-from robodyn_cli.spatial.algebra import Matrix, Vector, cross, dot, vector, zeros
+from robodyn_cli.spatial.algebra import cross, dot, vector, zeros
 from robodyn_cli.trajectories.formulas import evaluated, joint_expressions
 from robodyn_cli.trajectories.led import POSITION, led_joints, position_columns
 
@@ -106,23 +101,3 @@ def _attitude_rows(body: Body, nv: int, state: tuple[Any, Any], target: tuple[An
     gamma = -0.5 * dot(x, w - W) * (w - W) + cross(rate, w + W) + cross(x, Wd) - p0 * Wd
     names = [f"prescribed.{body.joint_name}.{x}" for x in ("wx", "wy", "wz")]
     return [Row(n, 2.0 * x[k], psi[k], gamma[k], eta_t[k], "rad") for k, n in enumerate(names)]
-
-
-Braces = Mapping[int, float]  # b_j by velocity coordinate
-
-
-def with_inertia(M: Matrix, braces: Braces) -> Matrix:
-    """Return M + b."""
-    for k, inertia in braces.items():
-        M[k, k] = M[k, k] + inertia
-    return M
-
-
-def with_force(h: Vector, braces: Braces, constraints: Constraints) -> Vector:
-    """Return h - b a with the accelerations a that ``constraints`` prescribe."""
-    for i in constraints.prescribed:
-        row = constraints.rows[i]
-        for k, x in enumerate(row.psi):
-            if k in braces and is_nonzero(x):
-                h[k] = h[k] + braces[k] * row.gamma  # which is -a
-    return h

@@ -50,7 +50,7 @@ class Problem:
     symbolic : constants kept as parameters p, in this order (see ``build_model``).
     keep_rows : constraint rows to keep, by index; all by default.
     dependent : rows that depend on each other in every pose (see ``independent_rows``).
-    braces : inertias that prescribed joints need beside their own (see ``equations/prescribed.py``).
+    braces : inertias along constraint rows, by name (see ``with_inertia`` of ``equations/constraints.py``).
     """
 
     def __init__(
@@ -60,7 +60,7 @@ class Problem:
         keep_rows: Sequence[int] | None = None,
         model: Model | None = None,
         dependent: Sequence[Dependence] = (),
-        braces: Mapping[int, float] | None = None,
+        braces: Mapping[str, float] | None = None,
     ) -> None:
         self.scene = scene = with_places(scene)
         self.model = model or build_model(scene, symbolic)
@@ -116,13 +116,18 @@ class Problem:
         return poses(self.model, self.X)
 
     @cached_property
-    def mass_matrix(self) -> Matrix:
-        M = crba(self.rigid, self.q, self.X)
-        if not self.braces:
-            return M
-        from robodyn_cli.equations.prescribed import with_inertia
+    def tree_mass_matrix(self) -> Matrix:
+        """M of the opened tree."""
+        return crba(self.rigid, self.q, self.X)
 
-        return with_inertia(M, self.braces)
+    @cached_property
+    def mass_matrix(self) -> Matrix:
+        """M that the equations of motion are solved with: that of the opened tree, with braces where it needs them."""
+        if not self.braces:
+            return self.tree_mass_matrix
+        from robodyn_cli.equations.constraints import with_inertia
+
+        return with_inertia(self.tree_mass_matrix, self.braces, self.all_constraints)
 
     def newton_euler(self, v: Values, a: Values, gravity: Vector | None) -> Vector:
         """Return M a + C v + G for rates v and accelerations a (nv,)."""
@@ -130,11 +135,11 @@ class Problem:
 
     @cached_property
     def bias(self) -> Vector:
-        """h = C v + G."""
+        """h = C v + G, and what belongs to the braces of ``mass_matrix``."""
         h = self.newton_euler(self.v, zeros(self.model.nv), self.gravity)
         if not self.braces:
             return h
-        from robodyn_cli.equations.prescribed import with_force
+        from robodyn_cli.equations.constraints import with_force
 
         return with_force(h, self.braces, self.all_constraints)
 

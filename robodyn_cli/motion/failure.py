@@ -40,7 +40,7 @@ def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynErr
         )  # fmt: skip
     words, place = breakdown(problem, driver, str(error.details.get("status")))
     return NumericalError(
-        error.message + words + nearly_singular(problem.model, q), **{**place, **error.details}
+        error.message + words + nearly_singular(problem, q, driver.time), **{**place, **error.details}
     )
 
 

@@ -1,43 +1,51 @@
-"""Where the mass matrix is singular, and because of which joint."""
+"""Where the mass matrix is singular, and because of which joint; what the closed mechanism has in its place."""
 
 from __future__ import annotations
 
-import dataclasses
-from collections.abc import Collection, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
 from robodyn_cli.algorithms.aba import factor_joint
 from robodyn_cli.algorithms.composite import crba
-from robodyn_cli.algorithms.kinematics import slice_q, transforms
+from robodyn_cli.algorithms.kinematics import moved, slice_q, transforms
+from robodyn_cli.equations.constraints import inertias_along
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError, SceneError
+from robodyn_cli.errors import NumericalError, SceneError, listed
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.graph import is_number
-from robodyn_cli.model.model import BASE, Model, unknown_among
+from robodyn_cli.expr.rebuild import renamed
+from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.model.model import BASE, Body, Model, unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.spatial.algebra import Array, columns
+from robodyn_cli.solve.closure import mechanism_size
+from robodyn_cli.spatial.algebra import Array, Matrix, Vector, columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia
 
 SINGULAR = 1e-12
 INDEFINITE = 1e-9  # of the joints' own inertias: less below zero is rounding
 NEARLY = 1e-6
-LIGHT = 1e-4  # of a typical inertia: a prescribed joint that feels less costs digits
+LIGHT = 1e-4  # share of an inertia: a joint of a closed loop that feels less costs digits
+POSES = 32  # of the opened tree, in which joints that may become light are looked at
+NEAR_LIGHT = 0.05  # least share in these from which on a joint may well become light between them
+DEPENDENT = 1e-9  # of the largest singular value: rows that depend on each other
 
 
 @record
 class Felt:
-    """The inertia that a joint feels: ``free`` with the joints beyond it free, ``locked`` with them locked."""
+    """The inertia that a joint feels: ``free`` with the joints beyond it free, ``locked`` with them locked, ``own``
+    that of its own body alone. Numbers of the scene, as the inertias are."""
 
     joint: str
     free: float
     locked: float
+    own: float
 
     @property
     def share(self) -> float:
         """The first over the second; 0 where the joint carries nothing."""
-        return max(self.free / self.locked, 0.0) if self.locked > 0.0 else 0.0
+        return max(float(self.free) / float(self.locked), 0.0) if float(self.locked) > 0.0 else 0.0
 
 
 @np.errstate(all="ignore")
@@ -49,18 +57,19 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     with the composite inertias, which are the diagonal of M.
     """
     X = transforms(model, q.tolist())
-    free = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
-    locked = list(free)
+    own = [ArticulatedInertia.from_rigid(b.inertia) for b in model.bodies]
+    free, locked = list(own), list(own)
     inertias: list[Felt] = []
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
-        for s, rotor in zip(columns(body.joint.S(here)), body.rotors):
-            one, other = ((inertia @ s).dot(s) + rotor for inertia in (free[k], locked[k]))
-            if not (is_number(one) and is_number(other) and np.isfinite(float(other))):
-                return None
-            inertias.append(Felt(body.joint_name, float(one), float(other)))
-        if any(x.share < SINGULAR for x in inertias):
+        about = [_about(body, here, inertia[k]) for inertia in (free, locked, own)]
+        if not all(is_number(x) and np.isfinite(float(x)) for D in about for x in np.diag(D)):
+            return None
+        sizes = zip(_pivots(about[0]), np.diag(about[1]), _pivots(about[2]))
+        of_joint = [Felt(body.joint_name, *felt) for felt in sizes]
+        inertias += of_joint
+        if any(x.share < SINGULAR for x in of_joint):
             return inertias
         if body.parent != BASE:
             _, rest = factor_joint(body, here, free[k])
@@ -69,46 +78,165 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     return inertias
 
 
+def _about(body: Body, q: Vector, inertia: ArticulatedInertia) -> Matrix:
+    """Return S^T I S (nv, nv) of a joint, rotors included."""
+    S = columns(body.joint.S(q))
+    D = np.array([[(inertia @ s).dot(r) for r in S] for s in S], dtype=object).reshape(len(S), len(S))
+    for j, rotor in enumerate(body.rotors):
+        D[j, j] = D[j, j] + rotor
+    return D
+
+
+def _pivots(D: Matrix) -> list[float]:
+    """Return the pivots of a small symmetric matrix, the first coordinate eliminated first; its diagonal where it
+    depends on data that are missing."""
+    if not all(is_number(x) for x in D.flat):
+        return list(np.diag(D))
+    D, pivots = D.copy(), []
+    for j in range(len(D)):
+        pivots.append(D[j, j])
+        if float(D[j, j]) > 0.0:
+            for i in range(j + 1, len(D)):
+                D[i, j + 1 :] = D[i, j + 1 :] - (D[i, j] / D[j, j]) * D[j, j + 1 :]
+    return pivots
+
+
 def lightest_joint(model: Model, q: Array) -> Felt | None:
     """Return the joint that feels the least part of what it carries; None where that cannot be told."""
     inertias = inertias_felt(model, q)
     return min(inertias, key=lambda felt: felt.share, default=None) if inertias else None
 
 
-def braces(model: Model, q: Array, prescribed: Collection[str] = ()) -> dict[int, float]:
-    """Return inertias that prescribed joints need beside those of the scene, by velocity coordinate.
+# -- closed mechanisms ---------------------------------------------------------------------------------------
+@record
+class LeastFelt:
+    """The motion that the constraint rows allow and that moves the least inertia.
 
-    Where such a joint feels no inertia, or next to none, M has no inverse, or a bad one, and still nothing is
-    undetermined: its acceleration is given. An inertia of any size, whose force the equations take off again, makes M
-    regular (see ``equations/prescribed.py``).
+    share : of the inertias of the joints that it moves. joint : the one that moves most. others : that move too.
+    """
+
+    share: float
+    joint: str
+    others: tuple[str, ...]
+
+
+def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
+    """Return inertias along the constraint rows, by name, where the opened tree's M has no inverse or a bad one.
+
+    The closed mechanism may have its inertia all the same, since its rows give the accelerations that M does not; with
+    these inertias, whose force the equations take off again, M is regular (``with_inertia`` of
+    ``equations/constraints.py``).
+
+    Parameters
+    ----------
+    model : the bodies as they are at the start. q : closed start (nq,).
 
     Raises
     ------
-    NumericalError : the mass matrix is singular because of another joint, whose acceleration it does not determine;
-        the message names the joint.
+    NumericalError : the rows leave a motion that moves nothing with inertia; the message names the joint.
     """
-    inertias: dict[int, float] = {}
-    simple = {b.joint_name: k for k, b in enumerate(model.bodies) if b.joint.nv == 1}
-    typical = _typical(model, q) if prescribed else 0.0
-    while True:
-        with witnessed():  # apart: what cancels in this pose is no structure
-            felt = inertias_felt(model, q)
-        if not felt:
-            break
-        able = [x for x in felt if x.joint in prescribed and x.joint in simple]
-        light = [x for x in able if x.share < SINGULAR or x.free < LIGHT * typical]
-        if not light:
-            if (worst := min(felt, key=lambda x: x.share)).share < SINGULAR:
-                raise _singular(worst)
-            break
-        place = simple[light[0].joint]
-        body = model.bodies[place]
-        inertias[body.v] = typical
-        heavier = dataclasses.replace(body, armature=body.armature + typical)
-        model = dataclasses.replace(
-            model, bodies=(*model.bodies[:place], heavier, *model.bodies[place + 1 :])
-        )
-    return inertias
+    with witnessed():  # apart: what cancels in this pose is no structure
+        felt = inertias_felt(model, q)
+    if not felt:
+        return {}
+    constraints, worst = problem.all_constraints, min(felt, key=lambda x: x.share)
+    if not constraints.rows:
+        if worst.share < SINGULAR:
+            raise _singular(worst)
+        return {}
+    M = _numbers(model, q)
+    if M is None:
+        return {}
+    psi = problem.numbers(constraints.psi(model.nv), q)
+    if not (_is_light(felt, M) or _is_lost(problem, model, M, psi) or _may_be_light(model, q, felt)):
+        return {}
+    if (least := _least_felt(model, M, psi)) is not None and least.share < SINGULAR:
+        raise _singular(worst) if worst.joint == least.joint and not least.others else _undetermined(least)
+    return dict(zip(constraints.names, _along(problem, model)))
+
+
+def _along(problem: Problem, model: Model) -> list[float]:
+    """Return inertias along all rows, as numbers of the scene, so that runs with others share their code: those in a
+    pose that no loop closes and no start decides."""
+    angles = np.random.default_rng(0).uniform(0.3, 1.2, model.nv)
+    step = [x if unit == "rad" else 0.0 for x, unit in zip(angles.tolist(), model.v_units)]
+    q, psi = moved(model, Manifold(model).neutral().tolist(), step), problem.all_constraints.psi(model.nv)
+    with witnessed():
+        entries = renamed(psi.ravel().tolist(), {"q": dict(enumerate(q)), "t": {0: 0.0}})
+        known = np.array([x if is_number(x) else 0.0 for x in entries], dtype=object)
+        return inertias_along(crba(model, q), known.reshape(psi.shape))
+
+
+def _is_light(felt: list[Felt], M: Array) -> bool:
+    """Tell whether some joint feels next to nothing of what it carries."""
+    # all are compared: with other numbers of the scene another joint may be the light one, of all or of its branch
+    typical = float(np.diag(M).mean())
+    light = [(float(x.locked) <= 0.0 or x.free < LIGHT * x.locked, x.free < LIGHT * typical) for x in felt]
+    return any(share for share, _ in light)
+
+
+def _is_lost(problem: Problem, model: Model, M: Array, psi: Array) -> bool:
+    """Tell whether Psi M^-1 Psi^T loses digits that inertias along the rows leave: where a light branch moves in
+    several rows, they are alike but for the part of the others."""
+
+    def eigenvalues(M: Array) -> Array:
+        A = psi @ np.linalg.solve(M, psi.T)
+        size = np.sqrt(np.maximum(np.diag(A), 1e-300))
+        values: Array = np.linalg.eigvalsh(A / np.outer(size, size))
+        return values
+
+    opened = eigenvalues(M)
+    if opened[0] >= LIGHT:
+        return False
+    along = np.array(_along(problem, model), dtype=float)
+    s = np.linalg.svd(psi / np.maximum(np.linalg.norm(psi, axis=1), 1e-300)[:, None], compute_uv=False)
+    least = -int((s > DEPENDENT * s.max(initial=0.0)).sum())  # of the rows that are independent
+    return least < 0 and bool(opened[least] < LIGHT * eigenvalues(M + psi.T @ (along[:, None] * psi))[least])
+
+
+def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
+    """Tell whether a joint may come to feel next to nothing, in other poses of the opened tree than q (nq,)."""
+    # a body that has inertia of its own along its joint leaves the joint some in every pose
+    doubtful = [x.own < LIGHT * x.locked for x in felt]
+    if not any(doubtful):
+        return False
+    rng = np.random.default_rng(0)
+    room = [np.pi if unit == "rad" else mechanism_size(model) for unit in model.v_units]
+    with witnessed():
+        for _ in range(POSES):
+            step = rng.uniform(-1, 1, model.nv) * room
+            there = lightest_joint(model, np.array(moved(model, q.tolist(), step)))
+            if there is None or there.share < NEAR_LIGHT:
+                return True
+    return False
+
+
+def _least_felt(model: Model, M: Array, psi: Array) -> LeastFelt | None:
+    """Return the motion with Psi v = 0 that moves the least inertia, with M (nv, nv); None where nothing can move.
+
+    Coordinates are scaled by the inertias on M's diagonal, or by those along the rows where these are next to nothing.
+    """
+    # what rounding leaves of a zero is to scale nothing
+    psi = np.where(np.abs(psi) > SINGULAR * np.abs(psi).max(axis=1, initial=0.0, keepdims=True), psi, 0.0)
+    along = np.diag(psi.T @ (np.array(inertias_along(M, psi))[:, None] * psi))
+    square = np.maximum(np.diag(M), SINGULAR * along)
+    size = np.sqrt(np.where(square > 0.0, square, 1.0))
+    rows = psi / size
+    _, s, Vt = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=1), 1e-300)[:, None])
+    N = Vt[int((s > DEPENDENT * s.max(initial=0.0)).sum()) :].T
+    if not N.size:
+        return None
+    values, vectors = np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)
+    motion = np.abs(N @ vectors[:, 0])
+    joints = list(dict.fromkeys(model.joint_of(int(k)) for k in np.argsort(-motion) if motion[k] > 1e-6))
+    return LeastFelt(float(values[0]), joints[0], tuple(joints[1:]))
+
+
+def _numbers(model: Model, q: Array) -> Array | None:
+    """Return the opened tree's M (nv, nv) at q (nq,); None where it depends on data that are missing."""
+    with witnessed():
+        M: Matrix = crba(model, q.tolist())
+    return np.array(M, dtype=float) if all(is_number(x) for x in M.flat) else None
 
 
 def refuse_indefinite(scene: Scene, poses: Iterable[Array]) -> None:
@@ -159,13 +287,6 @@ def _negative_motion(M: Array, psi: Array) -> Array | None:
     return rates if values[0] < -INDEFINITE else None
 
 
-def _typical(model: Model, q: Array) -> float:
-    """Return the mean of the known entries on the diagonal of M at q that are not zero, 1 where there is none."""
-    diagonal = np.diag(np.array(crba(model, q.tolist()), dtype=object))
-    known = [float(x) for x in diagonal if is_number(x) and x > 0.0]
-    return sum(known) / len(known) if known else 1.0
-
-
 def _singular(felt: Felt) -> NumericalError:
     if not felt.locked > 0.0:
         cause = f"joint {felt.joint!r} moves nothing that has inertia about it or along it"
@@ -181,10 +302,30 @@ def _singular(felt: Felt) -> NumericalError:
     )  # fmt: skip
 
 
-def nearly_singular(model: Model, q: Array) -> str:
+def _undetermined(least: LeastFelt) -> NumericalError:
+    others = f", with {listed(least.others)}," if least.others else ""
+    return NumericalError(
+        f"the mass matrix is singular at t = 0, and so is the closed mechanism: its loops let joint {least.joint!r} "
+        f"move{others} without moving anything that has inertia, so that its acceleration is not determined; give a "
+        "link there a mass or an inertia, or a joint a rotor_inertia",
+        time=0.0, joint=least.joint, status="singular_mass_matrix",
+    )  # fmt: skip
+
+
+def nearly_singular(problem: Problem, q: Array, time: float) -> str:
     """Return words for a message about a run that failed at q, empty if the mass matrix is not to blame."""
     if not np.all(np.isfinite(q)):
         return ""
+    model = problem.model
+    if problem.braces:
+        M, psi = _numbers(model, q), problem.numbers(problem.all_constraints.psi(model.nv), q, time)
+        least = None if M is None else _least_felt(model, M, psi)
+        if least is None or least.share >= NEARLY:
+            return ""
+        return (
+            f"; the loops let joint {least.joint!r} move there with {least.share:.1e} of the inertias of the joints "
+            "that move"
+        )
     felt = lightest_joint(model, q)
     if felt is None or felt.share >= NEARLY:
         return ""

@@ -63,7 +63,7 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
                 check_formulas_ahead(problem, assembled.q, assembled.v)
         model = build_model(scene) if problem.model.switched else problem.model
         refuse_indefinite(scene, [assembled.q])
-        needed = braces(model, assembled.q, scene.prescribed)
+        needed = braces(problem, model, assembled.q)
     if assembled.redundant or needed:
         with watch.stage("equations"):
             groups = dependent_rows(problem, assembled) if assembled.redundant else ()

@@ -40,7 +40,7 @@ class ControlledEquations(LinearisedEquations, Protocol):
     t: Expr
     keep_rows: Sequence[int] | None
     dependent: tuple[Dependence, ...]
-    braces: Mapping[int, float]
+    braces: Mapping[str, float]
 
     @property
     def environment(self) -> dict[str, Any]: ...

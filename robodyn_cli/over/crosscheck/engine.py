@@ -22,6 +22,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, Body, FixedFrame, JointForce, Loop, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Inertia, Link, Robot, Scene
+from robodyn_cli.solve.load_sharing import accelerations
 from robodyn_cli.spatial.algebra import Array
 
 MISSING = "{} is not installed, which --with {} needs: pip install 'robodyn[oracle]'"
@@ -80,17 +81,16 @@ class PeerEngine(ABC):
     def accelerations(self, q: Array, v: Array, tau: Array, loops: Sequence[Loop]) -> Array:
         """Return the accelerations (nv,) with closed loops: M a = tau - h + Psi^T lambda, Psi a + gamma = 0.
 
-        M, h, Psi and gamma are the engine's, the solution (of least norm in lambda) is numpy's.
+        M, h, Psi and gamma are the engine's, the solution is numpy's; the opened tree's M may be singular.
         """
-        free = self.free_accelerations(q, v, tau)
         if not loops:
-            return free
+            return self.free_accelerations(q, v, tau)
         rows = [self._rows(loop, q, v) for loop in loops]
         psi = np.concatenate([psi for psi, _ in rows])
         gamma = np.concatenate([gamma for _, gamma in rows])
-        spread = np.linalg.solve(self.mass_matrix(q), psi.T)
-        lam, *_ = np.linalg.lstsq(psi @ spread, -gamma - psi @ free, rcond=1e-11)
-        return np.asarray(free + spread @ lam)
+        force = tau - self.torques(q, v, np.zeros_like(v))
+        M = self.mass_matrix(q)
+        return np.asarray(accelerations(M[None], force[None], psi[None], gamma[None])[0])
 
     def _rows(self, loop: Loop, q: Array, v: Array) -> tuple[Array, Array]:
         """Return Psi (m, nv) and gamma (m,) of a closure: equal points, and no turning about some directions."""

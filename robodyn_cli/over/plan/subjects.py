@@ -50,7 +50,10 @@ def solver(problem: Problem) -> Decision:
     """Return the way that ``Problem.forward`` takes, and why."""
     quantity = "accelerations"
     if problem.has_multipliers:
-        return Decision(quantity, "factored mass matrix", "the multipliers need the factor of M")
+        reason = "the multipliers need the factor of M"
+        if problem.braces:
+            reason += "; inertias along the rows of the loops, since the opened tree's M has no inverse or a bad one"
+        return Decision(quantity, "factored mass matrix", reason)
     ways = problem.ways_to_accelerations(problem.applied - problem.bias)
     counts = {name: count_operations(list(a)) for name, a in ways.items()}
     reason = "fewer operations"

@@ -13,8 +13,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
-from robodyn_cli.equations.constraints import Constraints, Dependence
-from robodyn_cli.equations.prescribed import Braces
+from robodyn_cli.equations.constraints import Braces, Constraints, Dependence
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.forces.friction import CoulombPair, Friction
@@ -66,7 +65,7 @@ class Variant:
 
     velocity_terms, accelerations : whether the rigid bodies' equations contain qd and qdd. rows : names of the
     constraint rows to keep (all by default). dependent : rows that are combined.
-    braces : inertias that prescribed joints need beside their own.
+    braces : inertias along constraint rows, by name.
     """
 
     scene: sc.Scene
