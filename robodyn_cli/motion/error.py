@@ -147,8 +147,9 @@ NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the
 HALF_UNIT = 1.1e-16
 AMPLIFIED = 30.0  # times rounding: differences so large
 FEWEST = 8  # samples from which on that is told
-GROWN = 20.0  # times those of the first half, of differences in the last quarter
+GROWN = 10.0  # times those of the first half, of differences in the second
 EARLY = 100.0  # times rounding, at most: differences in the first half
+AT_ROUNDING = 100.0  # times rounding, up to which an error counts as one of rounding
 TIME_ROUNDING = 1e-14  # part of the time of an event that rounding leaves over the steps of a run
 
 
@@ -208,21 +209,24 @@ class Courses:
         if count < FEWEST:
             return np.zeros(len(largest), dtype=bool)
         early = np.median(largest[:, 1 : 1 + count // 2], axis=1)
-        late, rounding = largest[:, -(count // 4) :].max(axis=1), np.maximum(floor.q, floor.qd)
+        late, rounding = largest[:, count // 2 :].max(axis=1), np.maximum(floor.q, floor.qd)
         grown: Masks = (late > AMPLIFIED * rounding) & (late > GROWN * early) & (early < EARLY * rounding)
         return grown
 
     def at_end(self, floor: Floor) -> Array:
         """Return the errors at the end (N, nx), no less than the floor.
 
-        There the errors of both may agree by chance. So they are no less than what the second run's own error, a part
-        1 - 1/scale of the first one's (see ``remainder``), typically is over the second half of the samples.
+        There the errors of both may agree by chance. So they are no less than what the second run's own error typically
+        is over the second half of the samples: a part 1 - 1/scale of the first one's (see ``remainder``), or as much as
+        the first one's where both are at rounding.
         """
         errors = self.errors
         last: Array = errors[:, -1].copy()
+        at_rounding = errors.max(axis=(1, 2), initial=0.0) <= AT_ROUNDING * np.maximum(floor.q, floor.qd)
+        own = np.where(at_rounding, 1.0, 1.0 - 1.0 / self.scale)
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = errors[:, errors.shape[1] // 2 :, list(places)].max(axis=2, initial=0.0)
-            typical = (1.0 - 1.0 / self.scale) * np.median(largest, axis=1)
+            typical = own * np.median(largest, axis=1)
             last[:, list(places)] = np.maximum(last[:, list(places)], np.maximum(typical, least)[:, None])
         return last
 

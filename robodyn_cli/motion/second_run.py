@@ -13,7 +13,15 @@ from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.error import Attempt, Courses, First, difference, integrate_again, remainder
+from robodyn_cli.motion.error import (
+    AT_ROUNDING,
+    Attempt,
+    Courses,
+    First,
+    difference,
+    integrate_again,
+    remainder,
+)
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.observe.recorder import Recorder
@@ -24,7 +32,6 @@ from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL, MotionErrors
 
 Tick = Callable[[float], None] | None
-AT_ROUNDING = 100.0  # times the rounding floor
 
 
 @record
