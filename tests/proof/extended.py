@@ -47,11 +47,12 @@ def nodes(count: int) -> tuple[Array, Array]:
                 values[j, i] = chebyshev(j, x)
                 integrals[i, j] = primitive(j, x) - primitive(j, mpmath.mpf(0))
             integrals[count, j] = primitive(j, mpmath.mpf(1)) - primitive(j, mpmath.mpf(0))
-        weights = integrals * values**-1
         # f(x) = sum_i f_i l_i(x): the coefficients are values^-T f
         weights = integrals * (values.T) ** -1
         text = [[mpmath.nstr(weights[i, k], 40) for k in range(count)] for i in range(count + 1)]
-        return np.array([LONG(mpmath.nstr(x, 40)) for x in c]), np.array([[LONG(x) for x in row] for row in text])
+        return np.array([LONG(mpmath.nstr(x, 40)) for x in c]), np.array(
+            [[LONG(x) for x in row] for row in text]
+        )
 
 
 Rate = Callable[[Array], Array]  # states (..., B, n) to their rates
@@ -123,7 +124,9 @@ class Chain:
 
     def __post_init__(self) -> None:
         n = self.length.shape[1]
-        self.arms = np.zeros((len(self.length), n, n), dtype=np.clongdouble)  # of com k from link i: A[:, k, i]
+        self.arms = np.zeros(
+            (len(self.length), n, n), dtype=np.clongdouble
+        )  # of com k from link i: A[:, k, i]
         for k in range(n):
             self.arms[:, k, :k] = self.length[:, :k]
             self.arms[:, k, k] = self.com[:, k]
@@ -168,7 +171,10 @@ class Chain:
         """Return x of i e_1 x_1 + i e_2 x_2 = gap for the last two links (B, 2)."""
         (a, b), g = (1j * e[:, -2], 1j * e[:, -1]), gap
         det = a.real * b.imag - a.imag * b.real
-        return np.stack([g.real * b.imag - g.imag * b.real, a.real * g.imag - a.imag * g.real], axis=1) / det[:, None]
+        return (
+            np.stack([g.real * b.imag - g.imag * b.real, a.real * g.imag - a.imag * g.real], axis=1)
+            / det[:, None]
+        )
 
     @staticmethod
     def joints(states: Array) -> tuple[Array, Array]:
@@ -184,7 +190,7 @@ def tumbling(moments: Array) -> Rate:
     the body's own axes, as a floating joint has them: (..., B, 13) in the order x, quaternion, omega, v."""
 
     def rate(y: Array) -> Array:
-        x, p, w, v = y[..., :3], y[..., 3:7], y[..., 7:10], y[..., 10:]
+        p, w, v = y[..., 3:7], y[..., 7:10], y[..., 10:]
         s, u = p[..., :1], p[..., 1:]
         unit = np.sqrt((p * p).sum(axis=-1, keepdims=True))
         s1, u1 = s / unit, u / unit
