@@ -19,6 +19,8 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
+    from typing_extensions import Self
+
     from robodyn_cli.motion.conditioning import Conditioning
 
 MORE_STEPS = 1.9  # times the steps of the first run: both together take less than three times its time
@@ -44,6 +46,11 @@ class First:
     method: str
     steps: Integers
     went: Array
+
+    @property
+    def once_more(self) -> Self:
+        """The same for third integrations: they differ as second ones do, but for the draw of rounding."""
+        return dataclasses.replace(self, options=dataclasses.replace(self.options, draw=1))
 
 
 @record
@@ -110,7 +117,9 @@ def first_attempt(first: First) -> Attempt:
     if options.step is not None or not (kind.adaptive and fine):
         # at the limit of double precision a tighter tolerance says nothing; other steps show the rounding errors
         return _other_steps(first, rows, options)
-    tight = dataclasses.replace(options, rtol=rtol, atol=options.atol / factor, first=FIRST_STEPS)
+    tight = dataclasses.replace(
+        options, rtol=rtol, atol=options.atol / factor, first=FIRST_STEPS, draw=options.draw + 1
+    )
     return Attempt(rows, tight, None, _most(first, rows), f"rtol {rtol:.1g}")
 
 
@@ -121,7 +130,8 @@ def _other_steps(first: First, rows: Integers, options: Options) -> Attempt:
         part, step = SHORTER, np.minimum(options.max_step, SHORTER * mean)
     else:  # a step that is longer than a run is as long as the run
         part, step = FINER, FINER * np.where(options.step < 2.0 * mean, options.step, mean)
-    other, how = dataclasses.replace(options, first=FIRST_STEPS), f"steps {part:g} times as long"
+    draw = first.options.draw + 1
+    other, how = dataclasses.replace(options, first=FIRST_STEPS, draw=draw), f"steps {part:g} times as long"
     return Attempt(rows, other, step, _most(first, rows), how)
 
 
@@ -135,6 +145,11 @@ ConditioningOf = Callable[[int], "Conditioning"]
 
 NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the accelerations is looked at
 HALF_UNIT = 1.1e-16
+AMPLIFIED = 30.0  # times rounding: differences so large
+FEWEST = 8  # samples from which on that is told
+GROWN = 10.0  # times those of the first half, of differences in the second
+EARLY = 100.0  # times rounding, at most: differences in the first half
+AT_ROUNDING = 100.0  # times rounding, up to which an error counts as one of rounding
 TIME_ROUNDING = 1e-14  # part of the time of an event that rounding leaves over the steps of a run
 
 
@@ -151,33 +166,67 @@ def remainder(first: First, more: Any) -> Array:
     return factor
 
 
+def difference(first: Array, second: Array, sampled_end: bool) -> Array:
+    """Return by how much two courses (N, T, nx), of samples and of states at the end, are apart.
+
+    sampled_end : whether the last sample is of the end, too. A sample comes from the dense output of a step, whose end
+    is then corrected; the error at the end counts for both.
+    """
+    apart: Array = np.abs(second - first)
+    if sampled_end and apart.shape[1] > 1:
+        apart[:, -1] = np.maximum(apart[:, -1], apart[:, -2])
+    return apart
+
+
 @record
 class Courses:
-    """States (N, T, nx) of both integrations at the start, the samples that are judged, and the end; their ``scale``
-    (N,), see ``remainder``."""
+    """States ``first`` (N, T, nx) of first integrations at the start, the samples that are judged, and the end; how far
+    the others are ``apart`` from them (N, T, nx); their ``scale`` (N,), see ``remainder``."""
 
     system: System
     first: Array
-    second: Array
+    apart: Array
     scale: Array
 
     @property
     def errors(self) -> Array:
         """Estimated errors of the first (N, T, nx)."""
-        errors: Array = self.scale[:, None, None] * np.abs(self.second - self.first)
+        errors: Array = self.scale[:, None, None] * self.apart
         return errors
+
+    def beside(self, apart: Array) -> Courses:
+        """Return the courses with the larger one of these and other differences."""
+        return dataclasses.replace(self, apart=np.maximum(self.apart, apart))
+
+    def amplify(self, floor: Floor) -> Masks:
+        """Tell in which runs (N,) the motion seems to amplify rounding: differences near it grow far beyond it.
+
+        There the two integrations may come to the same error by chance, and a third one, off by other roundings, tells.
+        """
+        places = [*self.system.q_places, *self.system.v_places]
+        largest = self.errors[:, :, places].max(axis=2, initial=0.0)
+        count = largest.shape[1]
+        if count < FEWEST:
+            return np.zeros(len(largest), dtype=bool)
+        early = np.median(largest[:, 1 : 1 + count // 2], axis=1)
+        late, rounding = largest[:, count // 2 :].max(axis=1), np.maximum(floor.q, floor.qd)
+        grown: Masks = (late > AMPLIFIED * rounding) & (late > GROWN * early) & (early < EARLY * rounding)
+        return grown
 
     def at_end(self, floor: Floor) -> Array:
         """Return the errors at the end (N, nx), no less than the floor.
 
-        There the errors of both may agree by chance. So they are no less than what the second run's own error, a part
-        1 - 1/scale of the first one's (see ``remainder``), typically is over the second half of the samples.
+        There the errors of both may agree by chance. So they are no less than what the second run's own error typically
+        is over the second half of the samples: a part 1 - 1/scale of the first one's (see ``remainder``), or as much as
+        the first one's where both are at rounding.
         """
         errors = self.errors
         last: Array = errors[:, -1].copy()
+        at_rounding = errors.max(axis=(1, 2), initial=0.0) <= AT_ROUNDING * np.maximum(floor.q, floor.qd)
+        own = np.where(at_rounding, 1.0, 1.0 - 1.0 / self.scale)
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = errors[:, errors.shape[1] // 2 :, list(places)].max(axis=2, initial=0.0)
-            typical = (1.0 - 1.0 / self.scale) * np.median(largest, axis=1)
+            typical = own * np.median(largest, axis=1)
             last[:, list(places)] = np.maximum(last[:, list(places)], np.maximum(typical, least)[:, None])
         return last
 

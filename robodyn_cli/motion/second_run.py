@@ -13,7 +13,15 @@ from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.error import Attempt, Courses, First, integrate_again, remainder
+from robodyn_cli.motion.error import (
+    AT_ROUNDING,
+    Attempt,
+    Courses,
+    First,
+    difference,
+    integrate_again,
+    remainder,
+)
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.observe.recorder import Recorder
@@ -24,7 +32,6 @@ from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL, MotionErrors
 
 Tick = Callable[[float], None] | None
-AT_ROUNDING = 100.0  # times the rounding floor
 
 
 @record
@@ -124,12 +131,14 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all samples
-    and those at the end (``end_errors``), for q and qd apart, and no less than what rounding is expected to leave.
-    Nothing else about the two runs is shared but the method.
+    and those at the end (``Courses.at_end``), for q and qd apart, and no less than what rounding is expected to leave.
+    Nothing else about the two runs is shared but the method. Where the motion amplifies rounding, a third integration
+    counts as well.
     """
     grid = first.grid.every(recorder.every)
+    again = dataclasses.replace(first, grid=grid)
     try:
-        second = second_run(motion, dataclasses.replace(first, grid=grid), tick)
+        second = second_run(motion, again, tick)
     except SecondFailed as failed:
         reason = f"the second integration failed: {failed.message}"
         return MotionErrors(f"difference from a second integration with {failed.how}", reason=reason)
@@ -139,17 +148,20 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
     floor = courses.floor(
         first.steps, lasted, lambda k: motion.conditioning(times, courses.first[k]), watched
     )
-    states = recorder.observer.project(grid.times(0, len(second.states)), second.states)
-    q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
-    other_q, other_qd, _ = motion.system.split(states[: len(q)])
-    dq, dv = courses.scale * np.abs(other_q - q), courses.scale * np.abs(other_qd - qd)
+    dq, dv = sampled_errors(motion, grid, second, recorder, courses.scale)
+    if courses.amplify(floor)[0] and (third := _third_run(motion, again, tick)) is not None:
+        other, _ = judged_courses(motion, first, third, recorder)
+        if other.apart.shape == courses.apart.shape:
+            courses = courses.beside(other.apart)
+            more = sampled_errors(motion, grid, third, recorder, courses.scale)
+            dq, dv = (np.maximum(x, y) for x, y in zip((dq, dv), more))
     least_q, least_v = float(floor.q[0]), float(floor.qd[0])
     largest = max(float(dq.max(initial=0.0)), float(dv.max(initial=0.0)))
     q_max, qd_max = float(dq.max(initial=least_q)), float(dv.max(initial=least_v))
     at_rounding = largest < AT_ROUNDING * max(least_q, least_v)
     # where an estimate says no more than that the digits of a motion are lost
-    lost = np.zeros(len(q), dtype=bool)
-    for error, x in ((dq, q), (dv, qd)):
+    lost = np.zeros(len(dq), dtype=bool)
+    for error, x in ((dq, recorder.array("q")[: len(dq)]), (dv, recorder.array("qd")[: len(dv)])):
         spread = max(float(np.ptp(x, axis=0).max(initial=0.0)), 1e-300)
         lost |= error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
     time = float(recorder.array("time")[int(np.argmax(lost))])
@@ -177,10 +189,29 @@ def judged_courses(
     count = min(len(own), len(other))
     own, other = own[:count], other[:count]
     times = first.grid.every(recorder.stride).times(0, count)
+    sampled_end = len(times) > 0 and times[-1] >= first.end
     if second.end >= first.end:
         own, other = np.vstack([own, first.state]), np.vstack([other, second.state])
         times = np.append(times, first.end)
     if motion.problem.constraints.rheonomic:  # where closing the loops leaves little of errors between steps
         own, other = (recorder.observer.project(times, x) for x in (own, other))
     scale = remainder(first, np.array([second.steps]))
-    return Courses(motion.system, own[None], other[None], scale), times
+    return Courses(motion.system, own[None], difference(own[None], other[None], sampled_end), scale), times
+
+
+def sampled_errors(
+    motion: Motion, grid: Grid, second: Second, recorder: Recorder, scale: Array
+) -> tuple[Array, Array]:
+    """Return the errors of q and qd (T, n) at the samples that a second integration came to."""
+    states = recorder.observer.project(grid.times(0, len(second.states)), second.states)
+    q, qd = recorder.array("q")[: len(states)], recorder.array("qd")[: len(states)]
+    other_q, other_qd, _ = motion.system.split(states[: len(q)])
+    return scale * np.abs(other_q - q), scale * np.abs(other_qd - qd)
+
+
+def _third_run(motion: Motion, first: FirstRun, tick: Tick) -> Second | None:
+    """Return a third integration, None where it did not come to the end."""
+    try:
+        return second_run(motion, first.once_more, tick)
+    except SecondFailed:
+        return None

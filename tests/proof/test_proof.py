@@ -8,7 +8,7 @@ import pytest
 from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.ready.prepare import prepare
-from tests.proof import sensitivities
+from tests.proof import amplified, extended, sensitivities
 from tests.proof.__main__ import BAD, words
 from tests.proof.equations import Equations, Modes
 from tests.proof.families import DEPLOYMENTS, FAMILIES, SECOND, make
@@ -85,6 +85,25 @@ def test_errors_that_both_integrations_share(seed: int) -> None:
     """Some of 12 settings end where both errors are the same, or take a pulse in one and the same step."""
     bad = [line(run) for run in try_seed(seed, 12) if run.verdict in BAD]
     assert not bad, "\n".join(bad)
+
+
+@pytest.mark.skipif(not extended.AVAILABLE, reason="long doubles are doubles here")
+@pytest.mark.parametrize(
+    ("family", "seed", "rtol"),
+    [
+        ("tumblers", 2, 1e-10),
+        ("tumblers", 14, 1e-10),
+        ("four_bars", 7, 1e-12),
+        ("chains", 0, 1e-8),
+        ("loops", 0, 1e-8),
+    ],
+)
+def test_no_error_hides_where_motions_amplify_rounding(family: str, seed: int, rtol: float) -> None:
+    """Both integrations had the same wrong state where rounding of constants grew; one run and many say the same."""
+    judged = list(amplified.judge_seed(family, seed, (rtol,), many=True))
+    assert len(judged) > 10 and any(one.how == "one" for one in judged)
+    assert not [str(one) for one in judged if one.ratio < 0.1]
+    assert all(abs(one.ratio - 1.0) < 1e-6 for one in judged if one.how == "many")
 
 
 @pytest.mark.parametrize("seed", [2, 3, 4, 11])

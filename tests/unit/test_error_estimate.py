@@ -102,7 +102,7 @@ def test_errors_that_agree_at_the_end_are_not_taken_for_none() -> None:
         first = time * np.sin(3.0 * time + phase)
         second = part * time * np.sin(3.0 * time + phase - late)
         scale = 1.0 / (1.0 - part)
-        courses = Courses(one, first[None, :, None], second[None, :, None], np.array([scale]))
+        courses = Courses(one, first[None, :, None], np.abs(second - first)[None, :, None], np.array([scale]))
         ratios.append(abs(first[-1]) / float(courses.at_end(NOTHING)[0, 0]))
     assert max(ratios) < 10.0 and np.median(ratios) == pytest.approx(1.0, abs=0.2)
 

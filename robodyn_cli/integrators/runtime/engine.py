@@ -51,6 +51,7 @@ class Engine:
         self.out = np.zeros(0)
         self._method.check(system)
         self.tables = self._method.tables(system)
+        self._exact, self._drawn = self.tables.numbers.copy(), 0
         self.updates: UpdateMemory | None = None
         if system.updates is not None:
             from robodyn_cli.integrators.stepping.updates import UpdateMemory
@@ -95,6 +96,12 @@ class Engine:
         memory = (aligned_zeros(room), self.tables.numbers, aligned_zeros(registers), updates)
         self.fixed = (*system.dynamics.memory(), *memory)
         self._note_places()
+
+    def draw(self, draw: int) -> None:
+        """Put the numbers of the tables off by rounding, see ``Options.draw``."""
+        if draw != self._drawn:
+            self.tables.numbers[:] = self._exact * self.tables.off_by_rounding(draw)
+            self._drawn = draw
 
     def make_room(self, count: int) -> None:
         """Provide a block for so many doubles of samples."""

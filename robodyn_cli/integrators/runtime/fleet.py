@@ -59,6 +59,10 @@ class Sampling:
     count: int = 0
     step: Array | None = None
 
+    def part(self, rows: Any) -> Sampling:
+        """Return the samples of some of the runs."""
+        return self if self.step is None else Sampling(self.count, self.step[rows])
+
 
 NO_SAMPLES = Sampling()
 
@@ -179,6 +183,8 @@ class Fleet:
             n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
             n[:, IntegerSlot.CAPACITY] = samples
             w[:, DoubleSlot.SAMPLE_STEP] = ends / samples if sampling.step is None else sampling.step
+        if options.draw:
+            numbers = numbers * self.tables.off_by_rounding(options.draw)
         out = np.zeros((count, self.system.size, samples))
         return Runs(w, n, np.array(starts), np.ascontiguousarray(numbers), out, np.full(count, -1))
 

@@ -72,6 +72,7 @@ class Integrator:
         if state.shape != self.y.shape:
             raise ValueError(f"the state has {self.system.size} components, got {state.shape}")
         self.options, self._step = options, options.step
+        self.engine.draw(options.draw)
         self.memory.clear()
         w, n = self.w, self.n
         self.y[:] = state

@@ -22,6 +22,7 @@ class Options:
     """How to integrate; ``step`` is for methods without step control.
 
     first : the first steps of a run and behind events, as a part of the usual ones.
+    draw : by which signs numbers that were computed of the scene's are put off by a few roundings; 0: not at all.
     """
 
     rtol: float = 1e-10
@@ -30,6 +31,7 @@ class Options:
     max_step: float = math.inf
     max_steps: int = 10_000_000
     first: float = 1.0
+    draw: int = 0
 
     def part_of_way(self, step: Any, left: Any) -> Any:
         """Return a step that has so much time left, numbers or arrays.

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.decision import RATES, Decision
 from robodyn_cli.formulations.system import System
@@ -60,6 +61,10 @@ class Tables:
         tables = [p.table for p in self.programs]
         self._starts = np.cumsum([0, *(len(table) for table in tables)]).tolist()
         self.numbers = np.concatenate(tables)
+
+    def off_by_rounding(self, draw: int) -> NDArray[np.float64]:
+        """Return factors of the numbers (n,) that put those off that were computed; 1 everywhere for draw 0."""
+        return np.concatenate([p.off_by_rounding(draw) for p in self.programs])
 
     def start(self, program: Program) -> int:
         """Return where the table of a program begins."""

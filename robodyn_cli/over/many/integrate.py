@@ -18,7 +18,7 @@ from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, Status
 from robodyn_cli.integrators.runtime.options import JUDGED, Options, stride_of
-from robodyn_cli.motion.error import Attempt, Courses, First, Masks, integrate_again, remainder
+from robodyn_cli.motion.error import Attempt, Courses, First, Masks, difference, integrate_again, remainder
 from robodyn_cli.motion.method import compare
 from robodyn_cli.motion.self_check import EPS, allowed_drift, is_judged_by_energy
 from robodyn_cli.motion.stiffness import COST, FIRST_LOOK, MOST, WORTH, largest_decays
@@ -153,22 +153,65 @@ def integrate(batch: RunBatch, method: str, samples: int = 0) -> Driven:
     trusted = _trusted(batch, runs)
     errors, steps = np.full(runs.y.shape, np.nan), np.zeros(len(runs), dtype=np.int64)
     if len(rows := np.flatnonzero(trusted)):
-        part, own = batch.part(rows), runs.part(rows)
-        first = First(batch.options, method, own.steps, part.ends)
-        second, done = second_runs(part, first, lambda runs: runs.arrived, sampling)
-        course, other = (
-            np.concatenate([part.states[:, None], x.out.transpose(0, 2, 1)[:, judged], x.y[:, None]], axis=1)
-            for x in (own, second)
-        )
-        courses = Courses(batch.structure.motion.system, course, other, remainder(first, second.steps))
-
-        def conditioning(k: int) -> Conditioning:
-            samples = own.w[k, DoubleSlot.SAMPLE_STEP] * np.arange(1, own.out.shape[2] + 1)[judged]
-            return batch.structure.conditioning(np.array([0.0, *samples, part.ends[k]]), course[k])
-
-        errors[rows] = courses.at_end(courses.floor(own.steps, part.ends, conditioning))
-        steps[rows], trusted[rows] = second.steps, done
+        judge = _Judge(batch.part(rows), runs.part(rows), method, sampling.part(rows), judged)
+        errors[rows], steps[rows], trusted[rows] = judge.errors()
     return Driven(dataclasses.replace(runs, out=runs.out[:, :, wanted]), trusted, errors, second_steps=steps)
+
+
+@record
+class _Judge:
+    """Estimates the errors of first runs of a batch by second ones; ``judged``: which of the samples count."""
+
+    batch: RunBatch
+    runs: Runs
+    method: str
+    sampling: Sampling
+    judged: slice
+
+    @property
+    def first(self) -> First:
+        return First(self.batch.options, self.method, self.runs.steps, self.batch.ends)
+
+    def part(self, rows: Any) -> _Judge:
+        return dataclasses.replace(
+            self, batch=self.batch.part(rows), runs=self.runs.part(rows), sampling=self.sampling.part(rows)
+        )
+
+    def errors(self) -> tuple[Array, NDArray[np.int64], Masks]:
+        """Return the errors at the ends (N, nx), the steps of the second runs, and which of these arrived."""
+        second, done = second_runs(self.batch, self.first, _arrived, self.sampling)
+        courses = self._courses(second)
+        floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning)
+        if len(rows := np.flatnonzero(done & courses.amplify(floor))):
+            few = self.part(rows)
+            third, ended = second_runs(few.batch, few.first.once_more, _arrived, few.sampling)
+            apart = np.zeros_like(courses.apart)
+            apart[rows[ended]] = few._courses(third).apart[ended]
+            courses = courses.beside(apart)
+        return courses.at_end(floor), second.steps, done
+
+    def _courses(self, other: Runs) -> Courses:
+        own = self._course(self.runs)
+        times = self._times(0)
+        sampled_end = len(times) > 0 and bool(times[-1] >= (1.0 - EPS) * self.batch.ends[0])
+        apart = difference(own, self._course(other), sampled_end)
+        return Courses(self.batch.structure.motion.system, own, apart, remainder(self.first, other.steps))
+
+    def _course(self, runs: Runs) -> Array:
+        """Return the states (N, T, nx) at the start, the samples that are judged, and the end."""
+        samples = runs.out.transpose(0, 2, 1)[:, self.judged]
+        return np.concatenate([self.batch.states[:, None], samples, runs.y[:, None]], axis=1)
+
+    def _times(self, k: int) -> Array:
+        """Return the times of the samples of run k that are judged [s]."""
+        times: Array = (
+            self.runs.w[k, DoubleSlot.SAMPLE_STEP] * np.arange(1, self.runs.out.shape[2] + 1)[self.judged]
+        )
+        return times
+
+    def _conditioning(self, k: int) -> Conditioning:
+        times = np.array([0.0, *self._times(k), self.batch.ends[k]])
+        return self.batch.structure.conditioning(times, self._course(self.runs)[k])
 
 
 def _samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
@@ -184,6 +227,10 @@ def _samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, sl
     if batch.structure.fleet(method).lanes > 1:
         return Sampling(JUDGED), slice(0), slice(None)
     return Sampling(int(count / stride), batch.ends / count * stride), slice(0), slice(None)
+
+
+def _arrived(runs: Runs) -> Masks:
+    return runs.arrived
 
 
 def _trusted(batch: RunBatch, runs: Runs) -> Masks:
@@ -207,7 +254,7 @@ def second_runs(
     def once(attempt: Attempt) -> tuple[Any, Masks]:
         nonlocal second
         rows = attempt.rows
-        own = sampling if sampling.step is None else Sampling(sampling.count, sampling.step[rows])
+        own = sampling.part(rows)
         limits = FleetLimits(attempt.step, attempt.most)
         runs = batch.part(rows).drive(first.method, attempt.options, limits, own)
         if len(rows) == len(done):
