@@ -16,6 +16,7 @@ from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
 from robodyn_cli.model.parts import trains
 from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -23,19 +24,27 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.extremes import spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
-from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint
 
+MOVED = ("time", "q", "qd", "qdd", "tau")
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
 
 def with_drives(
-    records: list[Any], result: Result, scene: Scene, problem: Problem, breaks: Sequence[float] | None = None
+    records: list[Any],
+    result: Result,
+    scene: Scene,
+    problem: Problem,
+    breaks: Sequence[float] | None = None,
+    again: tuple[Recorder, float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
-    breaks : where torques jump or bend, in steps from the first sample; by default at the events of the motion.
+    breaks : where torques jump or bend, in steps from the first sample; by default at the events of the motion. again :
+        samples of a second integration, and times the difference of figures is their error.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """
@@ -44,11 +53,14 @@ def with_drives(
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
-    q, qd, qdd, tau = (result[name] for name in ("q", "qd", "qdd", "tau"))
-    moved = Moved(times, q, qd, qdd, tau, tuple(_at_events(result) if breaks is None else breaks))
-    drives = Drives.of(scene, problem, moved)
+    breaks = tuple(_at_events(result) if breaks is None else breaks)
+    drives = Drives.of(scene, problem, Moved(*(result[name] for name in MOVED), breaks))
     drives.add_to(result)
     figures = drives.figures()
+    if again is not None:
+        recorder, factor = again
+        other = Drives.of(scene, problem, Moved(*(recorder.array(name) for name in MOVED), breaks)).figures()
+        figures = with_second(figures, other, factor, ("drives", JOINT))
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
     title = scene.catalogue.title or ABSENT

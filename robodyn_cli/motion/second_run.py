@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+import functools
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -52,14 +53,43 @@ def grid_of(scene: Scene, beginning: Beginning) -> Grid:
 
 @record
 class Second:
-    """What the second integration came to: states (T, nx), the end [s] and the state there, its steps, and how it
-    differed, in words."""
+    """What the second integration came to: times, states (T, nx) and parameters by blocks, the end [s] and the state
+    there, its steps, how it differed, in words, and what its watchers say for the summary."""
 
-    states: Array
+    blocks: list[tuple[Array, Array, Array]]
     end: float
     state: Array
     steps: int
     how: str
+    facts: Mapping[str, Any]
+
+    @functools.cached_property
+    def states(self) -> Array:
+        """All states (T, nx)."""
+        return np.concatenate([x for _, x, _ in self.blocks])
+
+
+@record
+class Again:
+    """What figures are compared with: the second run's samples, None where nothing is asked for that follows from
+    samples, and what its watchers say. factor : times the difference is the error, see ``remainder``."""
+
+    recorder: Recorder | None
+    facts: Mapping[str, Any]
+    factor: float
+
+    @property
+    def sampled(self) -> tuple[Recorder, float] | None:
+        """The samples with the factor, where there are any."""
+        return None if self.recorder is None else (self.recorder, self.factor)
+
+
+@record
+class Estimate:
+    """The errors of a motion; again : what gives those of its figures, None where the second integration failed."""
+
+    errors: MotionErrors
+    again: Again | None = None
 
 
 class SecondFailed(Exception):
@@ -102,15 +132,19 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
         system = system if watch else motion.system
         driver = Driver(system, first.method, attempt.alone, watchers, supervisor_for(motion.choice))
         driver.tick = tick
+        blocks: list[tuple[Array, Array, Array]] = []
         try:
             driver.start(begun.time, motion.start if calls else begun.state)
-            states = driver.samples(first.end, first.grid, watch)
+            driver.run(
+                first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
+            )
         except (NumericalError, SingularConfigurationError) as error:
             came_to = SecondFailed(attempt.how, error)
             if error.details.get("status") != "max_steps":
                 raise came_to from error
             return np.array([driver.counters.steps]), np.array([True])
-        came_to = Second(states, driver.time, driver.state, driver.counters.steps, attempt.how)
+        facts = {key: value for watcher in watchers for key, value in watcher.facts(driver.time).items()}
+        came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts)
         return np.array([came_to.steps]), np.array([False])
 
     integrate_again(first, once)
@@ -119,20 +153,24 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     return came_to
 
 
-def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Tick = None) -> MotionErrors:
+def estimate_error(
+    motion: Motion, first: FirstRun, recorder: Recorder, tick: Tick = None, figures: bool = False
+) -> Estimate:
     """Estimate the global error by a second integration that is more accurate than the first.
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all samples
     and those at the end (``end_errors``), for q and qd apart, and no less than what rounding is expected to leave.
-    Nothing else about the two runs is shared but the method.
+    Nothing else about the two runs is shared but the method. What the first run's figures are compared with comes along;
+    samples among it where the scene asks for what follows from them, or where ``figures`` are asked for.
     """
     grid = first.grid.every(recorder.every)
     try:
         second = second_run(motion, dataclasses.replace(first, grid=grid), tick)
     except SecondFailed as failed:
         reason = f"the second integration failed: {failed.message}"
-        return MotionErrors(f"difference from a second integration with {failed.how}", reason=reason)
+        how = f"difference from a second integration with {failed.how}"
+        return Estimate(MotionErrors(how, reason=reason))
     courses, times = judged_courses(motion, first, second, recorder)
     watched = sum(watcher.rounding for watcher in motion.watchers)
     lasted = times[-1] - times[0]
@@ -154,7 +192,7 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         lost |= error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
     time = float(recorder.array("time")[int(np.argmax(lost))])
     q_end, qd_end, _ = motion.system.split(courses.at_end(floor)[0])
-    return MotionErrors(
+    errors = MotionErrors(
         method=f"difference from a second integration with {second.how}",
         q_max=q_max,
         qd_max=qd_max,
@@ -166,6 +204,18 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         at_rounding=at_rounding,
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
+    observed = _observed(recorder, second) if figures or recorder.observer.has_figures else None
+    return Estimate(errors, Again(observed, second.facts, float(courses.scale[0])))
+
+
+def _observed(recorder: Recorder, second: Second) -> Recorder:
+    """Return the samples of the second integration, as far as the first one's are recorded."""
+    observed = Recorder(recorder.observer)
+    for t, x, p in second.blocks:
+        within = t <= recorder.last_time
+        if within.any():
+            observed.emit(t[within], x[within], p)
+    return observed
 
 
 def judged_courses(

@@ -16,11 +16,14 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Beginning, Motion
+from robodyn_cli.motion.second_run import Again, Estimate
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import Assembled
 from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.drives import ControlKeys
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.motion import (
     NOT_MEANINGFUL,
@@ -240,11 +243,15 @@ def final_state(run: Run) -> FinalState:
     )
 
 
-def motion_records(run: Run, judgement: Judgement, estimate: MotionErrors | None) -> list[Any]:
-    """Return what samples, counters and watchers say of a run; what a controller did is a record of its own."""
+def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) -> list[Any]:
+    """Return what samples, counters and watchers say of a run; what a controller did is a record of its own.
+
+    Errors of figures cover what the second run says of them.
+    """
     motion, driver, recorder, failure = run.motion, run.driver, run.recorder, judgement.failure
     problem, observer = motion.problem, recorder.observer
     constrained = bool(problem.constraints.rows)
+    errors = None if estimate is None else estimate.errors
     independent = constrained and motion.scene.simulate.stabilisation == "independent"
     summary = MotionSummary(
         termination=Termination("duration", driver.time) if failure is None else failure.termination,
@@ -252,7 +259,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: MotionErrors | None
         integrator_reason=motion.choice.reason,
         tolerances=tolerances(motion.options),
         samples=recorder.samples,
-        error_estimate=estimate,
+        error_estimate=errors,
         energy_drift=recorder.drift,
         energy_drift_relative=recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0,
         energy_balance="kinetic + potential - work" if motion.system.work_done_by else "kinetic + potential",
@@ -262,18 +269,34 @@ def motion_records(run: Run, judgement: Judgement, estimate: MotionErrors | None
         multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
         reactions=observer.reactions.described(recorder.loads) if observer.reactions else ABSENT,
         counters=driver.counters,
-        warnings=[*judgement.warnings, *estimate_warnings(estimate)] or ABSENT,
+        warnings=[*judgement.warnings, *estimate_warnings(errors)] or ABSENT,
         baumgarte=motion.gains or ABSENT,
         switches=[MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes] or ABSENT,
         final=final_state(run),
     )
     for watcher in driver.watchers:
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
+    again = None if estimate is None else estimate.again
+    if again is not None:
+        loads = again.recorder.loads if again.recorder is not None else {}
+        other = (
+            {"reactions": dataclasses.replace(summary.reactions, largest=loads)} if observer.reactions else {}
+        )
+        summary = with_second(summary, dataclasses.replace(summary, **other, **again.facts), again.factor)
     if problem.control is None:
         return [summary]
+    return [summary, _control_keys(run, again)]
+
+
+def _control_keys(run: Run, again: Again | None) -> ControlKeys:
+    """Return what a controller did, with errors by the second run where there is one."""
     from robodyn_cli.observe.control_summary import control_keys
 
-    return [summary, control_keys(problem.control, recorder, driver.time, run.beginning.time)]
+    control, ends = run.motion.problem.control, (run.driver.time, run.beginning.time)
+    keys = control_keys(control, run.recorder, *ends)
+    if again is None or again.recorder is None:
+        return keys
+    return with_second(keys, control_keys(control, again.recorder, *ends), again.factor)
 
 
 def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> LoopResidual:

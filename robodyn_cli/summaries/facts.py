@@ -61,6 +61,7 @@ class Fact:
     names: tuple[str, ...]
     errors: tuple[str, ...]
     column: str
+    about_run: bool = False
 
 
 def fact(
@@ -70,6 +71,7 @@ def fact(
     names: str | tuple[str, ...] = JOINT,
     errors: tuple[str, ...] = (),
     column: str = "",
+    about_run: bool = False,
     default: Any = REQUIRED,
 ) -> Any:
     """Declare one key of a summary as a field of a record.
@@ -83,10 +85,14 @@ def fact(
     errors : keys of the same summary that state its error, of which the largest counts; a word in capitals stands for a
         name that was passed on the way (``drives.JOINT.errors.margin``), a dot in front: a key beside it (``.error``).
     column : heading in the table of main figures; without one it is not in it.
+    about_run : whether it, and all below it, says how well or how long a run went, and not what the mechanism does: a
+        residual, an estimated error, a step, a time on the clock. Such a number has no error, and moves with samples and
+        tolerances.
     default : value where the maker of the record gives none.
     """
     kinds = (names,) if isinstance(names, str) else names
-    return dataclasses.field(default=default, metadata={"fact": Fact(doc, unit, kinds, errors, column)})
+    own = Fact(doc, unit, kinds, errors, column, about_run)
+    return dataclasses.field(default=default, metadata={"fact": own})
 
 
 def key_of(field: str) -> str:
@@ -110,7 +116,7 @@ class Termination:
     """Why a run ended, and when."""
 
     reason: str = fact("why the run ended, in words")
-    time: float = fact("when it ended", "s")
+    time: float = fact("when it ended", "s", errors=("lock.time_error",))
 
 
 @record
@@ -181,6 +187,7 @@ class EveryRun:
         "time by stage (`load`, `equations`, `compile`, `integrate`, `write`, `plots`, ...), and `total`",
         "s",
         names=ANY,
+        about_run=True,
     )
     scene_file: str = fact("where the scene lies")
     run_id: str = fact("of this run, the same as the attribute of `result.h5`")

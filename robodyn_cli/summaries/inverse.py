@@ -128,15 +128,20 @@ class InverseSummary:
     mechanism: LoadedMechanism | Absent = fact("with loops")
     fastest: FastestFigures | Absent = fact("of a path in the least time")
     inverse_kinematics: str | Absent = fact("`analytic` or `newton`, where a point is led")
-    ik_residual: float | Absent = fact("largest distance of the led point from its target", "m")
+    ik_residual: float | Absent = fact(
+        "largest distance of the led point from its target", "m", about_run=True
+    )
     attitude_residual: float | Absent = fact(
-        "of a path with attitudes: largest angle by which the led frame is turned against its target", "rad"
+        "of a path with attitudes: largest angle by which the led frame is turned against its target",
+        "rad",
+        about_run=True,
     )
-    error_estimate: InverseErrors = fact("errors of the figures")
+    error_estimate: InverseErrors = fact("errors of the figures", about_run=True)
     round_trip: float | None = fact(
-        "forward dynamics under the computed torques less the accelerations asked for, relative"
+        "forward dynamics under the computed torques less the accelerations asked for, relative",
+        about_run=True,
     )
-    constraint_residual: LoopResidual | Absent = fact("with loops")
+    constraint_residual: LoopResidual | Absent = fact("with loops", about_run=True)
     joints: dict[str, JointFigures] = fact("of each joint with an actuator")
     definitions: dict[str, str] = fact("what the figures and their errors are, in words", names=ANY)
     counters: dict[str, int] = fact(

@@ -27,6 +27,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, magnitude
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, LatchErrors, LatchLoad, Overload
 from robodyn_cli.tools.progress import Progress, Stopwatch
 from robodyn_cli.works.deploy.lock import ClosedLatch, Lock
@@ -206,13 +207,17 @@ def follow_locked(
         keys,
         samples=recorder.samples,
         until=driver.time,
-        error_estimate=estimate,
+        error_estimate=None if estimate is None else estimate.errors,
         energy_drift=recorder.drift,
         constraint_residual=residual_of(recorder),
         latch=_latch_load(recorder, latch.locked.name),
         largest=recorder.loads,
         counters=driver.counters,
     )
+    again = None if estimate is None else estimate.again
+    if again is not None and again.recorder is not None:
+        loads = {"latch": _latch_load(again.recorder, latch.locked.name), "largest": again.recorder.loads}
+        keys = with_second(keys, dataclasses.replace(keys, **loads), again.factor, ("after_lock",))
     return FollowedLock(keys, recorder)
 
 
@@ -272,11 +277,11 @@ def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None
             most = getattr(limit, quantity)
             if most is None:
                 continue
-            size = magnitude(variable.data, variable.names, letter)
+            size, times = magnitude(variable.data, variable.names, letter), result.time
             over = np.flatnonzero(size > most)
-            if len(over) and (worst is None or result.time[over[0]] < worst.time):
-                at = int(over[0])
-                worst = Overload(
-                    name, quantity, most, float(result.time[at]), float(size[at]), float(size.max())
-                )
+            if len(over) and (worst is None or times[over[0]] < worst.time):
+                at, peak = int(over[0]), largest(times, size[:, None])
+                since = float(times[at] - times[max(at - 1, 0)])
+                largest_load = float(peak.value[0]), float(peak.error[0])
+                worst = Overload(name, quantity, most, float(times[at]), since, *largest_load)
     return worst
