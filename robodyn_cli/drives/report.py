@@ -21,10 +21,10 @@ from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.extremes import spaced
+from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint
 
@@ -53,7 +53,9 @@ def with_drives(
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
-    breaks = tuple(_at_events(result) if breaks is None else breaks)
+    breaks = tuple(
+        breaks_at(times, (float(event["time"]) for event in result.events)) if breaks is None else breaks
+    )
     drives = Drives.of(scene, problem, Moved(*(result[name] for name in MOVED), breaks))
     drives.add_to(result)
     figures = drives.figures()
@@ -87,13 +89,6 @@ def _warned(summary: Any, more: list[str]) -> Any:
     """Return a record of a summary with more warnings."""
     own = [] if summary.warnings is ABSENT else summary.warnings
     return dataclasses.replace(summary, warnings=[*own, *more]) if more else summary
-
-
-def _at_events(result: Result) -> list[float]:
-    """Return where the torques of a simulated motion jump, in steps from the first sample."""
-    times = result.time
-    step = float(times[-1] - times[0]) / (len(times) - 1)
-    return spaced([(float(event["time"]) - times[0]) / step for event in result.events], len(times))
 
 
 @record

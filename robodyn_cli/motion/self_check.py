@@ -252,6 +252,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
     problem, observer = motion.problem, recorder.observer
     constrained = bool(problem.constraints.rows)
     errors = None if estimate is None else estimate.errors
+    jumps = [float(event["time"]) for event in driver.log]
     independent = constrained and motion.scene.simulate.stabilisation == "independent"
     summary = MotionSummary(
         termination=Termination("duration", driver.time) if failure is None else failure.termination,
@@ -267,7 +268,9 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         assembly=_assembly(motion) if constrained else ABSENT,
         repartitions=driver.repartitions if independent else ABSENT,
         multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
-        reactions=observer.reactions.described(recorder.loads) if observer.reactions else ABSENT,
+        reactions=observer.reactions.described(recorder.largest_loads(jumps))
+        if observer.reactions
+        else ABSENT,
         counters=driver.counters,
         warnings=[*judgement.warnings, *estimate_warnings(errors)] or ABSENT,
         baumgarte=motion.gains or ABSENT,
@@ -278,7 +281,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
     again = None if estimate is None else estimate.again
     if again is not None:
-        loads = again.recorder.loads if again.recorder is not None else {}
+        loads = again.recorder.largest_loads(jumps) if again.recorder is not None else {}
         other = (
             {"reactions": dataclasses.replace(summary.reactions, largest=loads)} if observer.reactions else {}
         )

@@ -15,7 +15,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -24,8 +24,6 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.quadrature import POINTS, Breaks, integrate, integrate_positive, pieces
 from robodyn_cli.spatial.algebra import Array
 
-SPACED = 3  # samples between breaks, at least
-AT = 1e-9  # samples from a break that a sample is at
 TRIES = 3  # places of the largest samples that are looked at
 OUTSIDE = 10.0  # times the bound: beyond samples, and for a jump beside the first or the last one
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
@@ -161,19 +159,6 @@ def smallest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the smallest values of y (T, n), see ``largest``."""
     found = largest(times, -y, breaks)
     return dataclasses.replace(found, value=-found.value)
-
-
-def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[float]:
-    """Return breaks, in steps from the first of some samples: known ones, and those places that lie a few samples from
-    others. What functions do at the rest is part of the errors of figures.
-    """
-    found = list(known)
-    for x in places:
-        inside = SPACED < x < samples - 1 - SPACED
-        if inside and all(abs(x - other) >= SPACED for other in found):
-            # a sample at a break may be that of either side, or of none: it stands alone
-            found += [round(x) - AT, round(x) + AT] if abs(x - round(x)) < AT else [x]
-    return sorted(found)
 
 
 def integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:

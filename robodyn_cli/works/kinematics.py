@@ -24,7 +24,8 @@ from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.results.result import Result, units_of
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest, spaced
+from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest
+from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import (

@@ -12,7 +12,6 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.over.commands import execute
 from robodyn_cli.scene.load import load_scene
@@ -93,11 +92,10 @@ def settings(command: str, samples: int) -> dict[str, tuple[str, ...]]:
     section = "simulate" if command in INTEGRATING else "kinematics" if command == "kinematics" else "inverse"
     counts = (samples, 2 * samples + 1, 3 * samples - 1)
     runs = {f"{n} samples": (f"{section}.samples={n}",) for n in counts}
-    if command in INTEGRATING:
-        runs |= {
-            f"rtol {rtol}": (f"simulate.samples={samples}", f"simulate.rtol={rtol}") for rtol in TOLERANCES
-        }
-    return runs
+    if command not in INTEGRATING:
+        return runs
+    runs |= {f"rtol {rtol}": (f"simulate.samples={samples}", f"simulate.rtol={rtol}") for rtol in TOLERANCES}
+    return {name: (*overrides, "simulate.error_estimate=true") for name, overrides in runs.items()}
 
 
 def runs_of(

@@ -203,6 +203,7 @@ def follow_locked(
     if s.error_estimate:
         with watch.stage("error_estimate"):
             estimate = estimate_error(locked, FirstRun.of(driver, begun, rest, recorder), recorder)
+    jumps = [float(event["time"]) for event in driver.log]
     keys = dataclasses.replace(
         keys,
         samples=recorder.samples,
@@ -211,12 +212,15 @@ def follow_locked(
         energy_drift=recorder.drift,
         constraint_residual=residual_of(recorder),
         latch=_latch_load(recorder, latch.locked.name),
-        largest=recorder.loads,
+        largest=recorder.largest_loads(jumps),
         counters=driver.counters,
     )
     again = None if estimate is None else estimate.again
     if again is not None and again.recorder is not None:
-        loads = {"latch": _latch_load(again.recorder, latch.locked.name), "largest": again.recorder.loads}
+        loads = {
+            "latch": _latch_load(again.recorder, latch.locked.name),
+            "largest": again.recorder.largest_loads(jumps),
+        }
         keys = with_second(keys, dataclasses.replace(keys, **loads), again.factor, ("after_lock",))
     return FollowedLock(keys, recorder)
 
