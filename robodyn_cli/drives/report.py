@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,7 +28,6 @@ from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint
 
-MOVED = ("time", "q", "qd", "qdd", "tau")
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
 
@@ -56,12 +55,12 @@ def with_drives(
     breaks = tuple(
         breaks_at(times, (float(event["time"]) for event in result.events)) if breaks is None else breaks
     )
-    drives = Drives.of(scene, problem, Moved(*(result[name] for name in MOVED), breaks))
+    drives = Drives.of(scene, problem, Moved.of(result.__getitem__, breaks))
     drives.add_to(result)
     figures = drives.figures()
     if again is not None:
         recorder, factor = again
-        other = Drives.of(scene, problem, Moved(*(recorder.array(name) for name in MOVED), breaks)).figures()
+        other = Drives.of(scene, problem, Moved.of(recorder.array, breaks)).figures()
         figures = with_second(figures, other, factor, ("drives", JOINT))
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
@@ -102,6 +101,12 @@ class Moved:
     qdd: Array
     tau: Array
     breaks: tuple[float, ...] = ()
+
+    @staticmethod
+    def of(dataset: Callable[[str], Array], breaks: tuple[float, ...]) -> Moved:
+        """Return the motion of datasets by path."""
+        time, q, qd, qdd, tau = (dataset(path) for path in ("time", "q", "qd", "qdd", "tau"))
+        return Moved(time, q, qd, qdd, tau, breaks)
 
 
 @record

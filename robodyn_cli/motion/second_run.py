@@ -161,8 +161,8 @@ def estimate_error(
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all samples
     and those at the end (``end_errors``), for q and qd apart, and no less than what rounding is expected to leave.
-    Nothing else about the two runs is shared but the method. What the first run's figures are compared with comes along;
-    samples among it where the scene asks for what follows from them, or where ``figures`` are asked for.
+    Nothing else about the two runs is shared but the method. What the first run's figures are compared with comes
+    along, with samples where the scene asks for what follows from them, or where ``figures`` are asked for.
     """
     grid = first.grid.every(recorder.every)
     try:

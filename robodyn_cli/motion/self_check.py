@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.equations.control.control import Control
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, NumericalError, RobodynError
 from robodyn_cli.expr.rebuild import evaluate
@@ -281,21 +282,21 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
     again = None if estimate is None else estimate.again
     if again is not None:
-        loads = again.recorder.largest_loads(jumps) if again.recorder is not None else {}
-        other = (
-            {"reactions": dataclasses.replace(summary.reactions, largest=loads)} if observer.reactions else {}
-        )
-        summary = with_second(summary, dataclasses.replace(summary, **other, **again.facts), again.factor)
+        other = dataclasses.replace(summary, **again.facts)
+        if observer.reactions is not None and again.recorder is not None:
+            loads = observer.reactions.described(again.recorder.largest_loads(jumps))
+            other = dataclasses.replace(other, reactions=loads)
+        summary = with_second(summary, other, again.factor)
     if problem.control is None:
         return [summary]
-    return [summary, _control_keys(run, again)]
+    return [summary, _control_keys(run, problem.control, again)]
 
 
-def _control_keys(run: Run, again: Again | None) -> ControlKeys:
+def _control_keys(run: Run, control: Control, again: Again | None) -> ControlKeys:
     """Return what a controller did, with errors by the second run where there is one."""
     from robodyn_cli.observe.control_summary import control_keys
 
-    control, ends = run.motion.problem.control, (run.driver.time, run.beginning.time)
+    ends = run.driver.time, run.beginning.time
     keys = control_keys(control, run.recorder, *ends)
     if again is None or again.recorder is None:
         return keys

@@ -23,6 +23,7 @@ POINTS = 6
 Breaks = Sequence[float]
 SPACED = 3  # samples between breaks, at least
 AT = 1e-9  # samples from a break that a sample is at
+BESIDE = 1e-15  # of its place: as near to that sample pieces end
 
 
 def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
@@ -82,7 +83,7 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
         inside = SPACED < x < samples - 1 - SPACED
         if inside and all(abs(x - other) >= SPACED for other in found):
             # a sample at a break may be that of either side, or of none: it stands alone
-            found += [round(x) - AT, round(x) + AT] if abs(x - round(x)) < AT else [x]
+            found += [round(x) * (1.0 - BESIDE), round(x) * (1.0 + BESIDE)] if abs(x - round(x)) < AT else [x]
     return sorted(found)
 
 

@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Mapping
-from typing import Any, TypeVar
+from typing import Any
 
 from robodyn_cli.summaries.facts import ABSENT, Fact, key_of
 
-T = TypeVar("T")
 ROUNDED = (
     1e-14  # of a figure, or of the largest of its map or list: agreement of two runs says no more than that
 )
 Steps = tuple[str, ...]
 
 
-def with_second(one: T, other: T, factor: float, place: Steps = ()) -> T:
+def with_second(one: Any, other: Any, factor: float, place: Steps = ()) -> Any:
     """Return a record, or a map of records, with errors for how far its figures are from those of a second run.
 
     An error, 0 where none stands there yet, grows by ``factor`` times the largest distance of the figures that it is
@@ -29,11 +28,10 @@ def with_second(one: T, other: T, factor: float, place: Steps = ()) -> T:
     other : the same of the second run. place : steps of the record's key, with kinds of names (``drives.JOINT``).
     """
     if isinstance(one, Mapping):
-        inside = {
-            name: with_second(value, other[name], factor, place) if name in other else value  # type: ignore[index]
+        return {
+            name: with_second(value, other[name], factor, place) if name in other else value
             for name, value in one.items()
         }
-        return inside  # type: ignore[return-value]
     if not dataclasses.is_dataclass(one) or type(one) is not type(other):
         return one
     values: dict[str, Any] = {}
@@ -71,10 +69,10 @@ def _apart(first: Any, second: Any, factor: float) -> Any:
         parts = {name: _apart(x, others.get(name), factor) for name, x in first.items()}
         return {name: None if x is None else max(x, least) for name, x in parts.items()}
     if isinstance(first, list):
-        named = _apart(*(dict(enumerate(x)) if isinstance(x, list) else x for x in (first, second)), factor)
-        return (
-            None if len(first) != len(second) or None in named.values() else max(named.values(), default=0.0)
-        )
+        if not isinstance(second, list) or len(first) != len(second):
+            return None
+        parts = _apart(dict(enumerate(first)), dict(enumerate(second)), factor)
+        return None if None in parts.values() else max(parts.values(), default=0.0)
     if not isinstance(first, (int, float)):
         return 0.0 if first is second or first == second else None
     if not isinstance(second, (int, float)):

@@ -85,9 +85,9 @@ def fact(
     errors : keys of the same summary that state its error, of which the largest counts; a word in capitals stands for a
         name that was passed on the way (``drives.JOINT.errors.margin``), a dot in front: a key beside it (``.error``).
     column : heading in the table of main figures; without one it is not in it.
-    about_run : whether it, and all below it, says how well or how long a run went, and not what the mechanism does: a
-        residual, an estimated error, a step, a time on the clock. Such a number has no error, and moves with samples and
-        tolerances.
+    about_run : whether it, and all below it, says how well or how long a run went, and not what the mechanism does:
+        residuals, estimated errors, steps, times on the clock. They have no error, and need not be the same with other
+        samples or tolerances.
     default : value where the maker of the record gives none.
     """
     kinds = (names,) if isinstance(names, str) else names

@@ -109,9 +109,15 @@ class FastestFigures:
 
     duration: float = fact("the least time", "s", errors=("fastest.duration_error",))
     duration_error: float = fact("change of the duration between the last two grids, continued", "s")
-    largest_use: float = fact("of a limit at the samples; 1 on it")
+    largest_use: float = fact(
+        "check of the limits: how much of any the samples use at most; 1 on it", about_run=True
+    )
     binding: dict[str, float] = fact(
-        "part of the time during which each limit binds, by joint and kind of limit", names=LIMIT
+        "part of the time during which each limit binds, by joint and kind of limit",
+        names=LIMIT, errors=("fastest.binding_error",),
+    )  # fmt: skip
+    binding_error: float = fact(
+        "largest error of these parts: of where between two samples another limit begins to bind"
     )
     intervals: int = fact("of the path")
 

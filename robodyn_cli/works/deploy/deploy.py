@@ -55,7 +55,8 @@ class Deployment(Run):
     """What a deployment came to.
 
     estimate : of the error of the recorded run. lock : None where no criterion fired, or the run failed before.
-    relocated : where a second scan puts the lock. followed : the locked structure after the lock, where that was asked for.
+    relocated : where a second scan puts the lock. followed : the locked structure, where that was asked
+    for.
     """
 
     found: Scan

@@ -100,8 +100,8 @@ def close(motion: Motion, scanned: Scan, lock: Lock | None) -> ClosedLatch | Non
 class Relocated:
     """Where a second, tighter scan puts a lock.
 
-    error : of the first one's time [s], None where the second finds no lock. lock, latch : of the second. factor : times
-    the difference of figures is their error.
+    error : of the first one's time [s], None where the second finds no lock. lock, latch : of the second. factor : the
+    difference of figures times it is their error.
     """
 
     error: float | None

@@ -217,11 +217,12 @@ def follow_locked(
     )
     again = None if estimate is None else estimate.again
     if again is not None and again.recorder is not None:
-        loads = {
-            "latch": _latch_load(again.recorder, latch.locked.name),
-            "largest": again.recorder.largest_loads(jumps),
-        }
-        keys = with_second(keys, dataclasses.replace(keys, **loads), again.factor, ("after_lock",))
+        other = dataclasses.replace(
+            keys,
+            latch=_latch_load(again.recorder, latch.locked.name),
+            largest=again.recorder.largest_loads(jumps),
+        )
+        keys = with_second(keys, other, again.factor, ("after_lock",))
     return FollowedLock(keys, recorder)
 
 
