@@ -32,7 +32,7 @@ def with_second(one: Any, other: Any, factor: float, place: Steps = ()) -> Any:
             name: with_second(value, other[name], factor, place) if name in other else value
             for name, value in one.items()
         }
-    if not dataclasses.is_dataclass(one) or type(one) is not type(other):
+    if not dataclasses.is_dataclass(one) or isinstance(one, type) or type(one) is not type(other):
         return one
     values: dict[str, Any] = {}
     growth: dict[Steps, Any] = {}

@@ -33,8 +33,8 @@ FEATURES = 5  # of a random scene, at most
 TOO_LONG = 30.0  # s, of all runs of a scene
 
 
-def random_scene(seed: int) -> tuple[str, dict[str, Any]]:
-    """Return a command and the tree of a random scene."""
+def random_scene(seed: int) -> tuple[str, dict[str, Any], int]:
+    """Return a command, the tree of a random scene, and a number of samples."""
     random_ = random.Random(seed)
     row = random_.choice(list(ROWS))
     of_row, groups = families(row), list(read(row))
@@ -46,7 +46,7 @@ def random_scene(seed: int) -> tuple[str, dict[str, Any]]:
     tree = scene(case)
     tree.setdefault("outputs", {}).setdefault("reactions", True)
     tree["simulate"]["duration"] = random_.choice(DURATIONS)
-    return random_.choice(ROWS[row][0]), tree
+    return random_.choice(ROWS[row][0]), tree, random.Random(seed).choice(SAMPLES)
 
 
 def table(found: list[Move]) -> tuple[str, bool]:
@@ -112,8 +112,8 @@ def _scenes(arguments: argparse.Namespace, folder: Path) -> Any:
             yield str(path.relative_to(CONFIGS)), path, command, 101
         return
     for seed in range(arguments.seed, min(sys.maxsize, arguments.seed + arguments.scenes)):
-        command, tree = random_scene(seed)
-        yield str(seed), write(tree, folder, command), command, random.Random(seed).choice(SAMPLES)
+        command, tree, samples = random_scene(seed)
+        yield str(seed), write(tree, folder, command), command, samples
 
 
 if __name__ == "__main__":

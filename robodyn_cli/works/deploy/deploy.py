@@ -258,7 +258,8 @@ def _lock_keys(done: Deployment) -> LockKeys | None:
                 np.array([relocated.lock.time]), relocated.lock.state[None, :].copy(), done.driver.parameters
             )
     other = describe_lock(done.motion, relocated.scanned, relocated.lock, relocated.latch, error, recorder)
-    return with_second(keys, other, max(relocated.factor, again.factor), ("lock",))
+    # the error of the time is known already
+    return dataclasses.replace(with_second(keys, other, relocated.factor, ("lock",)), time_error=error)
 
 
 def _after_lock(done: Deployment) -> AfterLock | Absent | None:

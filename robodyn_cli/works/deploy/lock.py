@@ -113,6 +113,9 @@ class Relocated:
 
 def relocate(motion: Motion, scanned: Scan, lock: Lock, recorder: Recorder) -> Relocated:
     """Look for the lock by a second, tighter scan."""
+    by_multipliers = lock.criterion == "multipliers"
+    if scanned.driven and by_multipliers:
+        return Relocated(GRID, scanned, _earlier(motion, lock, recorder), None, 1.0)
     if scanned.driven:  # pure geometry: the root of a smooth function, to rounding
         return Relocated(1e-15 * max(1.0, abs(lock.time)) * 10, scanned, lock, None, 1.0)
     first = First(motion.options, motion.choice.method, np.array([scanned.steps]), np.array([scanned.end]))
@@ -128,7 +131,7 @@ def relocate(motion: Motion, scanned: Scan, lock: Lock, recorder: Recorder) -> R
 
     integrate_again(first, once)
     factor = float(remainder(first, np.array([steps]))[0])
-    if lock.criterion == "multipliers":
+    if by_multipliers:
         time, again = GRID, _earlier(motion, lock, recorder)
     else:
         pose = other.latched if lock.criterion == "latch" else other.dead_point
