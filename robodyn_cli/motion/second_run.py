@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import functools
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -53,8 +52,8 @@ def grid_of(scene: Scene, beginning: Beginning) -> Grid:
 
 @record
 class Second:
-    """What the second integration came to: times, states (T, nx) and parameters by blocks, the end [s] and the state
-    there, its steps, how it differed, in words, and what its watchers say for the summary."""
+    """What the second integration came to: times, states and parameters by blocks, the end [s] and the state
+    there, its steps, how it differed, in words, what its watchers say for the summary, and all states (T, nx)."""
 
     blocks: list[tuple[Array, Array, Array]]
     end: float
@@ -62,34 +61,21 @@ class Second:
     steps: int
     how: str
     facts: Mapping[str, Any]
-
-    @functools.cached_property
-    def states(self) -> Array:
-        """All states (T, nx)."""
-        return np.concatenate([x for _, x, _ in self.blocks])
-
-
-@record
-class Again:
-    """What figures are compared with: the second run's samples, None where nothing is asked for that follows from
-    samples, and what its watchers say. factor : times the difference is the error, see ``remainder``."""
-
-    recorder: Recorder | None
-    facts: Mapping[str, Any]
-    factor: float
-
-    @property
-    def sampled(self) -> tuple[Recorder, float] | None:
-        """The samples with the factor, where there are any."""
-        return None if self.recorder is None else (self.recorder, self.factor)
+    states: Array
 
 
 @record
 class Estimate:
-    """The errors of a motion; again : what gives those of its figures, None where the second integration failed."""
+    """The errors of a motion, and what those of its figures follow from.
+
+    recorder : the second run's samples, None where nothing is asked for that follows from samples. facts : what its
+    watchers say. factor : times a difference of both runs is an error, see ``remainder``.
+    """
 
     errors: MotionErrors
-    again: Again | None = None
+    recorder: Recorder | None = None
+    facts: Mapping[str, Any] | None = None
+    factor: float = 1.0
 
 
 class SecondFailed(Exception):
@@ -143,8 +129,9 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
             if error.details.get("status") != "max_steps":
                 raise came_to from error
             return np.array([driver.counters.steps]), np.array([True])
+        states = np.concatenate([x for _, x, _ in blocks])
         facts = {key: value for watcher in watchers for key, value in watcher.facts(driver.time).items()}
-        came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts)
+        came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts, states)
         return np.array([came_to.steps]), np.array([False])
 
     integrate_again(first, once)
@@ -205,7 +192,7 @@ def estimate_error(
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
     observed = _observed(recorder, second) if figures or recorder.observer.has_figures else None
-    return Estimate(errors, Again(observed, second.facts, float(courses.scale[0])))
+    return Estimate(errors, observed, second.facts, float(courses.scale[0]))
 
 
 def _observed(recorder: Recorder, second: Second) -> Recorder:

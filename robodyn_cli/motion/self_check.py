@@ -4,11 +4,10 @@ balance, doubts), and says in the summary what ``simulate`` and ``deploy`` share
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from robodyn_cli.equations.control.control import Control
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, NumericalError, RobodynError
 from robodyn_cli.expr.rebuild import evaluate
@@ -17,14 +16,11 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.second_run import Again, Estimate
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import Assembled
 from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
-from robodyn_cli.summaries.drives import ControlKeys
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.motion import (
     NOT_MEANINGFUL,
@@ -37,6 +33,11 @@ from robodyn_cli.summaries.motion import (
     MotionSummary,
     MultiplierChoice,
 )
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.control.control import Control
+    from robodyn_cli.motion.second_run import Estimate
+    from robodyn_cli.summaries.drives import ControlKeys
 
 OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
 
@@ -280,27 +281,29 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
     )
     for watcher in driver.watchers:
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
-    again = None if estimate is None else estimate.again
-    if again is not None:
-        other = dataclasses.replace(summary, **again.facts)
-        if observer.reactions is not None and again.recorder is not None:
-            loads = observer.reactions.described(again.recorder.largest_loads(jumps))
+    if estimate is not None and (estimate.facts or estimate.recorder is not None):
+        from robodyn_cli.summaries.apart import with_second
+
+        other = dataclasses.replace(summary, **(estimate.facts or {}))
+        if observer.reactions is not None and estimate.recorder is not None:
+            loads = observer.reactions.described(estimate.recorder.largest_loads(jumps))
             other = dataclasses.replace(other, reactions=loads)
-        summary = with_second(summary, other, again.factor)
+        summary = with_second(summary, other, estimate.factor)
     if problem.control is None:
         return [summary]
-    return [summary, _control_keys(run, problem.control, again)]
+    return [summary, _control_keys(run, problem.control, estimate)]
 
 
-def _control_keys(run: Run, control: Control, again: Again | None) -> ControlKeys:
+def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> ControlKeys:
     """Return what a controller did, with errors by the second run where there is one."""
     from robodyn_cli.observe.control_summary import control_keys
+    from robodyn_cli.summaries.apart import with_second
 
     ends = run.driver.time, run.beginning.time
     keys = control_keys(control, run.recorder, *ends)
-    if again is None or again.recorder is None:
+    if estimate is None or estimate.recorder is None:
         return keys
-    return with_second(keys, control_keys(control, again.recorder, *ends), again.factor)
+    return with_second(keys, control_keys(control, estimate.recorder, *ends), estimate.factor)
 
 
 def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> LoopResidual:

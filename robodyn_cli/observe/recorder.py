@@ -14,7 +14,6 @@ from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import PeakLoad
 
@@ -127,6 +126,8 @@ class Recorder:
         reactions = self.observer.reactions
         if reactions is None or not self._borne:
             return self._loads
+        from robodyn_cli.solve.quadrature import breaks_at
+
         data = {path: np.concatenate([block[path] for block in self._borne]) for path in self._borne[0]}
         loads = reactions.largest(data["time"], data, breaks_at(data["time"], events))
         return {name: load.or_larger(self._loads.get(name, load)) for name, load in loads.items()}

@@ -204,14 +204,12 @@ class AfterLock:
     closure: str = fact("name of the latch as a closure")
     samples: int = fact("number of samples after the lock")
     until: float = fact("end of this motion", "s")
-    error_estimate: MotionErrors | Absent | None = fact(
-        "errors of this motion", about_run=True, default=ABSENT
-    )
+    error_estimate: MotionErrors | Absent | None = fact("errors of this motion", errors=None, default=ABSENT)
     energy_drift: float | Absent = fact(
-        "largest error of the energy balance", "J", about_run=True, default=ABSENT
+        "largest error of the energy balance", "J", errors=None, default=ABSENT
     )
     constraint_residual: LoopResidual | Absent = fact(
-        "of the loops and the latch", about_run=True, default=ABSENT
+        "of the loops and the latch", errors=None, default=ABSENT
     )
     latch: LatchLoad | Absent = fact("load of the latch", default=ABSENT)
     largest: dict[str, PeakLoad] | Absent = fact(

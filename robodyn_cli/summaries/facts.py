@@ -69,9 +69,8 @@ def fact(
     unit: str | UnitOf = "1",
     *,
     names: str | tuple[str, ...] = JOINT,
-    errors: tuple[str, ...] = (),
+    errors: tuple[str, ...] | None = (),
     column: str = "",
-    about_run: bool = False,
     default: Any = REQUIRED,
 ) -> Any:
     """Declare one key of a summary as a field of a record.
@@ -84,14 +83,13 @@ def fact(
     names : of a map, what its keys are: kinds of names in capitals (``JOINT``), and words as they are.
     errors : keys of the same summary that state its error, of which the largest counts; a word in capitals stands for a
         name that was passed on the way (``drives.JOINT.errors.margin``), a dot in front: a key beside it (``.error``).
+        None of what says how well or how long a run went, and not what the mechanism does, as all below it: residuals,
+        estimated errors, steps, times on the clock. They have no error, and move with samples and tolerances.
     column : heading in the table of main figures; without one it is not in it.
-    about_run : whether it, and all below it, says how well or how long a run went, and not what the mechanism does:
-        residuals, estimated errors, steps, times on the clock. They have no error, and need not be the same with other
-        samples or tolerances.
     default : value where the maker of the record gives none.
     """
     kinds = (names,) if isinstance(names, str) else names
-    own = Fact(doc, unit, kinds, errors, column, about_run)
+    own = Fact(doc, unit, kinds, errors or (), column, errors is None)
     return dataclasses.field(default=default, metadata={"fact": own})
 
 
@@ -187,7 +185,7 @@ class EveryRun:
         "time by stage (`load`, `equations`, `compile`, `integrate`, `write`, `plots`, ...), and `total`",
         "s",
         names=ANY,
-        about_run=True,
+        errors=None,
     )
     scene_file: str = fact("where the scene lies")
     run_id: str = fact("of this run, the same as the attribute of `result.h5`")

@@ -180,16 +180,16 @@ class MotionSummary:
     )
     integrator: str = fact("the method")
     integrator_reason: str = fact("why it was chosen")
-    tolerances: Accuracy = fact("what the accuracy was asked by", about_run=True)
+    tolerances: Accuracy = fact("what the accuracy was asked by", errors=None)
     samples: int = fact("number of samples")
     error_estimate: MotionErrors | None = fact(
-        "errors of the motion; `null` where it was not asked for", about_run=True
+        "errors of the motion; `null` where it was not asked for", errors=None
     )
-    energy_drift: float = fact("largest error of the energy balance", "J", about_run=True)
-    energy_drift_relative: float = fact("the energy drift over the energy exchanged", about_run=True)
+    energy_drift: float = fact("largest error of the energy balance", "J", errors=None)
+    energy_drift_relative: float = fact("the energy drift over the energy exchanged", errors=None)
     energy_balance: str = fact("what the energy balance is of")
-    constraint_residual: LoopResidual | Absent = fact("with loops", about_run=True)
-    assembly: Assembly | Absent = fact("closing the loops at t = 0", about_run=True)
+    constraint_residual: LoopResidual | Absent = fact("with loops", errors=None)
+    assembly: Assembly | Absent = fact("closing the loops at t = 0", errors=None)
     repartitions: int | Absent = fact(
         "with `stabilisation: independent`: how often other coordinates were chosen"
     )
@@ -201,9 +201,9 @@ class MotionSummary:
         "that failed, so that the error is not known; absent without any"
     )
     baumgarte: Gains | Absent = fact(
-        "where `stabilisation: baumgarte` left the gains to the run", about_run=True
+        "where `stabilisation: baumgarte` left the gains to the run", errors=None
     )
-    switches: list[MethodKeys] | Absent = fact("changes of the method on the way, if any", about_run=True)
+    switches: list[MethodKeys] | Absent = fact("changes of the method on the way, if any", errors=None)
     transitions: dict[str, int] | Absent = fact(
         "of joints with set-valued friction or rigid stops, counted",
         names=("stick", "slip", "impact", "contact", "release"), default=ABSENT,

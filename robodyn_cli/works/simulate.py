@@ -155,7 +155,9 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            again = None if estimate is None or estimate.again is None else estimate.again.sampled
+            again = None
+            if estimate is not None and estimate.recorder is not None:
+                again = (estimate.recorder, estimate.factor)
             records = with_drives(records, result, run.motion.scene, run.motion.problem, again=again)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

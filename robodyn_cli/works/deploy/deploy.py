@@ -245,14 +245,14 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
 def _lock_keys(done: Deployment) -> LockKeys | None:
     if done.lock is None:
         return None
-    relocated, again = done.relocated, None if done.estimate is None else done.estimate.again
+    relocated = done.relocated
     error = None if relocated is None else relocated.error
     keys = describe_lock(done.motion, done.found, done.lock, done.latch, error, done.recorder)
-    if relocated is None or relocated.lock is None or again is None:
+    if relocated is None or relocated.lock is None or done.estimate is None:
         return keys
     recorder = done.recorder
-    if again.recorder is not None:
-        recorder = again.recorder
+    if done.estimate.recorder is not None:
+        recorder = done.estimate.recorder
         if not done.found.driven:
             recorder.emit(
                 np.array([relocated.lock.time]), relocated.lock.state[None, :].copy(), done.driver.parameters

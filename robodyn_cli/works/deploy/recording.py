@@ -215,14 +215,13 @@ def follow_locked(
         largest=recorder.largest_loads(jumps),
         counters=driver.counters,
     )
-    again = None if estimate is None else estimate.again
-    if again is not None and again.recorder is not None:
+    if estimate is not None and estimate.recorder is not None:
         other = dataclasses.replace(
             keys,
-            latch=_latch_load(again.recorder, latch.locked.name),
-            largest=again.recorder.largest_loads(jumps),
+            latch=_latch_load(estimate.recorder, latch.locked.name),
+            largest=estimate.recorder.largest_loads(jumps),
         )
-        keys = with_second(keys, other, again.factor, ("after_lock",))
+        keys = with_second(keys, other, estimate.factor, ("after_lock",))
     return FollowedLock(keys, recorder)
 
 
