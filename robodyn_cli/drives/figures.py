@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import cached_property
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -116,6 +116,12 @@ class Evaluated:
         """The drive by half as many samples."""
         return Evaluated.of(self.train, self.duty.thinned())
 
+    def by_fewer(self, figure: Callable[[Evaluated], Any]) -> float:
+        """Return the error of a figure, or of several: how far half of the samples puts it off, or half of how far
+        these and a quarter are apart, which may agree by chance but not twice."""
+        own, half, quarter = (np.asarray(figure(x), dtype=float) for x in (self, self.half, self.half.half))
+        return float(np.max(np.maximum(np.abs(own - half), 0.5 * np.abs(half - quarter))))
+
     @property
     def lost(self) -> Array:
         """The power that the gears lose (T,) [W]."""
@@ -167,16 +173,20 @@ class Evaluated:
         )
 
     def _limit(self, name: str, use: Use) -> UsedLimit:
-        """Return the use of a limit; of one that no instant decides, or heat, the error is by half as many samples."""
+        """Return the use of a limit; of one that no instant decides, or heat, the error is by fewer samples."""
         error = 0.0 if use.error is None else float(use.error)
         if use.error is None or name == "winding":
-            error = max(error, abs(float(use.part) - float(self.half.uses[name].part)))
+            error = max(error, self.by_fewer(lambda x: x.uses[name].part))
         if use.at is None:
             return UsedLimit(float(use.part), error, ABSENT, ABSENT)
-        step = self.duty.samples.step
-        return UsedLimit(
-            float(use.part), error, float(self.duty.times[0] + step * use.at), float(step * use.off)
-        )
+        off = float(self.duty.samples.step * use.off)
+        if name == "winding":
+            off = max(off, self.by_fewer(lambda x: x._time_of(name)))
+        return UsedLimit(float(use.part), error, self._time_of(name), off)
+
+    def _time_of(self, name: str) -> float:
+        """Return when most of a limit is used [s]."""
+        return float(self.duty.times[0] + self.duty.samples.step * np.float64(self.uses[name].at))
 
     def _temperatures(self) -> tuple[float, float, float] | None:
         """Return peak, mean and the end of a first cycle [degC]; None where they are not known, or not steady."""
@@ -188,11 +198,10 @@ class Evaluated:
         return float(peak), float(samples.mean(cycle.temperature)), self.train.supply.ambient + float(first)
 
     def _winding(self) -> WindingTemperatures | Absent:
-        own, half = self._temperatures(), self.half._temperatures()
-        if own is None or half is None:
+        own, fewer = self._temperatures(), (self.half._temperatures(), self.half.half._temperatures())
+        if own is None or None in fewer:
             return ABSENT
-        off = float(np.abs(np.subtract(own, half)).max())
-        return WindingTemperatures(*own, error=off)
+        return WindingTemperatures(*own, error=self.by_fewer(lambda x: x._temperatures()))
 
     def _inertia_ratio(self) -> tuple[list[float] | Absent, float | Absent]:
         """Return smallest and largest inertia of the mechanism over that of the drives, and their error."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -16,26 +16,34 @@ from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
 from robodyn_cli.model.parts import trains
 from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.extremes import spaced
+from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
-from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
 
 def with_drives(
-    records: list[Any], result: Result, scene: Scene, problem: Problem, breaks: Sequence[float] | None = None
+    records: list[Any],
+    result: Result,
+    scene: Scene,
+    problem: Problem,
+    breaks: Sequence[float] | None = None,
+    again: tuple[Recorder, float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
-    breaks : where torques jump or bend, in steps from the first sample; by default at the events of the motion.
+    breaks : where torques jump or bend, in steps from the first sample; by default at the events of the motion. again :
+        samples of a second integration, and times the difference of figures is their error.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """
@@ -44,11 +52,16 @@ def with_drives(
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
-    q, qd, qdd, tau = (result[name] for name in ("q", "qd", "qdd", "tau"))
-    moved = Moved(times, q, qd, qdd, tau, tuple(_at_events(result) if breaks is None else breaks))
-    drives = Drives.of(scene, problem, moved)
+    breaks = tuple(
+        breaks_at(times, (float(event["time"]) for event in result.events)) if breaks is None else breaks
+    )
+    drives = Drives.of(scene, problem, Moved.of(result.__getitem__, breaks))
     drives.add_to(result)
     figures = drives.figures()
+    if again is not None:
+        recorder, factor = again
+        other = Drives.of(scene, problem, Moved.of(recorder.array, breaks)).figures()
+        figures = with_second(figures, other, factor, ("drives", JOINT))
     if not all(one.passes for one in figures.values()):
         result.status = UNDERSIZED
     title = scene.catalogue.title or ABSENT
@@ -77,13 +90,6 @@ def _warned(summary: Any, more: list[str]) -> Any:
     return dataclasses.replace(summary, warnings=[*own, *more]) if more else summary
 
 
-def _at_events(result: Result) -> list[float]:
-    """Return where the torques of a simulated motion jump, in steps from the first sample."""
-    times = result.time
-    step = float(times[-1] - times[0]) / (len(times) - 1)
-    return spaced([(float(event["time"]) - times[0]) / step for event in result.events], len(times))
-
-
 @record
 class Moved:
     """A motion at uniform times (T,): q (T, nq), and rates, accelerations and actuator torques (T, nv). breaks : where
@@ -95,6 +101,12 @@ class Moved:
     qdd: Array
     tau: Array
     breaks: tuple[float, ...] = ()
+
+    @staticmethod
+    def of(dataset: Callable[[str], Array], breaks: tuple[float, ...]) -> Moved:
+        """Return the motion of datasets by path."""
+        time, q, qd, qdd, tau = (dataset(path) for path in ("time", "q", "qd", "qdd", "tau"))
+        return Moved(time, q, qd, qdd, tau, breaks)
 
 
 @record

@@ -77,11 +77,14 @@ def figures(scaling: Scaling, model: Model, sampled: Sampled) -> FastestFigures:
     names, use = use_of_limits(scaling, model, sampled)
     binding = _binding(use)
     parts = {name: float(np.mean(binding == k)) for k, name in enumerate(names)}
+    ends = binding[1:] != binding[:-1]
+    changes = [np.count_nonzero(ends & ((binding[1:] == k) | (binding[:-1] == k))) for k in range(len(names))]
     return FastestFigures(
         duration=scaling.law.duration,
         duration_error=scaling.error,
         largest_use=float(use.max()),
         binding={name: x for name, x in parts.items() if x > 0.0},
+        binding_error=(max(changes) + 1) / len(binding),
         intervals=scaling.intervals,
     )
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -59,14 +59,30 @@ def grid_of(scene: Scene, beginning: Beginning) -> Grid:
 
 @record
 class Second:
-    """What the second integration came to: states (T, nx), the end [s] and the state there, its steps, and how it
-    differed, in words."""
+    """What the second integration came to: times, states and parameters by blocks, the end [s] and the state
+    there, its steps, how it differed, in words, what its watchers say for the summary, and all states (T, nx)."""
 
-    states: Array
+    blocks: list[tuple[Array, Array, Array]]
     end: float
     state: Array
     steps: int
     how: str
+    facts: Mapping[str, Any]
+    states: Array
+
+
+@record
+class Estimate:
+    """The errors of a motion, and what those of its figures follow from.
+
+    recorder : the second run's samples, None where nothing is asked for that follows from samples. facts : what its
+    watchers say. factor : times a difference of both runs is an error, see ``remainder``.
+    """
+
+    errors: MotionErrors
+    recorder: Recorder | None = None
+    facts: Mapping[str, Any] | None = None
+    factor: float = 1.0
 
 
 class SecondFailed(Exception):
@@ -109,15 +125,20 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
         system = system if watch else motion.system
         driver = Driver(system, first.method, attempt.alone, watchers, supervisor_for(motion.choice))
         driver.tick = tick
+        blocks: list[tuple[Array, Array, Array]] = []
         try:
             driver.start(begun.time, motion.start if calls else begun.state)
-            states = driver.samples(first.end, first.grid, watch)
+            driver.run(
+                first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
+            )
         except (NumericalError, SingularConfigurationError) as error:
             came_to = SecondFailed(attempt.how, error)
             if error.details.get("status") != "max_steps":
                 raise came_to from error
             return np.array([driver.counters.steps]), np.array([True])
-        came_to = Second(states, driver.time, driver.state, driver.counters.steps, attempt.how)
+        states = np.concatenate([x for _, x, _ in blocks])
+        facts = {key: value for watcher in watchers for key, value in watcher.facts(driver.time).items()}
+        came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts, states)
         return np.array([came_to.steps]), np.array([False])
 
     integrate_again(first, once)
@@ -126,14 +147,17 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     return came_to
 
 
-def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Tick = None) -> MotionErrors:
+def estimate_error(
+    motion: Motion, first: FirstRun, recorder: Recorder, tick: Tick = None, figures: bool = False
+) -> Estimate:
     """Estimate the global error by a second integration that is more accurate than the first.
 
     The difference of the two, D = e_1 - e_2, is the error of the first up to that of the second, which is smaller by
     (n_1 / n_2)^p for n steps each and order p: e_1 = D / (1 - (n_1 / n_2)^p). Reported are the largest over all samples
     and those at the end (``Courses.at_end``), for q and qd apart, and no less than what rounding is expected to leave.
     Nothing else about the two runs is shared but the method. Where the motion amplifies rounding, a third integration
-    counts as well.
+    counts as well. What the first run's figures are compared with comes along, with samples where the scene asks for
+    what follows from them, or where ``figures`` are asked for.
     """
     grid = first.grid.every(recorder.every)
     again = dataclasses.replace(first, grid=grid)
@@ -141,7 +165,8 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         second = second_run(motion, again, tick)
     except SecondFailed as failed:
         reason = f"the second integration failed: {failed.message}"
-        return MotionErrors(f"difference from a second integration with {failed.how}", reason=reason)
+        how = f"difference from a second integration with {failed.how}"
+        return Estimate(MotionErrors(how, reason=reason))
     courses, times = judged_courses(motion, first, second, recorder)
     watched = sum(watcher.rounding for watcher in motion.watchers)
     lasted = times[-1] - times[0]
@@ -166,7 +191,7 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         lost |= error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
     time = float(recorder.array("time")[int(np.argmax(lost))])
     q_end, qd_end, _ = motion.system.split(courses.at_end(floor)[0])
-    return MotionErrors(
+    errors = MotionErrors(
         method=f"difference from a second integration with {second.how}",
         q_max=q_max,
         qd_max=qd_max,
@@ -178,6 +203,18 @@ def estimate_error(motion: Motion, first: FirstRun, recorder: Recorder, tick: Ti
         at_rounding=at_rounding,
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
+    observed = _observed(recorder, second) if figures or recorder.observer.has_figures else None
+    return Estimate(errors, observed, second.facts, float(courses.scale[0]))
+
+
+def _observed(recorder: Recorder, second: Second) -> Recorder:
+    """Return the samples of the second integration, as far as the first one's are recorded."""
+    observed = Recorder(recorder.observer)
+    for t, x, p in second.blocks:
+        within = t <= recorder.last_time
+        if within.any():
+            observed.emit(t[within], x[within], p)
+    return observed
 
 
 def judged_courses(

@@ -4,7 +4,7 @@ balance, doubts), and says in the summary what ``simulate`` and ``deploy`` share
 from __future__ import annotations
 
 import dataclasses
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -33,6 +33,11 @@ from robodyn_cli.summaries.motion import (
     MotionSummary,
     MultiplierChoice,
 )
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.control.control import Control
+    from robodyn_cli.motion.second_run import Estimate
+    from robodyn_cli.summaries.drives import ControlKeys
 
 OPEN = 1e-6  # rad, or part of the size of the mechanism, from which on a constraint is violated
 
@@ -240,11 +245,16 @@ def final_state(run: Run) -> FinalState:
     )
 
 
-def motion_records(run: Run, judgement: Judgement, estimate: MotionErrors | None) -> list[Any]:
-    """Return what samples, counters and watchers say of a run; what a controller did is a record of its own."""
+def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) -> list[Any]:
+    """Return what samples, counters and watchers say of a run; what a controller did is a record of its own.
+
+    Errors of figures cover what the second run says of them.
+    """
     motion, driver, recorder, failure = run.motion, run.driver, run.recorder, judgement.failure
     problem, observer = motion.problem, recorder.observer
     constrained = bool(problem.constraints.rows)
+    errors = None if estimate is None else estimate.errors
+    jumps = [float(event["time"]) for event in driver.log]
     independent = constrained and motion.scene.simulate.stabilisation == "independent"
     summary = MotionSummary(
         termination=Termination("duration", driver.time) if failure is None else failure.termination,
@@ -252,7 +262,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: MotionErrors | None
         integrator_reason=motion.choice.reason,
         tolerances=tolerances(motion.options),
         samples=recorder.samples,
-        error_estimate=estimate,
+        error_estimate=errors,
         energy_drift=recorder.drift,
         energy_drift_relative=recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0,
         energy_balance="kinetic + potential - work" if motion.system.work_done_by else "kinetic + potential",
@@ -260,20 +270,40 @@ def motion_records(run: Run, judgement: Judgement, estimate: MotionErrors | None
         assembly=_assembly(motion) if constrained else ABSENT,
         repartitions=driver.repartitions if independent else ABSENT,
         multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
-        reactions=observer.reactions.described(recorder.loads) if observer.reactions else ABSENT,
+        reactions=observer.reactions.described(recorder.largest_loads(jumps))
+        if observer.reactions
+        else ABSENT,
         counters=driver.counters,
-        warnings=[*judgement.warnings, *estimate_warnings(estimate)] or ABSENT,
+        warnings=[*judgement.warnings, *estimate_warnings(errors)] or ABSENT,
         baumgarte=motion.gains or ABSENT,
         switches=[MethodKeys(c.time, c.to, c.decay_time) for c in driver.changes] or ABSENT,
         final=final_state(run),
     )
     for watcher in driver.watchers:
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
+    if estimate is not None and (estimate.facts or estimate.recorder is not None):
+        from robodyn_cli.summaries.apart import with_second
+
+        other = dataclasses.replace(summary, **(estimate.facts or {}))
+        if observer.reactions is not None and estimate.recorder is not None:
+            loads = observer.reactions.described(estimate.recorder.largest_loads(jumps))
+            other = dataclasses.replace(other, reactions=loads)
+        summary = with_second(summary, other, estimate.factor)
     if problem.control is None:
         return [summary]
-    from robodyn_cli.observe.control_summary import control_keys
+    return [summary, _control_keys(run, problem.control, estimate)]
 
-    return [summary, control_keys(problem.control, recorder, driver.time, run.beginning.time)]
+
+def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> ControlKeys:
+    """Return what a controller did, with errors by the second run where there is one."""
+    from robodyn_cli.observe.control_summary import control_keys
+    from robodyn_cli.summaries.apart import with_second
+
+    ends = run.driver.time, run.beginning.time
+    keys = control_keys(control, run.recorder, *ends)
+    if estimate is None or estimate.recorder is None:
+        return keys
+    return with_second(keys, control_keys(control, estimate.recorder, *ends), estimate.factor)
 
 
 def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> LoopResidual:

@@ -223,6 +223,12 @@ class Observer:
         }
         return {name: kernel for name, kernel in programs.items() if kernel is not None}
 
+    @property
+    def has_figures(self) -> bool:
+        """Whether the summary has figures that follow from the samples: of reactions, controllers, drives."""
+        scene = self.problem.scene
+        return self.reactions is not None or scene.control is not None or bool(scene.drives)
+
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""
         s = self.system

@@ -18,6 +18,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, magnitude
 from robodyn_cli.scene.points import point_link
 from robodyn_cli.solve.extremes import largest
+from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array, Matrix, Wrench, identity
 from robodyn_cli.summaries.facts import ABSENT, PeakLoad, PeakLoads
 from robodyn_cli.trajectories.motion import JointMotion
@@ -100,9 +101,9 @@ class ReactionSamples:
         for path, array in data.items():
             result.add(path, array, long_name=self.meanings[path], names=self.names[path])
 
-    def largest(self, times: Array, data: Mapping[str, Array]) -> dict[str, PeakLoad]:
+    def largest(self, times: Array, data: Mapping[str, Array], breaks: Breaks) -> dict[str, PeakLoad]:
         """Return the largest load of each joint and closure along samples at times (T,), by name."""
-        return figures(times, {path: data[path] for path in self.names}, self.names)
+        return figures(times, {path: data[path] for path in self.names}, self.names, breaks)
 
     def described(self, largest: dict[str, PeakLoad]) -> PeakLoads:
         """Return what the summary says: the axes, components that the data do not determine, and the largest loads."""
@@ -136,13 +137,16 @@ def loads_along(
 
 
 def figures(
-    times: Array, data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]]
+    times: Array, data: Mapping[str, Array], names: Mapping[str, tuple[str, ...]], breaks: Breaks = ()
 ) -> dict[str, PeakLoad]:
-    """Return the largest force and moment of each joint and closure [N, N m] along samples at times (T,)."""
+    """Return the largest force and moment of each joint and closure [N, N m] along samples at times (T,).
+
+    breaks : where loads jump, in steps from the first sample.
+    """
     peaks: dict[str, PeakLoad] = {}
     for path, array in data.items():
         sizes = np.column_stack([magnitude(array, names[path], letter) for letter in "fm"])
-        peak = largest(times, sizes)
+        peak = largest(times, sizes, breaks)
         (force, moment), (force_error, moment_error) = peak.value.tolist(), peak.error.tolist()
         peaks[path.split("/")[-1]] = PeakLoad(force, moment, force_error, moment_error)
     return peaks

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import PeakLoad
 
 KEPT_IN_MEMORY = 100_000  # samples, when all of them go to a file
+OVERLAP = 12  # samples of loads that are looked at once more with those behind them
 
 
 class Recorder:
@@ -40,7 +42,8 @@ class Recorder:
         self.energy_scale = 0.0
         self.position_residual = 0.0
         self.velocity_residual = 0.0
-        self.loads: dict[str, PeakLoad] = {}
+        self._loads: dict[str, PeakLoad] = {}
+        self._borne: list[dict[str, Array]] = []  # blocks of loads that are not looked at yet
         self.not_finite: NumericalError | None = None
         self._start: float | None = None
         self._last = -np.inf
@@ -82,7 +85,10 @@ class Recorder:
                 self.velocity_residual, np.abs(data["constraints/velocity_residual"])
             )
         if self.observer.reactions is not None:
-            self._keep_largest_loads(self.observer.reactions.largest(t, data))
+            self._borne.append({path: data[path] for path in ("time", *self.observer.reactions.names)})
+            if self.writer is not None and sum(len(block["time"]) for block in self._borne) > KEPT_IN_MEMORY:
+                self._loads = self.largest_loads()
+                self._borne = [{path: block[-OVERLAP:].copy() for path, block in self._borne[-1].items()}]
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)
@@ -115,9 +121,16 @@ class Recorder:
         name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
         return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)
 
-    def _keep_largest_loads(self, loads: dict[str, PeakLoad]) -> None:
-        for name, load in loads.items():
-            self.loads[name] = load.or_larger(self.loads.get(name, load))
+    def largest_loads(self, events: Sequence[float] = ()) -> dict[str, PeakLoad]:
+        """Return the largest load of each joint and closure by name; events : times [s] at which loads may jump."""
+        reactions = self.observer.reactions
+        if reactions is None or not self._borne:
+            return self._loads
+        from robodyn_cli.solve.quadrature import breaks_at
+
+        data = {path: np.concatenate([block[path] for block in self._borne]) for path in self._borne[0]}
+        loads = reactions.largest(data["time"], data, breaks_at(data["time"], events))
+        return {name: load.or_larger(self._loads.get(name, load)) for name, load in loads.items()}
 
     def _stream(self, path: str, block: Array) -> None:
         assert self.writer is not None

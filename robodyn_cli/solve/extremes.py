@@ -15,17 +15,15 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.quadrature import POINTS, Breaks, integrate, integrate_positive, pieces
+from robodyn_cli.solve.quadrature import AT, POINTS, Breaks, integrate, integrate_positive, pieces
 from robodyn_cli.spatial.algebra import Array
 
-SPACED = 3  # samples between breaks, at least
-AT = 1e-9  # samples from a break that a sample is at
 TRIES = 3  # places of the largest samples that are looked at
 OUTSIDE = 10.0  # times the bound: beyond samples, and for a jump beside the first or the last one
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
@@ -34,6 +32,7 @@ LOOKED = 17  # points between neighbours at which a polynomial is evaluated firs
 FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
+ROUNDED = 1e-12  # part of a value by which rounding makes equal ones differ
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
 Hidden = Sequence[int]
 
@@ -163,19 +162,6 @@ def smallest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     return dataclasses.replace(found, value=-found.value)
 
 
-def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[float]:
-    """Return breaks, in steps from the first of some samples: known ones, and those places that lie a few samples from
-    others. What functions do at the rest is part of the errors of figures.
-    """
-    found = list(known)
-    for x in places:
-        inside = SPACED < x < samples - 1 - SPACED
-        if inside and all(abs(x - other) >= SPACED for other in found):
-            # a sample at a break may be that of either side, or of none: it stands alone
-            found += [round(x) - AT, round(x) + AT] if abs(x - round(x)) < AT else [x]
-    return sorted(found)
-
-
 def integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
     """Return the integrals (n,) of y (T, n) and their errors, see ``integrate``."""
     return _summed(integrate, times, y, breaks)
@@ -275,6 +261,9 @@ def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
         rough = _roughness(y[piece])
         if piece.stop - piece.start == 1:
             found += 0.5 * h * (low**2 + high**2) * _steps_beside(y, piece)
+            if low + high < 3.0 * AT:  # of a sample at a break it is not known of which side it is
+                sides = np.abs(np.diff(y[max(piece.start - 1, 0) : piece.stop + 1], axis=0))
+                found += h * (low + high) * sides.sum(axis=0)
         found += h * rough.sum(axis=0) * INTEGRAL
         # a jump in the first or the last interval appears in one difference alone
         found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
@@ -326,6 +315,9 @@ def _anywhere(found: Extreme, y: Array, near: Array) -> Extreme:
     rivals = y + near >= found.value - error
     places = np.arange(len(y), dtype=float)[:, None]
     away = np.where(rivals & (near > 0.0), np.abs(places - found.at) + 1.0, 0.0).max(axis=0)
+    # of samples that differ by rounding it decides which one is the largest
+    equal = y >= found.value - ROUNDED * np.abs(found.value)
+    away = np.maximum(away, np.where(equal, np.abs(places - found.at), 0.0).max(axis=0))
     return dataclasses.replace(found, error=error, time_error=np.maximum(found.time_error, away))
 
 

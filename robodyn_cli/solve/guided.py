@@ -18,6 +18,7 @@ from robodyn_cli.spatial.algebra import Array
 MISS = 0.08  # rad, or part of the mechanism's size, by which extrapolation may miss before the branch could change
 SINGULAR = 1e-8  # smallest over largest singular value of J
 SAME = 1e-9  # relative residual below which conditions agree
+CLOSED = 1e-12  # rad, or part of the mechanism's size: a shorter step of Newton's method is the last one
 ITERATIONS = 12
 HALVINGS = 40
 
@@ -100,7 +101,7 @@ class Guide:
             if not new < size and size < SAME:
                 break
             q, F, J, moved = trial, F_new, J_new, moved + step
-            done = float(np.abs(step).max(initial=0.0)) < 1e-12
+            done = float(np.abs(step).max(initial=0.0)) < CLOSED
             size = new
             if done:
                 break

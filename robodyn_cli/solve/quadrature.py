@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -21,6 +21,9 @@ from robodyn_cli.spatial.algebra import Array
 
 POINTS = 6
 Breaks = Sequence[float]
+SPACED = 3  # samples between breaks, at least
+AT = 1e-9  # samples from a break that a sample is at
+BESIDE = 1e-15  # of its place: as near to that sample pieces end
 
 
 def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
@@ -69,6 +72,25 @@ def pieces(samples: int, breaks: Breaks) -> Iterator[tuple[slice, float, float]]
         low = first - inside[k - 1] if k else 0.0
         high = inside[k] - (end - 1) if k < len(inside) else 0.0
         yield slice(first, end), low, high
+
+
+def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[float]:
+    """Return breaks, in steps from the first of some samples: known ones, and those places that lie a few samples from
+    others. What functions do at the rest is part of the errors of figures.
+    """
+    found = list(known)
+    for x in places:
+        inside = SPACED < x < samples - 1 - SPACED
+        if inside and all(abs(x - other) >= SPACED for other in found):
+            # a sample at a break may be that of either side, or of none: it stands alone
+            found += [round(x) * (1.0 - BESIDE), round(x) * (1.0 + BESIDE)] if abs(x - round(x)) < AT else [x]
+    return sorted(found)
+
+
+def breaks_at(times: Array, instants: Iterable[float]) -> list[float]:
+    """Return breaks from the times [s] of what makes functions jump, for samples at times (T,), see ``spaced``."""
+    places = np.interp(list(instants), times, np.arange(float(len(times))), left=-1.0, right=-1.0)
+    return spaced(places.tolist(), len(times))
 
 
 def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:

@@ -26,34 +26,56 @@ class CriterionTimes:
     """When each criterion fired, whichever was chosen."""
 
     chosen: str = fact("the criterion that stops the run")
-    dead_point: float | None = fact("when a dead point was met", "s")
-    multipliers: float | None = fact("when the multipliers had grown", "s")
+    dead_point: float | None = fact("when a dead point was met", "s", errors=("lock.time_error",))
+    multipliers: float | None = fact("when the multipliers had grown", "s", errors=("criteria.grid",))
     growth_times: dict[str, float | None] = fact(
-        "when the multipliers had grown by each factor", "s", names=FACTOR
+        "when the multipliers had grown by each factor", "s", names=FACTOR, errors=("criteria.grid",)
     )
-    limit_time: float | None = fact("when the multipliers exceeded the limit", "s")
+    limit_time: float | None = fact("when the multipliers exceeded the limit", "s", errors=("criteria.grid",))
     grid: float = fact("interval at which the multipliers are judged", "s")
     latch: float | Absent | None = fact(
-        "when the latch came to its position, for that criterion", "s", default=ABSENT
-    )
+        "when the latch came to its position, for that criterion",
+        "s", errors=("lock.time_error",), default=ABSENT,
+    )  # fmt: skip
 
 
 @record
 class MultiplierGrowth:
     """Growth of the multipliers over their running median."""
 
-    largest_ratio: float = fact("largest ratio to the running median over the whole scan")
-    times: dict[str, float | None] = fact("when each factor was passed", "s", names=FACTOR)
+    largest_ratio: float | None = fact(
+        "largest ratio to the running median over the whole scan; `null` where the multipliers diverge",
+        errors=("lock.multiplier_growth.ratio_error",),
+    )
+    ratio_error: float | Absent | None = fact("error of this ratio", default=ABSENT)
+    times: dict[str, float | None] = fact(
+        "when each factor was passed", "s", names=FACTOR, errors=("criteria.grid",)
+    )
     median_grid: float = fact("interval of the samples of the median", "s")
+
+
+@record
+class NormErrors:
+    """Errors of norms of multipliers; left out where none was asked for."""
+
+    start: float | Absent | None = fact("of the norm at the start", NORM, default=ABSENT)
+    at_lock: float | Absent | None = fact("of the norm at the lock", NORM, default=ABSENT)
+    largest_until_lock: float | Absent | None = fact("of the largest norm", NORM, default=ABSENT)
 
 
 @record
 class MultiplierKeys:
     """Norm of the loops' multipliers along the run."""
 
-    start: float = fact("norm at the start", NORM)
-    at_lock: float = fact("norm at the lock", NORM)
-    largest_until_lock: float = fact("largest norm until the lock", NORM)
+    start: float = fact("norm at the start", NORM, errors=(".errors.start",))
+    at_lock: float | None = fact(
+        "norm at the lock; `null` where the multipliers diverge", NORM, errors=(".errors.at_lock",)
+    )
+    largest_until_lock: float | None = fact(
+        "largest norm until the lock; `null` where the multipliers diverge",
+        NORM, errors=(".errors.largest_until_lock",),
+    )  # fmt: skip
+    errors: NormErrors = fact("errors of these norms")
     rows: list[str] = fact("the rows")
     diverge: bool = fact("whether they diverge: a motion is driven into a dead point")
 
@@ -62,21 +84,60 @@ class MultiplierKeys:
 class SingularValues:
     """Singular values at the lock, largest first."""
 
-    psi: list[float] = fact("of the constraint Jacobian Psi; its entries are in SI units")
-    passive: list[float] = fact("of its block of passive coordinates; entries in SI units")
+    psi: list[float] = fact(
+        "of the constraint Jacobian Psi; its entries are in SI units",
+        errors=("lock.singular_values.psi_error",),
+    )
+    passive: list[float] = fact(
+        "of its block of passive coordinates; entries in SI units",
+        errors=("lock.singular_values.passive_error",),
+    )
+    psi_error: float | Absent | None = fact("largest error of those of Psi", default=ABSENT)
+    passive_error: float | Absent | None = fact("largest error of those of the block", default=ABSENT)
+
+
+@record
+class ImpactErrors:
+    """Errors of what the latch does; left out where none was asked for."""
+
+    rates: float | Absent | None = fact("largest of any rate", RATE, default=ABSENT)
+    impulse: float | Absent | None = fact("largest of any row's impulse", "N s or N m s", default=ABSENT)
+    angular_impulse: float | Absent | None = fact("of the angular impulse", "N m s", default=ABSENT)
+    linear_impulse: float | Absent | None = fact("of the linear impulse", "N s", default=ABSENT)
+    energy_lost: float | Absent | None = fact("of the energy", "J", default=ABSENT)
 
 
 @record
 class LatchKeys:
     """What the latch does at the instant it closes."""
 
-    rates_before: dict[str, float] = fact("rates before it has closed", RATE)
-    rates_after: dict[str, float] = fact("rates after it has closed", RATE)
-    impulse: dict[str, float] = fact("of each constraint row", "N s or N m s", names=ROW)
-    angular_impulse: float = fact("of the latch on the second link", "N m s")
-    angular_impulse_vector: list[float] = fact("of the latch on the second link, base axes", "N m s")
-    linear_impulse: float = fact("of the latch on the second link", "N s")
-    energy_lost: float = fact("that the impact cost", "J")
+    rates_before: dict[str, float] = fact(
+        "rates before it has closed", RATE, errors=("lock.latch.errors.rates",)
+    )
+    rates_after: dict[str, float] = fact(
+        "rates after it has closed", RATE, errors=("lock.latch.errors.rates",)
+    )
+    impulse: dict[str, float] = fact(
+        "of each constraint row", "N s or N m s", names=ROW, errors=("lock.latch.errors.impulse",)
+    )
+    angular_impulse: float = fact(
+        "of the latch on the second link", "N m s", errors=(".errors.angular_impulse",)
+    )
+    angular_impulse_vector: list[float] = fact(
+        "of the latch on the second link, base axes", "N m s", errors=("lock.latch.errors.angular_impulse",)
+    )
+    linear_impulse: float = fact("of the latch on the second link", "N s", errors=(".errors.linear_impulse",))
+    energy_lost: float = fact("that the impact cost", "J", errors=(".errors.energy_lost",))
+    errors: ImpactErrors = fact("errors of these figures")
+
+
+@record
+class LockErrors:
+    """Errors of the pose and the rates at the lock; left out where none was asked for."""
+
+    angles: float | Absent | None = fact("largest of any position", OWN, default=ABSENT)
+    angles_deg: float | Absent | None = fact("largest of any angle", "deg", default=ABSENT)
+    rates: float | Absent | None = fact("largest of any rate", RATE, default=ABSENT)
 
 
 @record
@@ -86,9 +147,12 @@ class LockKeys:
     time: float = fact("time of the lock", "s", errors=("lock.time_error",))
     time_error: float | None = fact("estimated error of the time", "s")
     time_error_method: str = fact("how the error was estimated, in words")
-    angles: dict[str, float] = fact("positions at the lock", OWN)
-    angles_deg: dict[str, float] = fact("angles at the lock", "deg")
-    rates: dict[str, float] | None = fact("rates at the lock; `null` where a motion is driven into it", RATE)
+    angles: dict[str, float] = fact("positions at the lock", OWN, errors=("lock.errors.angles",))
+    angles_deg: dict[str, float] = fact("angles at the lock", "deg", errors=("lock.errors.angles_deg",))
+    rates: dict[str, float] | None = fact(
+        "rates at the lock; `null` where a motion is driven into it", RATE, errors=("lock.errors.rates",)
+    )
+    errors: LockErrors = fact("errors of positions and rates")
     kind: str = fact(
         "`dead_point`; `approaching_dead_point` if the multipliers fired on the way to one; `latched`; `overload`"
     )
@@ -97,7 +161,9 @@ class LockKeys:
     criterion: str = fact("which criterion stopped the run")
     driven: bool = fact("whether a prescribed motion ran into the dead point")
     multiplier_growth: MultiplierGrowth | None = fact("growth of the multipliers")
-    growth_times: dict[str, float | None] = fact("when each factor of growth was passed", "s", names=FACTOR)
+    growth_times: dict[str, float | None] = fact(
+        "when each factor of growth was passed", "s", names=FACTOR, errors=("criteria.grid",)
+    )
     multipliers: MultiplierKeys | None = fact("norm of the loops' multipliers")
     singular_values: SingularValues | None = fact("at the lock")
     latch: LatchKeys | Absent | None = fact("what the latch does when it closes", default=ABSENT)
@@ -106,12 +172,14 @@ class LockKeys:
 
 @record
 class LatchErrors:
-    """Errors of the largest loads of a latch that are due to the samples: of what lies between them."""
+    """Errors of the loads of a latch, that of the motion and of what lies between the samples."""
 
     peak_force: float = fact("of the largest force", "N")
     peak_force_time: float = fact("of its time", "s")
     peak_moment: float = fact("of the largest moment", "N m")
     peak_moment_time: float = fact("of its time", "s")
+    force_at_end: float | Absent | None = fact("of the force at the end", "N", default=ABSENT)
+    moment_at_end: float | Absent | None = fact("of the moment at the end", "N m", default=ABSENT)
 
 
 @record
@@ -120,10 +188,10 @@ class LatchLoad:
 
     peak_force: float = fact("largest force", "N", errors=(".errors.peak_force",))
     peak_force_time: float = fact("when the force is largest", "s", errors=(".errors.peak_force_time",))
-    force_at_end: float = fact("force at the end", "N")
+    force_at_end: float = fact("force at the end", "N", errors=(".errors.force_at_end",))
     peak_moment: float = fact("largest moment", "N m", errors=(".errors.peak_moment",))
     peak_moment_time: float = fact("when the moment is largest", "s", errors=(".errors.peak_moment_time",))
-    moment_at_end: float = fact("moment at the end", "N m")
+    moment_at_end: float = fact("moment at the end", "N m", errors=(".errors.moment_at_end",))
     errors: LatchErrors = fact("errors of these figures")
 
 
@@ -136,9 +204,13 @@ class AfterLock:
     closure: str = fact("name of the latch as a closure")
     samples: int = fact("number of samples after the lock")
     until: float = fact("end of this motion", "s")
-    error_estimate: MotionErrors | Absent | None = fact("errors of this motion", default=ABSENT)
-    energy_drift: float | Absent = fact("largest error of the energy balance", "J", default=ABSENT)
-    constraint_residual: LoopResidual | Absent = fact("of the loops and the latch", default=ABSENT)
+    error_estimate: MotionErrors | Absent | None = fact("errors of this motion", errors=None, default=ABSENT)
+    energy_drift: float | Absent = fact(
+        "largest error of the energy balance", "J", errors=None, default=ABSENT
+    )
+    constraint_residual: LoopResidual | Absent = fact(
+        "of the loops and the latch", errors=None, default=ABSENT
+    )
     latch: LatchLoad | Absent = fact("load of the latch", default=ABSENT)
     largest: dict[str, PeakLoad] | Absent = fact(
         "load of each joint, closure and the base", names=(JOINT, LOOP, "base_wrench"), default=ABSENT
@@ -148,14 +220,15 @@ class AfterLock:
 
 @record
 class Overload:
-    """The first sample at which a joint or closure bore more than it may."""
+    """The first time at which a joint or closure bore more than it may."""
 
     name: str = fact("the joint or closure")
     quantity: str = fact("`force` or `moment`")
     limit: float = fact("what it may bear", "N or N m")
-    time: float = fact("when it first bore more", "s")
-    value: float = fact("what it bore then", "N or N m")
-    largest: float = fact("the largest that it bore", "N or N m")
+    time: float = fact("of the first sample at which it bore more", "s", errors=(".time_error",))
+    time_error: float = fact("time since the sample before", "s")
+    largest: float = fact("the largest that it bore", "N or N m", errors=(".largest_error",))
+    largest_error: float = fact("error of the largest load", "N or N m")
 
 
 @record

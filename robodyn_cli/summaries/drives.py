@@ -12,7 +12,7 @@ LIMITS = ("peak", "continuous", "winding", "gear_peak", "gear_rated", "gear_spee
 
 @record
 class SideErrors:
-    """Errors of the figures of one side of a gear that are due to the samples: of what lies between them."""
+    """Errors of the figures of one side of a gear: of what lies between the samples, and of an integrated motion."""
 
     peak_torque: float = fact("of the largest torque", LOAD)
     peak_torque_time: float = fact("of its time", "s")
@@ -64,7 +64,7 @@ class Shaft(Side):
 
 @record
 class ElectricalErrors:
-    """Errors of the electrical figures that are due to the samples."""
+    """Errors of the electrical figures: of what lies between the samples, and of an integrated motion."""
 
     peak_current: float = fact("of the largest current", "A")
     rms_current: float = fact("of the RMS current", "A")
@@ -93,7 +93,7 @@ class WindingTemperatures:
     after_one_cycle: float = fact(
         "after a first cycle that begins at the surroundings' temperature", "degC", errors=(".error",)
     )
-    error: float = fact("error of these that is due to the samples", "K")
+    error: float = fact("error of these: of what lies between the samples, and of an integrated motion", "K")
 
 
 @record
@@ -101,7 +101,9 @@ class UsedLimit:
     """How much of a limit is used."""
 
     use: float = fact("part of the limit that is used; 1: all of it", errors=(".use_error",))
-    use_error: float = fact("error of this part that is due to the samples")
+    use_error: float = fact(
+        "error of this part: of what lies between the samples, and of an integrated motion"
+    )
     time: float | Absent = fact(
         "when most of it is used, where that is an instant", "s", errors=(".time_error",)
     )
@@ -110,7 +112,7 @@ class UsedLimit:
 
 @record
 class DriveErrors:
-    """Errors of the figures of a drive that are due to the samples."""
+    """Errors of the figures of a drive: of what lies between the samples, and of an integrated motion."""
 
     margin: float = fact("of the margin")
     time: float | Absent = fact("of the time when the limit decides", "s")
@@ -169,7 +171,7 @@ class DriveKeys:
 
 @record
 class TrackingErrors:
-    """Errors of the figures of a tracking error that are due to the samples: of what lies between them."""
+    """Errors of the figures of a tracking error: of the motion, and of what lies between the samples."""
 
     peak: float = fact("of the largest magnitude", OWN)
     at: float = fact("of its time", "s")
@@ -193,7 +195,7 @@ class DrivenWork:
 
     driving: float = fact("work while they drive", "J", errors=(".error",))
     braking: float = fact("work while they brake", "J", errors=(".error",))
-    error: float = fact("error of these, due to the samples", "J")
+    error: float = fact("error of these: of the motion, and of what lies between the samples", "J")
 
 
 @record

@@ -61,6 +61,7 @@ class Fact:
     names: tuple[str, ...]
     errors: tuple[str, ...]
     column: str
+    about_run: bool = False
 
 
 def fact(
@@ -68,7 +69,7 @@ def fact(
     unit: str | UnitOf = "1",
     *,
     names: str | tuple[str, ...] = JOINT,
-    errors: tuple[str, ...] = (),
+    errors: tuple[str, ...] | None = (),
     column: str = "",
     default: Any = REQUIRED,
 ) -> Any:
@@ -82,11 +83,14 @@ def fact(
     names : of a map, what its keys are: kinds of names in capitals (``JOINT``), and words as they are.
     errors : keys of the same summary that state its error, of which the largest counts; a word in capitals stands for a
         name that was passed on the way (``drives.JOINT.errors.margin``), a dot in front: a key beside it (``.error``).
+        None of what says how well or how long a run went, and not what the mechanism does, as all below it: residuals,
+        estimated errors, steps, times on the clock. They have no error, and move with samples and tolerances.
     column : heading in the table of main figures; without one it is not in it.
     default : value where the maker of the record gives none.
     """
     kinds = (names,) if isinstance(names, str) else names
-    return dataclasses.field(default=default, metadata={"fact": Fact(doc, unit, kinds, errors, column)})
+    own = Fact(doc, unit, kinds, errors or (), column, errors is None)
+    return dataclasses.field(default=default, metadata={"fact": own})
 
 
 def key_of(field: str) -> str:
@@ -110,7 +114,7 @@ class Termination:
     """Why a run ended, and when."""
 
     reason: str = fact("why the run ended, in words")
-    time: float = fact("when it ended", "s")
+    time: float = fact("when it ended", "s", errors=("lock.time_error",))
 
 
 @record
@@ -181,6 +185,7 @@ class EveryRun:
         "time by stage (`load`, `equations`, `compile`, `integrate`, `write`, `plots`, ...), and `total`",
         "s",
         names=ANY,
+        errors=None,
     )
     scene_file: str = fact("where the scene lies")
     run_id: str = fact("of this run, the same as the attribute of `result.h5`")

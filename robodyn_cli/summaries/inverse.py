@@ -109,9 +109,15 @@ class FastestFigures:
 
     duration: float = fact("the least time", "s", errors=("fastest.duration_error",))
     duration_error: float = fact("change of the duration between the last two grids, continued", "s")
-    largest_use: float = fact("of a limit at the samples; 1 on it")
+    largest_use: float = fact(
+        "check of the limits: how much of any the samples use at most; 1 on it", errors=None
+    )
     binding: dict[str, float] = fact(
-        "part of the time during which each limit binds, by joint and kind of limit", names=LIMIT
+        "part of the time during which each limit binds, by joint and kind of limit",
+        names=LIMIT, errors=("fastest.binding_error",),
+    )  # fmt: skip
+    binding_error: float = fact(
+        "largest error of these parts: of where between two samples another limit begins to bind"
     )
     intervals: int = fact("of the path")
 
@@ -128,15 +134,18 @@ class InverseSummary:
     mechanism: LoadedMechanism | Absent = fact("with loops")
     fastest: FastestFigures | Absent = fact("of a path in the least time")
     inverse_kinematics: str | Absent = fact("`analytic` or `newton`, where a point is led")
-    ik_residual: float | Absent = fact("largest distance of the led point from its target", "m")
+    ik_residual: float | Absent = fact("largest distance of the led point from its target", "m", errors=None)
     attitude_residual: float | Absent = fact(
-        "of a path with attitudes: largest angle by which the led frame is turned against its target", "rad"
+        "of a path with attitudes: largest angle by which the led frame is turned against its target",
+        "rad",
+        errors=None,
     )
-    error_estimate: InverseErrors = fact("errors of the figures")
+    error_estimate: InverseErrors = fact("errors of the figures", errors=None)
     round_trip: float | None = fact(
-        "forward dynamics under the computed torques less the accelerations asked for, relative"
+        "forward dynamics under the computed torques less the accelerations asked for, relative",
+        errors=None,
     )
-    constraint_residual: LoopResidual | Absent = fact("with loops")
+    constraint_residual: LoopResidual | Absent = fact("with loops", errors=None)
     joints: dict[str, JointFigures] = fact("of each joint with an actuator")
     definitions: dict[str, str] = fact("what the figures and their errors are, in words", names=ANY)
     counters: dict[str, int] = fact(

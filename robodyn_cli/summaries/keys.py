@@ -107,7 +107,10 @@ def _leaf(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:
     if get_origin(kind) is dict:
         return _in_map(inner[1], fact, steps)
     fields = fields_at(kind) if dataclasses.is_dataclass(kind) else {}  # type: ignore[arg-type]
-    return _leaf(*fields[steps[0]], steps[1:]) if steps[0] in fields else None
+    leaf = _leaf(*fields[steps[0]], steps[1:]) if steps[0] in fields else None
+    if leaf is not None and fact.about_run:
+        return dataclasses.replace(leaf, fact=dataclasses.replace(leaf.fact, about_run=True))
+    return leaf
 
 
 def _in_map(kind: Any, fact: Fact, steps: Sequence[str]) -> Leaf | None:

@@ -50,7 +50,7 @@ class ClosedBranch:
     )
     orientation: int | None = fact("sign of the determinant")
     singular_ratio: float = fact("smallest over largest singular value of that block")
-    residual: float = fact("largest residual of the loops", "m or rad")
+    residual: float = fact("largest residual of the loops", "m or rad", errors=None)
     chosen: bool = fact("whether it is the configuration of the result")
 
 
@@ -78,8 +78,10 @@ class AssembleSummary:
     accelerations: dict[str, float] = fact("of least norm", ACCELERATION)
     held: list[str] = fact("joints that stayed")
     solved: list[str] = fact("joints that closed the loops")
-    residual: LoopResidual = fact("what the loops lack")
-    residual_by_loop: dict[str, float] = fact("largest residual of positions", "m or rad", names=LOOP)
+    residual: LoopResidual = fact("what the loops lack", errors=None)
+    residual_by_loop: dict[str, float] = fact(
+        "largest residual of positions", "m or rad", names=LOOP, errors=None
+    )
     redundant_rows: list[str] = fact("rows that follow from others")
     mobility: Mobility = fact("degrees of freedom")
     branches: list[ClosedBranch] | Absent = fact("the ways in which the loops close, where asked for")
@@ -194,7 +196,7 @@ class KinematicsSummary:
     points: dict[str, PointPath] = fact("of each named point", names=POINT)
     singular_ratio: SingularRatio | Absent = fact("with loops")
     transmission_angle: TransmissionAngle | Absent = fact("where three points are named")
-    error_estimate: ClosureErrors | Absent = fact("with loops")
+    error_estimate: ClosureErrors | Absent = fact("with loops", errors=None)
     counters: dict[str, int] = fact(
         "`iterations` and `steps` of Newton's method along the motion; `ik_iterations` and `ik_steps` for a led point",
         names=("iterations", "steps", "ik_iterations", "ik_steps"),
@@ -209,7 +211,7 @@ class ReachedBranch:
     configuration: dict[str, float] = fact("joint positions", OWN)
     reached: bool = fact("whether it reaches the pose")
     within_limits: bool = fact("whether all joints are within their limits")
-    error: float = fact("the larger of distance and angle to the pose", "m or rad")
+    error: float = fact("the larger of distance and angle to the pose", "m or rad", errors=None)
     chosen: bool = fact("whether it is the configuration of the result")
 
 
@@ -225,7 +227,7 @@ class ReachSummary:
     units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
     branch: str | Absent = fact("name of their branch, with a closed form")
     error: float = fact(
-        "the larger of distance and angle to the pose, and of what the loops lack", "m or rad"
+        "the larger of distance and angle to the pose, and of what the loops lack", "m or rad", errors=None
     )
     freedom: int = fact("how many freedoms the pose leaves in general")
     singular_ratio: float = fact(
@@ -244,7 +246,7 @@ class Balanced:
         "eigenvalues of the reduced stiffness; real and imaginary parts where some are complex",
         "N m/rad or N/m",
     )
-    residual: float = fact("force that is left", LOAD)
+    residual: float = fact("force that is left", LOAD, errors=None)
     iterations: int = fact("of the search")
     holding: dict[str, float] | Absent = fact(
         "torques that keep joints in `initial.hold` and prescribed ones where they are, beside those of the scene: the "
@@ -260,7 +262,7 @@ class Held:
     actuated: list[str] = fact("joints that hold it")
     torques: str = fact("`unique`, or of least norm and why")
     multipliers: str = fact("`unique`, or of least norm and why")
-    residual: float = fact("force that is left", LOAD)
+    residual: float = fact("force that is left", LOAD, errors=None)
 
 
 @record
@@ -278,7 +280,7 @@ class StaticsSummary:
     mobility: Mobility | Absent = fact("degrees of freedom, with loops")
     warnings: list[str] | Absent = fact("joints beyond their limits; printed too")
     multipliers: dict[str, float] | Absent = fact("of the loops' rows", "N or N m", names=ROW)
-    constraint_residual: LoopResidual | Absent = fact("with loops")
+    constraint_residual: LoopResidual | Absent = fact("with loops", errors=None)
     samples: int = fact("number of samples: 1")
     find: str = fact("what was asked for: `balance` or `hold`")
     configuration: dict[str, float] = fact("joint positions", OWN, column="position")
@@ -287,7 +289,7 @@ class StaticsSummary:
         "torques of actuators, and what holds joints in place", LOAD, column="torque"
     )
     equilibrium: Balanced | Held = fact("of a balance, or of a configuration that is held")
-    error_estimate: ForceResidual = fact("what is out of balance")
+    error_estimate: ForceResidual = fact("what is out of balance", errors=None)
     reactions: PeakLoads | Absent = fact("loads of joints and closures, where asked for")
 
 

@@ -145,18 +145,30 @@ class MethodKeys:
 class PayloadFacts:
     """What happened to a payload; nothing of one that was neither gripped nor released."""
 
-    gripped: float | Absent = fact("when it was gripped", "s", default=ABSENT)
-    energy_lost: float | Absent = fact("in the impact of gripping it", "J", default=ABSENT)
-    released: float | Absent = fact("when it was released", "s", default=ABSENT)
+    gripped: float | Absent = fact("when it was gripped", "s", errors=(".gripped_error",), default=ABSENT)
+    energy_lost: float | Absent = fact(
+        "in the impact of gripping it", "J", errors=(".energy_lost_error",), default=ABSENT
+    )
+    released: float | Absent = fact("when it was released", "s", errors=(".released_error",), default=ABSENT)
+    gripped_error: float | Absent | None = fact("error of the time when it was gripped", "s", default=ABSENT)
+    energy_lost_error: float | Absent | None = fact("error of the energy lost", "J", default=ABSENT)
+    released_error: float | Absent | None = fact(
+        "error of the time when it was released", "s", default=ABSENT
+    )
 
 
 @record
 class FinalState:
     """The last state of a run."""
 
-    time: float = fact("of the last state", "s")
-    q: dict[str, float] = fact("position at the end", OWN, errors=("error_estimate.q_end",), column="q")
-    qd: dict[str, float] = fact("rate at the end", RATE, errors=("error_estimate.qd_end",), column="qd")
+    time: float = fact("of the last state", "s", errors=("lock.time_error",))
+    q: dict[str, float] = fact(
+        "position at the end", OWN, errors=("error_estimate.q_end", "lock.errors.angles"), column="q"
+    )
+    qd: dict[str, float] = fact(
+        "rate at the end; of none where a motion is driven into a dead point",
+        RATE, errors=("error_estimate.qd_end", "lock.errors.rates"), column="qd",
+    )  # fmt: skip
 
 
 @record
@@ -168,14 +180,16 @@ class MotionSummary:
     )
     integrator: str = fact("the method")
     integrator_reason: str = fact("why it was chosen")
-    tolerances: Accuracy = fact("what the accuracy was asked by")
+    tolerances: Accuracy = fact("what the accuracy was asked by", errors=None)
     samples: int = fact("number of samples")
-    error_estimate: MotionErrors | None = fact("errors of the motion; `null` where it was not asked for")
-    energy_drift: float = fact("largest error of the energy balance", "J")
-    energy_drift_relative: float = fact("the energy drift over the energy exchanged")
+    error_estimate: MotionErrors | None = fact(
+        "errors of the motion; `null` where it was not asked for", errors=None
+    )
+    energy_drift: float = fact("largest error of the energy balance", "J", errors=None)
+    energy_drift_relative: float = fact("the energy drift over the energy exchanged", errors=None)
     energy_balance: str = fact("what the energy balance is of")
-    constraint_residual: LoopResidual | Absent = fact("with loops")
-    assembly: Assembly | Absent = fact("closing the loops at t = 0")
+    constraint_residual: LoopResidual | Absent = fact("with loops", errors=None)
+    assembly: Assembly | Absent = fact("closing the loops at t = 0", errors=None)
     repartitions: int | Absent = fact(
         "with `stabilisation: independent`: how often other coordinates were chosen"
     )
@@ -186,8 +200,10 @@ class MotionSummary:
         "doubts about the run, printed too: loops that have closed in a dead point of the input; a second integration "
         "that failed, so that the error is not known; absent without any"
     )
-    baumgarte: Gains | Absent = fact("where `stabilisation: baumgarte` left the gains to the run")
-    switches: list[MethodKeys] | Absent = fact("changes of the method on the way, if any")
+    baumgarte: Gains | Absent = fact(
+        "where `stabilisation: baumgarte` left the gains to the run", errors=None
+    )
+    switches: list[MethodKeys] | Absent = fact("changes of the method on the way, if any", errors=None)
     transitions: dict[str, int] | Absent = fact(
         "of joints with set-valued friction or rigid stops, counted",
         names=("stick", "slip", "impact", "contact", "release"), default=ABSENT,
@@ -195,7 +211,10 @@ class MotionSummary:
     payloads: dict[str, PayloadFacts] | Absent = fact("that come or go", names=PAYLOAD, default=ABSENT)
     passed: list[float] | Absent = fact(
         "with `singular: pass`: times of the singular configurations that were stepped over",
-        "s",
-        default=ABSENT,
-    )
+        "s", errors=("passed_error",), default=ABSENT,
+    )  # fmt: skip
+    passed_error: float | Absent | None = fact(
+        "largest error of these times; `null` where the second integration met another number of them",
+        "s", default=ABSENT,
+    )  # fmt: skip
     final: FinalState | Absent = fact("last state of a simulated motion", default=ABSENT)

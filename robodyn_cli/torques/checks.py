@@ -20,9 +20,8 @@ from robodyn_cli.solve.extremes import (
     largest_magnitude,
     positive_integral,
     root_mean_square,
-    spaced,
 )
-from robodyn_cli.solve.quadrature import integrate
+from robodyn_cli.solve.quadrature import integrate, spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual
 from robodyn_cli.summaries.inverse import InverseErrors, JointErrors, JointFigures

@@ -24,7 +24,9 @@ from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.results.result import Result, units_of
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest, spaced
+from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest
+from robodyn_cli.solve.guided import CLOSED
+from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import (
@@ -202,7 +204,7 @@ def summarise(
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
         warnings=_beyond_limits(problem, planned) or ABSENT,
-        joints=_joint_ranges(result, breaks),
+        joints=_joint_ranges(result, breaks, CLOSED if planned.residuals else 0.0),
         points=_point_paths(result, breaks),
         singular_ratio=_singular_ratio(result, breaks),
         transmission_angle=_transmission(result, breaks),
@@ -211,7 +213,8 @@ def summarise(
     )
 
 
-def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRange]:
+def _joint_ranges(result: Result, breaks: Sequence[float], closed: float) -> dict[str, JointRange]:
+    """Return where joints go, and how fast; closed : how far positions may be off at the samples [rad or m]."""
     ranges, positions = {}, result.variables["q"].names
     q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
     low, high = (extreme(result.time, q, breaks) for extreme in (smallest, largest))
@@ -222,8 +225,8 @@ def _joint_ranges(result: Result, breaks: Sequence[float]) -> dict[str, JointRan
         # quasi-velocities are the rates of no position
         at = positions.index(name) if name in positions else None
         errors = RangeErrors(
-            smallest=None if at is None else float(low.error[at]),
-            largest=None if at is None else float(high.error[at]),
+            smallest=None if at is None else float(low.error[at]) + closed,
+            largest=None if at is None else float(high.error[at]) + closed,
             peak_speed=float(speed.error[k]),
             peak_acceleration=float(acceleration.error[k]),
         )

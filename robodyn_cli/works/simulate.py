@@ -9,7 +9,7 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
+from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
@@ -22,7 +22,6 @@ from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.going_on import Journal
-from robodyn_cli.summaries.motion import MotionErrors
 
 
 def simulate(
@@ -131,14 +130,14 @@ def _take_up(run: Run, journal: Journal) -> None:
         watcher.recall(noted)
 
 
-def _estimate(run: Run, progress: Progress) -> MotionErrors:
+def _estimate(run: Run, progress: Progress) -> Estimate:
     """Return the error of the run just made."""
     duration = run.motion.scene.simulate.duration
     first = FirstRun.of(run.driver, run.beginning, grid_of(run.motion.scene, run.beginning), run.recorder)
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 
-def _report(run: Run, judgement: Judgement, estimate: MotionErrors | None, watch: Stopwatch) -> Result:
+def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:
     """Return the result with its summary.
 
     Raises
@@ -156,6 +155,9 @@ def _report(run: Run, judgement: Judgement, estimate: MotionErrors | None, watch
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            records = with_drives(records, result, run.motion.scene, run.motion.problem)
+            again = None
+            if estimate is not None and estimate.recorder is not None:
+                again = (estimate.recorder, estimate.factor)
+            records = with_drives(records, result, run.motion.scene, run.motion.problem, again=again)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

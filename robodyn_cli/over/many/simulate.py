@@ -14,7 +14,7 @@ from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
 from robodyn_cli.motion.build import build_motion
-from robodyn_cli.motion.error import First, Masks, time_errors
+from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.groups import first_of
@@ -27,6 +27,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import has_full_rank
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment, deploy
 from robodyn_cli.works.deploy.lock import TRUSTED
@@ -225,15 +226,19 @@ class Deploy(MotionCommand):
         if not motion.scene.simulate.error_estimate:
             return Driven(runs, trusted)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
+        apart = np.full_like(runs.y, np.nan)
         if len(rows := np.flatnonzero(trusted)):
             time = runs.time[rows]
             first = First(batch.options, method, runs.steps[rows], time)
             second, done = second_runs(batch.part(rows), first, locked)
             pace = time / np.maximum(second.time, 1e-300)
-            new_errors = time_errors(first, np.abs(second.time - time), np.rint(second.steps * pace), time)
+            paced = np.rint(second.steps * pace)
+            new_errors = time_errors(first, np.abs(second.time - time), paced, time)
             errors[rows], steps[rows] = new_errors, second.steps
+            scale = remainder(first, paced)[:, None]
+            apart[rows] = scale * np.abs(second.y - runs.y[rows]) + ROUNDED * np.abs(runs.y[rows])
             trusted[rows] = done & (new_errors <= TRUSTED * time)
-        return Driven(runs, trusted, time_errors=errors, second_steps=steps)
+        return Driven(runs, trusted, errors=apart, time_errors=errors, second_steps=steps)
 
     @staticmethod
     def _is_regular(batch: RunBatch, q: Array, columns: tuple[int, ...]) -> Masks:
@@ -250,7 +255,9 @@ class Deploy(MotionCommand):
         return column_of(result, "q" if group == "angles" else "qd", name, rows)
 
     def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
-        return result.time_error[rows] if key == LOCK_TIME else math.nan
+        if key in (LOCK_TIME, LOCK_ERROR):
+            return result.time_error[rows] if key == LOCK_TIME else math.nan
+        return _largest_error(result, "q" if key.startswith("lock.angles.") else "qd", rows)
 
     def single(self, scene: Scene) -> Result:
         return deploy(scene)
@@ -260,10 +267,11 @@ class Deploy(MotionCommand):
             number_of(summary, LOCK_TIME),
             number_of(summary, LOCK_ERROR),
         )
-        for group, names, target in (
-            ("angles", result.q_names, result.q),
-            ("rates", result.qd_names, result.qd),
+        for group, names, target, errors in (
+            ("angles", result.q_names, result.q, result.q_error),
+            ("rates", result.qd_names, result.qd, result.qd_error),
         ):
             target[row] = [number_of(summary, f"lock.{group}.{name}") for name in names]
+            errors[row] = number_of(summary, f"lock.errors.{group}")
         steps = number_of(summary, "counters.steps")
         result.steps[row] = 0 if math.isnan(steps) else int(steps)

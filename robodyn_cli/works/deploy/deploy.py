@@ -5,10 +5,12 @@ from __future__ import annotations
 import dataclasses
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import FirstRun, estimate_error, grid_of
+from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, motion_records, motion_warnings, redundant_rows
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
@@ -19,14 +21,16 @@ from robodyn_cli.record import record
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
 from robodyn_cli.summaries.facts import ABSENT, Absent
-from robodyn_cli.summaries.motion import MotionErrors
+from robodyn_cli.summaries.motion import FinalState
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.works.deploy.lock import (
     ClosedLatch,
     Lock,
+    Relocated,
     bifurcation_error,
     close,
     criteria,
@@ -34,7 +38,7 @@ from robodyn_cli.works.deploy.lock import (
     doubt,
     events,
     find_lock,
-    time_error,
+    relocate,
 )  # fmt: skip
 from robodyn_cli.works.deploy.recording import (
     FollowedLock,
@@ -51,15 +55,16 @@ class Deployment(Run):
     """What a deployment came to.
 
     estimate : of the error of the recorded run. lock : None where no criterion fired, or the run failed before.
-    time_error : of the lock [s]. followed : the locked structure after the lock, where that was asked for.
+    relocated : where a second scan puts the lock. followed : the locked structure, where that was asked
+    for.
     """
 
     found: Scan
     end: ScanEnd
-    estimate: MotionErrors | None = None
+    estimate: Estimate | None = None
     lock: Lock | None = None
     latch: ClosedLatch | None = None
-    time_error: float | None = None
+    relocated: Relocated | None = None
     followed: FollowedLock | None = None
 
 
@@ -93,7 +98,7 @@ def deploy(
     if failure is None:
         done = _estimate(done, watch)
         done = _lock(done, watch)
-        failure = doubt(done.lock, done.time_error)
+        failure = doubt(done.lock, done.relocated.error if done.relocated is not None else None)
     if failure is None:
         try:
             done = _follow(done, watch)
@@ -169,7 +174,8 @@ def _estimate(done: Deployment, watch: Stopwatch) -> Deployment:
         done.driver, done.beginning, grid_of(done.motion.scene, done.beginning), done.recorder
     )
     with watch.stage("error_estimate"):
-        return dataclasses.replace(done, estimate=estimate_error(done.motion, first, done.recorder))
+        estimate = estimate_error(done.motion, first, done.recorder, figures=bool(done.found.growth))
+    return dataclasses.replace(done, estimate=estimate)
 
 
 def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
@@ -181,8 +187,8 @@ def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
     if lock is None or not motion.scene.simulate.error_estimate:
         return dataclasses.replace(done, lock=lock, latch=latch)
     with watch.stage("error_estimate"):
-        error = time_error(motion, scanned, lock)
-    return dataclasses.replace(done, lock=lock, latch=latch, time_error=error)
+        relocated = relocate(motion, scanned, lock, done.recorder)
+    return dataclasses.replace(done, lock=lock, latch=latch, relocated=relocated)
 
 
 def _follow(done: Deployment, watch: Stopwatch) -> Deployment:
@@ -217,6 +223,12 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         overload = first_overload(result, limits)
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
+    if done.found.driven and done.lock is not None:  # at the dead point itself, where rates have no bound
+        q = done.motion.system.split(done.lock.state)[0]
+        names = done.motion.problem.model.q_names
+        summary = dataclasses.replace(
+            summary, final=FinalState(done.lock.time, dict(zip(names, q.tolist())), {})
+        )
     if overload is not None:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
     result.events.sort(key=lambda event: float(event["time"]))
@@ -233,7 +245,21 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
 def _lock_keys(done: Deployment) -> LockKeys | None:
     if done.lock is None:
         return None
-    return describe_lock(done.motion, done.found, done.lock, done.latch, done.time_error, done.recorder)
+    relocated = done.relocated
+    error = None if relocated is None else relocated.error
+    keys = describe_lock(done.motion, done.found, done.lock, done.latch, error, done.recorder)
+    if relocated is None or relocated.lock is None or done.estimate is None:
+        return keys
+    recorder = done.recorder
+    if done.estimate.recorder is not None:
+        recorder = done.estimate.recorder
+        if not done.found.driven:
+            recorder.emit(
+                np.array([relocated.lock.time]), relocated.lock.state[None, :].copy(), done.driver.parameters
+            )
+    other = describe_lock(done.motion, relocated.scanned, relocated.lock, relocated.latch, error, recorder)
+    # the error of the time is known already
+    return dataclasses.replace(with_second(keys, other, relocated.factor, ("lock",)), time_error=error)
 
 
 def _after_lock(done: Deployment) -> AfterLock | Absent | None:
@@ -275,8 +301,8 @@ def verdict(done: Deployment, overload: Overload | None) -> tuple[str, dict[str,
         return status, termination
     unit = "N" if overload.quantity == "force" else "N m"
     termination["overload"] = (
-        f"{overload.name} bears a {overload.quantity} of {overload.value:.6g} {unit} at t = {overload.time:.6g} s, "
-        f"more than its {overload.limit:.6g} {unit}"
+        f"{overload.name} bears a {overload.quantity} of more than its {overload.limit:.6g} {unit} from "
+        f"t = {overload.time:.6g} s on, {overload.largest:.6g} {unit} at most"
     )
     return "overload", termination
 

@@ -16,7 +16,7 @@ from robodyn_cli.loops.pairs import FixedLoop
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.spatial.algebra import Array, identity, snap, vector
-from robodyn_cli.summaries.deploy import LatchKeys
+from robodyn_cli.summaries.deploy import ImpactErrors, LatchKeys
 
 GRID = 1e-3  # s, the uniform grid on which the running median is taken
 LEVELS = (10.0, 100.0, 1000.0)
@@ -135,6 +135,7 @@ class LatchImpact:
             angular_impulse_vector=self.angular_impulse.tolist(),
             linear_impulse=float(np.linalg.norm(self.linear_impulse)),
             energy_lost=self.energy_lost,
+            errors=ImpactErrors(),
         )
 
 

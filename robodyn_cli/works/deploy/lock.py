@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
-from robodyn_cli.motion.error import Attempt, First, integrate_again, time_errors
+from robodyn_cli.motion.error import Attempt, First, integrate_again, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.record import record
+from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.deploy import (
     CriterionTimes,
     LatchKeys,
+    LockErrors,
     LockKeys,
     MultiplierGrowth,
     MultiplierKeys,
+    NormErrors,
     SingularValues,
 )  # fmt: skip
 from robodyn_cli.summaries.facts import ABSENT, Absent
@@ -92,28 +96,62 @@ def close(motion: Motion, scanned: Scan, lock: Lock | None) -> ClosedLatch | Non
     return ClosedLatch(structure, close_latch(motion.problem, structure, q, qd, lock.time))
 
 
-def time_error(motion: Motion, scanned: Scan, lock: Lock) -> float | None:
-    """Estimate the error of the lock's time [s] from a second, tighter scan; None where that finds no lock."""
-    if lock.criterion == "multipliers":
-        return GRID
+@record
+class Relocated:
+    """Where a second, tighter scan puts a lock.
+
+    error : of the first one's time [s], None where the second finds no lock. lock, latch : of the second. factor : the
+    difference of figures times it is their error.
+    """
+
+    error: float | None
+    scanned: Scan
+    lock: Lock | None
+    latch: ClosedLatch | None
+    factor: float
+
+
+def relocate(motion: Motion, scanned: Scan, lock: Lock, recorder: Recorder) -> Relocated:
+    """Look for the lock by a second, tighter scan."""
+    by_multipliers = lock.criterion == "multipliers"
+    if scanned.driven and by_multipliers:
+        return Relocated(GRID, scanned, _earlier(motion, lock, recorder), None, 1.0)
     if scanned.driven:  # pure geometry: the root of a smooth function, to rounding
-        return 1e-15 * max(1.0, abs(lock.time)) * 10
+        return Relocated(1e-15 * max(1.0, abs(lock.time)) * 10, scanned, lock, None, 1.0)
     first = First(motion.options, motion.choice.method, np.array([scanned.steps]), np.array([scanned.end]))
     other, steps = scanned, 0.0
 
     def once(attempt: Attempt) -> tuple[Any, Any]:
         nonlocal other, steps
-        other = scan(motion.with_own_watchers(), attempt.alone, multipliers=False)
+        other = scan(motion.with_own_watchers(), attempt.alone, multipliers=scanned.growth is not None)
         # the scans may end at different times, so it is steps per second that count
         steps = round(other.steps * scanned.end / max(other.end, 1e-300))
         given_up = other.stopped is not None and other.stopped.details.get("status") == "max_steps"
         return np.array([steps]), np.array([given_up])
 
     integrate_again(first, once)
-    again = other.latched if lock.criterion == "latch" else other.dead_point
-    if again is None:
-        return None
-    return float(time_errors(first, abs(again[0] - lock.time), steps, lock.time)[0])
+    factor = float(remainder(first, np.array([steps]))[0])
+    if by_multipliers:
+        time, again = GRID, _earlier(motion, lock, recorder)
+    else:
+        pose = other.latched if lock.criterion == "latch" else other.dead_point
+        if pose is None:
+            return Relocated(None, other, None, None, factor)
+        time = float(time_errors(first, abs(pose[0] - lock.time), steps, lock.time)[0])
+        again = dataclasses.replace(lock, time=pose[0], state=pose[1])
+    here = classify(motion.problem, motion.system.split(again.state)[0], motion.passive)
+    again = dataclasses.replace(again, singular=here)
+    return Relocated(time, other, again, close(motion, scanned, again), factor)
+
+
+def _earlier(motion: Motion, lock: Lock, recorder: Recorder) -> Lock:
+    """Return a lock one interval of the grid of multipliers earlier, by the last two samples."""
+    times, z = recorder.array("time"), motion.system.split(lock.state)[2]
+    if len(times) < 2:
+        return lock
+    part = GRID / (times[-1] - times[-2])
+    q, qd = (x[-1] - part * (x[-1] - x[-2]) for x in (recorder.array("q"), recorder.array("qd")))
+    return dataclasses.replace(lock, time=lock.time - GRID, state=motion.system.join(q, qd, z))
 
 
 def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
@@ -206,12 +244,17 @@ def describe_lock(
         angles={name: x for name, x, _ in angles},
         angles_deg={name: float(np.degrees(x)) for name, x, unit in angles if unit == "rad"},
         rates=dict(zip(model.v_names, qd.tolist())) if not scanned.driven else None,
+        errors=LockErrors(),
         kind=lock.kind,
         joint=named.joint if named else None,
         loop=named.loop if named else None,
         criterion=lock.criterion,
         driven=scanned.driven,
-        multiplier_growth=MultiplierGrowth(scanned.growth.ratio, times, GRID) if scanned.growth else None,
+        multiplier_growth=MultiplierGrowth(
+            None if scanned.driven else scanned.growth.ratio, ABSENT, times, GRID
+        )
+        if scanned.growth
+        else None,
         growth_times=times,
         multipliers=_multiplier_keys(motion, scanned, recorder) if scanned.growth else None,
         singular_values=SingularValues(
@@ -227,10 +270,12 @@ def describe_lock(
 def _multiplier_keys(motion: Motion, scanned: Scan, recorder: Recorder) -> MultiplierKeys:
     constraints = motion.problem.constraints
     norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
+    peak = largest(recorder.array("time"), norm[:, None])
     return MultiplierKeys(
         start=float(norm[0]),
-        at_lock=float(norm[-1]),
-        largest_until_lock=float(norm.max()),
+        at_lock=None if scanned.driven else float(norm[-1]),
+        largest_until_lock=None if scanned.driven else float(peak.value[0]),
+        errors=NormErrors(largest_until_lock=ABSENT if scanned.driven else float(peak.error[0])),
         rows=[row.name for row in constraints.loop_rows],
         diverge=scanned.driven,
     )

@@ -27,6 +27,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, magnitude
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, LatchErrors, LatchLoad, Overload
 from robodyn_cli.tools.progress import Progress, Stopwatch
 from robodyn_cli.works.deploy.lock import ClosedLatch, Lock
@@ -202,17 +203,25 @@ def follow_locked(
     if s.error_estimate:
         with watch.stage("error_estimate"):
             estimate = estimate_error(locked, FirstRun.of(driver, begun, rest, recorder), recorder)
+    jumps = [float(event["time"]) for event in driver.log]
     keys = dataclasses.replace(
         keys,
         samples=recorder.samples,
         until=driver.time,
-        error_estimate=estimate,
+        error_estimate=None if estimate is None else estimate.errors,
         energy_drift=recorder.drift,
         constraint_residual=residual_of(recorder),
         latch=_latch_load(recorder, latch.locked.name),
-        largest=recorder.loads,
+        largest=recorder.largest_loads(jumps),
         counters=driver.counters,
     )
+    if estimate is not None and estimate.recorder is not None:
+        other = dataclasses.replace(
+            keys,
+            latch=_latch_load(estimate.recorder, latch.locked.name),
+            largest=estimate.recorder.largest_loads(jumps),
+        )
+        keys = with_second(keys, other, estimate.factor, ("after_lock",))
     return FollowedLock(keys, recorder)
 
 
@@ -272,11 +281,11 @@ def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None
             most = getattr(limit, quantity)
             if most is None:
                 continue
-            size = magnitude(variable.data, variable.names, letter)
+            size, times = magnitude(variable.data, variable.names, letter), result.time
             over = np.flatnonzero(size > most)
-            if len(over) and (worst is None or result.time[over[0]] < worst.time):
-                at = int(over[0])
-                worst = Overload(
-                    name, quantity, most, float(result.time[at]), float(size[at]), float(size.max())
-                )
+            if len(over) and (worst is None or times[over[0]] < worst.time):
+                at, peak = int(over[0]), largest(times, size[:, None])
+                since = float(times[at] - times[max(at - 1, 0)])
+                largest_load = float(peak.value[0]), float(peak.error[0])
+                worst = Overload(name, quantity, most, float(times[at]), since, *largest_load)
     return worst

@@ -1,0 +1,98 @@
+"""Figures stay within their errors when samples and tolerances are others; ``python -m tests.figures`` tries many more."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+from pathlib import Path
+
+import pytest
+
+from robodyn_cli.record import record
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.facts import ABSENT, Absent, fact
+from tests.figures.__main__ import CONFIGS, random_scene
+from tests.figures.judge import OFTEN, TIMES, Move, figures_of, moves, runs_of
+from tests.pairs.judge import write
+
+# command, file, samples, overrides: scenes with many kinds of figures, short
+SCENES = {
+    "drives": ("inverse", "2r_drives.yaml", 41, ()),
+    "least time": ("inverse", "trajectories/fastest_2r.yaml", 41, ()),
+    "controller": ("simulate", "controlled_arm.yaml", 31, ("simulate.duration=0.4",)),
+    "payload": ("simulate", "catching_arm.yaml", 21, ()),
+    "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", "outputs.reactions=true")),
+    "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
+}
+# random scenes in which figures were wrong: loads that were sought block by block, positions that Newton's method
+# finds, a winding's temperature, a jump of torques at a sample
+SEEDS = (3, 9, 63, 79, 1183)
+
+
+@pytest.mark.parametrize("name", [*SCENES, *SEEDS])
+def test_figures_stay_within_their_errors(name: str | int, tmp_path: Path) -> None:
+    if isinstance(name, str):
+        command, file, samples, given = SCENES[name]
+        path = CONFIGS / file
+    else:
+        command, tree, samples = random_scene(name)
+        path, given = write(tree, tmp_path / "scene", command), ()
+    found = moves(runs_of(path, command, samples, given))
+    assert found
+    assert not [str(x) for x in found if x.ratio > TIMES]
+    beyond = [str(x) for x in found if x.ratio > 1.0]
+    assert len(beyond) <= OFTEN * len(found), beyond
+
+
+# -- the judge, and what adds the errors of a second run ---------------------------------------------------------
+def test_a_figure_without_an_error_that_moves_is_found() -> None:
+    runs = [figures_of("simulate", {"final": {"q": {"a": x}}, "error_estimate": {"q_end": e}}) for x, e in
+            ((1.0, 1e-9), (1.0 + 1e-8, 1e-9), (1.0, None))]  # fmt: skip
+    ratios = {x.runs: x.ratio for x in moves(dict(zip("abc", runs)))}
+    assert ratios["a", "b"] == pytest.approx(5.0, rel=1e-3) and ratios["a", "c"] == 0.0
+    assert ratios["b", "c"] == math.inf
+
+
+def test_numbers_about_a_run_are_no_figures() -> None:
+    summary = {
+        "energy_drift": 1e-9,
+        "wall_time_s": {"total": 1.0},
+        "error_estimate": {"q_end": 1e-9, "q_max": 1e-8},
+    }
+    assert not figures_of("simulate", {**summary, "tolerances": {"rtol": 1e-6}})
+
+
+@record
+class Parts:
+    peak: float = fact("")
+    times: float | Absent | None = fact("", default=ABSENT)
+
+
+@record
+class Whole:
+    peak: float = fact("", errors=(".errors.peak",))
+    times: list[float] = fact("", errors=("run.NAME.errors.times",))
+    left: dict[str, float] = fact("", errors=("run.NAME.left_error.JOINT",))
+    other: float = fact("", errors=("elsewhere.error",))
+    errors: Parts = fact("")
+    left_error: dict[str, float] = fact("")
+
+
+def test_errors_grow_by_how_far_a_second_run_is() -> None:
+    one = Whole(2.0, [1.0, 3.0], {"a": 1.0}, 5.0, Parts(0.25), {"a": 0.5})
+    two = dataclasses.replace(one, peak=2.5, times=[1.25, 2.0], left={"a": 1.125}, other=6.0)
+    own = with_second({"x": one}, {"x": two}, 2.0, ("run", "NAME"))["x"]
+    assert own.errors.peak == pytest.approx(0.25 + 2.0 * 0.5) and own.errors.times == pytest.approx(2.0)
+    assert own.left_error["a"] == pytest.approx(0.5 + 0.25) and (own.peak, own.other) == (2.0, 5.0)
+
+
+def test_an_error_is_not_known_where_the_second_run_has_no_such_figure() -> None:
+    one = Whole(2.0, [1.0, 3.0], {"a": 1.0}, 5.0, Parts(0.25), {"a": 0.5})
+    own = with_second(one, dataclasses.replace(one, times=[1.0]), 1.0, ("run", "NAME"))
+    assert own.errors.times is None and own.errors.peak == pytest.approx(0.25)
+
+
+def test_a_move_says_where_it_is() -> None:
+    move = Move("final.q.a", "final.q.JOINT", ("x", "y"), (1.0, 2.0), (0.1, None), math.inf)
+    assert json.dumps(str(move)).count("final.q.a") == 1
