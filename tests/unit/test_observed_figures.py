@@ -1,0 +1,185 @@
+"""Errors and residuals of a run, each made as large as the test likes, and figures recomputed from the datasets."""
+
+from __future__ import annotations
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.errors import GeometryError, NumericalError
+from robodyn_cli.motion import self_check
+from robodyn_cli.motion.conditioning import Conditioning
+from robodyn_cli.motion.error import First, remainder
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.over.many.mechanism import Mechanism
+from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.torques.checks import Loaded, attitude_error, error_estimate, path_error
+from robodyn_cli.torques.program import InverseProgram
+from robodyn_cli.works.inverse import inverse, program_of
+from robodyn_cli.works.simulate import simulate
+from robodyn_cli.works.statics import statics
+from tests.mechanisms import BENNETT, CONFIGS, SLIDER
+
+ARM = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1]}
+    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}
+  links:
+    - {name: A, mass: 2, com: [0.5, 0, 0], inertia: {zz: 0.2}}
+    - {name: B, mass: 1, com: [0.4, 0.1, 0], inertia: {zz: 0.1}}
+  points: {tip: {link: B, at: [0.8, 0, 0]}}
+trajectory: {type: joint, duration: 2, q: {a: "0.7*t + sin(3*t)", b: "cos(4*t)"}}
+inverse: {samples: 41}
+initial: {q: {a: 0.3, b: 0.4}, qd: {a: 1, b: -2}}
+simulate: {duration: 2, samples: 21}
+"""
+
+
+# -- inverse: an error that is put in is told ----------------------------------------------------------------------
+def made(text: str = ARM) -> tuple[InverseProgram, Any, Any]:
+    """Return the program of an inverse run, its motion and its samples."""
+    program = program_of(load_scene_text(text))
+    planned = program.plan(41)
+    return program, planned, program.evaluate(planned, program.compile(41))
+
+
+def test_a_path_that_is_missed_by_so_much() -> None:
+    _, planned, sampled = made()
+    there = sampled.arrays["points/tip"][:, :2]
+    off = dataclasses.replace(planned, point="tip", target=there + np.array([0.003, -0.004]))
+    assert path_error(off, sampled) == pytest.approx(0.005, rel=1e-12)
+
+
+def test_an_attitude_that_is_missed_by_so_much() -> None:
+    program, planned, _ = made()
+    angle = planned.motion.q.sum(axis=1) + np.linspace(0.0, 0.01, 41)
+    c, s, one, zero = np.cos(angle), np.sin(angle), np.ones(41), np.zeros(41)
+    axes = np.array([[c, -s, zero], [s, c, zero], [zero, zero, one]]).transpose(2, 0, 1)
+    off = dataclasses.replace(planned, point="tip", axes=axes)
+    assert attitude_error(program.problem, off) == pytest.approx(0.01, rel=1e-9)
+
+
+def test_accelerations_that_the_torques_do_not_give() -> None:
+    program, planned, sampled = made()
+    motion = sampled.motion
+    shifted = dataclasses.replace(sampled, motion=dataclasses.replace(motion, qdd=motion.qdd + 0.01))
+    loaded = Loaded.of(program.problem, sampled)
+    errors = error_estimate(program, planned, shifted, loaded)
+    free = np.abs(program.forward(sampled)[1]).max()  # type: ignore[index]
+    assert errors.round_trip == pytest.approx(0.01 / max(np.abs(motion.qdd + 0.01).max(), free), rel=1e-9)
+
+
+def test_rounding_of_torques_is_some_units_in_the_last_place() -> None:
+    found = inverse(load_scene_text(ARM))
+    unit = np.finfo(float).eps * np.abs(found["tau"]).max()
+    assert 0.1 * unit < found.summary["error_estimate"]["torque_rounding"] < 100.0 * unit
+
+
+def test_the_balance_of_energy_is_what_the_samples_leave_of_the_work() -> None:
+    """At few samples the work is off, by what it is on many; the energy is exact at both ends."""
+    coarse, fine = (inverse(load_scene_text(ARM, overrides=[f"inverse.samples={n}"])) for n in (61, 2001))
+    work, true = (sum(x["energy_net"] for x in run.summary["joints"].values()) for run in (coarse, fine))
+    balance = coarse.summary["error_estimate"]["energy_balance"]
+    assert abs(work - true) > 1e-6
+    assert balance == pytest.approx(work - true, rel=1e-3)
+    assert coarse.summary["error_estimate"]["energy_quadrature"] >= abs(work - true)
+
+
+def test_loads_that_neither_actuators_nor_loops_bear() -> None:
+    text = "schema: 1\n" + SLIDER + "actuated: [crank]\ntrajectory: {type: joint, duration: 1, q: {crank: 0.2 + t}}\n"
+    found = inverse(load_scene_text(text, overrides=["inverse.samples=41"]))
+    residual = found.summary["error_estimate"]["virtual_work_residual"]
+    assert 0.0 < residual < 1e-12 * np.abs(found["tau"]).max() * 100.0
+
+
+# -- simulations: figures from the datasets ------------------------------------------------------------------------
+def test_the_drift_of_energy_is_that_of_its_dataset() -> None:
+    settings = ["simulate.integrator=rk4", "simulate.step=0.05", "simulate.samples=41"]
+    found = simulate(load_scene_text(ARM, overrides=settings))
+    total, kinetic, potential = (found[f"energy/{x}"] for x in ("total", "kinetic", "potential"))
+    drift = np.abs(total - total[0]).max()
+    assert drift > 1e-6 and found.summary["energy_drift"] == drift
+    scale = max(np.ptp(potential), kinetic.max())
+    assert found.summary["energy_drift_relative"] == pytest.approx(drift / scale, rel=1e-12)
+
+
+def test_residuals_of_loops_are_those_of_their_datasets() -> None:
+    settings = ["simulate.integrator=rk4", "simulate.step=0.02", "simulate.stabilisation=none", "simulate.duration=1"]
+    found = simulate(load_scene_text("schema: 1\n" + SLIDER, overrides=settings))
+    for name in ("position", "velocity"):
+        largest = np.abs(found[f"constraints/{name}_residual"]).max()
+        assert largest > 1e-9 and found.summary["constraint_residual"][name] == largest
+
+
+def test_rows_that_were_left_out_are_watched(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = load_scene_text("schema: 1\n" + BENNETT, overrides=["simulate.duration=0.1", "simulate.samples=3"])
+    residual = simulate(scene).summary["constraint_residual"]["redundant"]
+    assert 0.0 < residual < 1e-9
+    monkeypatch.setattr(self_check, "OPEN", 0.1 * residual / 4.0)
+    with pytest.raises(GeometryError, match="followed from the other constraints") as caught:
+        simulate(scene)
+    assert caught.value.details["residual"] == pytest.approx(residual, rel=0.5)
+
+
+def test_many_runs_lose_no_more_energy_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What the judge of one run refuses, that of many does not let pass."""
+    path = CONFIGS / "double_pendulum.yaml"
+    settings = ["simulate.error_estimate=false", "simulate.rtol=1e-4", "simulate.atol=1e-4", "simulate.duration=1"]
+    mechanism = Mechanism(load_scene(path, settings), ["initial.q.theta1"])
+    assert mechanism.simulate_many({"initial.q.theta1": [0.1, 0.2]}).code.tolist() == [0, 0]
+    monkeypatch.setattr(self_check, "BEYOND", 1e-9)
+    assert mechanism.simulate_many({"initial.q.theta1": [0.1, 0.2]}).code.tolist() == [3, 3]
+    with pytest.raises(NumericalError, match="balance of energy"):
+        simulate(load_scene(path, settings))
+
+
+@pytest.mark.parametrize("method", ["verlet", "implicit_midpoint"])
+def test_an_oscillator_by_a_method_of_second_order(method: str) -> None:
+    """The second run's own error is a fifth of the first's: an estimate that forgets it is a fifth too small."""
+    text = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: x, type: prismatic, axis: [1, 0, 0]}]
+  links: [{name: body, mass: 1}]
+torques: {x: "-q.x"}
+initial: {q: {x: 1}}
+"""
+    settings = [f"simulate.integrator={method}", "simulate.step=0.05", "simulate.duration=10", "simulate.samples=41"]
+    found = simulate(load_scene_text(text, overrides=settings))
+    estimate = found.summary["error_estimate"]
+    for path, exact in (("q", np.cos(found.time)), ("qd", -np.sin(found.time))):
+        assert estimate[f"{path}_max"] == pytest.approx(np.abs(found[path][:, 0] - exact).max(), rel=0.03)
+
+
+def test_what_the_second_run_hides() -> None:
+    """1 / (1 - (n1/n2)^p) for an order p, of the dense output where that is lower, and at most 2."""
+    for name, method in methods.items():
+        first = First(Options(rtol=1e-7, atol=1e-9), name, np.array([100]), np.array([1.0]))
+        p = min(method.order, method.dense_order + 1)
+        for more in (100, 110, 150, 300):
+            exact = min(1.0 / (1.0 - (100 / more) ** p) if more > 100 else 2.0, 2.0)
+            assert remainder(first, np.array([more]))[0] == pytest.approx(exact, rel=1e-12), name
+
+
+def test_closing_loops_near_a_dead_point_is_ill_conditioned() -> None:
+    """A slider-crank, its crank in line with the rod but for an angle: the rows hardly determine the crank."""
+    closing = []
+    for angle in (0.3, 0.003):
+        scene = load_scene_text("schema: 1\n" + SLIDER, overrides=[f"initial.q.crank={angle}"])
+        problem = Problem(scene)
+        rod = -np.arcsin(0.3 * np.sin(angle) / 0.9) - angle
+        q = np.array([[angle, rod, 0.3 * np.cos(angle) + 0.9 * np.cos(angle + rod)]])
+        nothing = np.zeros((1, 3)), np.zeros((1, 0))
+        slide = problem.model.v_names.index("slide")
+        found = Conditioning.of(problem, [slide], np.zeros(1), (q, *nothing))
+        closing.append(found.closing)
+    assert 1e-17 < closing[0] < 1e-14
+    assert closing[1] == pytest.approx(100.0 * closing[0], rel=3.0) and closing[1] > 20.0 * closing[0]
