@@ -6,16 +6,28 @@ from pathlib import Path
 
 from tests.mutants.listed import PACKAGE
 
-DRIVES = ["test_motors.py", "test_sizing.py", "test_gears.py", "test_extremes.py"]
+DRIVES = [
+    "test_drive_figures.py",
+    "test_units.py",
+    "test_motors.py",
+    "test_sizing.py",
+    "test_gears.py",
+    "test_extremes.py",
+]
 INVERSE = [
+    "test_observed_figures.py",
+    "test_units.py",
     "test_run_inverse.py", "test_run_inverse_closed.py", "test_inverse_at_rest.py", "test_mechanism_inverse.py",
     "test_inverse_meets_simulation.py", "test_half_turns.py", "test_payloads.py", "test_extremes.py",
 ]  # fmt: skip
 MOTION = [
+    "test_observed_figures.py",
+    "test_error_rules.py",
     "test_error_estimate.py", "test_growth_of_errors.py", "test_errors_of_many.py", "test_self_check.py", "test_stiffness.py",
     "test_run_simulate.py", "test_run_simulate_loops.py", "test_driver.py", "test_model_rounding.py", "test_not_finite.py",
 ]  # fmt: skip
 OBSERVE = [
+    "test_units.py",
     "test_run_reactions.py", "test_reactions.py", "test_rounding.py", "test_beyond_limits.py", "test_drawn_limits.py",
     "test_control.py", "test_control_loops.py", "test_redundant_loops.py", "test_run_simulate.py", "test_run_inverse.py",
     "test_run_simulate_loops.py", "test_poses.py", "test_overconstrained.py", "test_observed_figures.py",
@@ -34,24 +46,24 @@ ROOMS = {
     "works/size": DRIVES,
     "observe": OBSERVE,
     "torques/checks.py": INVERSE,
-    "solve/extremes.py": ["test_extremes.py", *DRIVES[:2], "test_run_inverse.py"],
-    "solve/quadrature.py": ["test_extremes.py", *DRIVES[:2], "test_run_inverse.py"],
+    "solve/extremes.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],
+    "solve/quadrature.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],
     "motion/error.py": MOTION,
     "motion/second_run.py": MOTION,
     "motion/self_check.py": MOTION,
     "motion/conditioning.py": MOTION,
     "over/many/inverse.py": ["test_mechanism_inverse.py", "test_mechanism.py", "test_study_blocks.py"],
-    "over/many/integrate.py": ["test_errors_of_many.py", "test_mechanism.py", "test_study_blocks.py"],
-    "over/many/simulate.py": ["test_errors_of_many.py", "test_mechanism.py", "test_study_blocks.py"],
-    "over/sensitivity": ["test_sensitivity.py", "test_sensitivity_direct.py"],
-    "over/study/design.py": ["test_sweep.py", "test_study_blocks.py"],
-    "over/study/report.py": ["test_sweep.py", "test_study_blocks.py"],
-    "over/study/rows.py": ["test_sweep.py", "test_study_blocks.py"],
+    "over/many/integrate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
+    "over/many/simulate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
+    "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py"],
+    "over/study/design.py": ["test_error_rules.py", "test_sweep.py", "test_study_blocks.py"],
+    "over/study/report.py": ["test_error_rules.py", "test_sweep.py", "test_study_blocks.py"],
+    "over/study/rows.py": ["test_error_rules.py", "test_sweep.py", "test_study_blocks.py"],
     "results/stated_errors.py": RESULTS,
     "results/compare.py": RESULTS,
     "summaries": RESULTS,
-    "works/statics.py": ["test_run_statics.py"],
-    "works/kinematics.py": ["test_run_kinematics.py", "test_poses.py"],
+    "works/statics.py": ["test_run_statics.py", "test_observed_figures.py"],
+    "works/kinematics.py": ["test_run_kinematics.py", "test_units.py", "test_poses.py"],
 }  # fmt: skip
 
 

@@ -57,7 +57,12 @@ def test_half_as_many_samples(count: int) -> None:
     duty = Duty(times, line, 3.0 * line, -line, None, line + 1.0, (0.25 * (count - 1),)).thinned()
     assert len(duty.times) == {41: 21, 40: 20, 3: 2, 2: 2}[count]
     assert duty.hold is None and duty.times[[0, -1]].tolist() == [1.0, 3.0]
-    for own, factor, more in ((duty.speed, 2, 0), (duty.acceleration, 6, 0), (duty.load, -2, 0), (duty.inertia, 2, 1)):
+    for own, factor, more in (
+        (duty.speed, 2, 0),
+        (duty.acceleration, 6, 0),
+        (duty.load, -2, 0),
+        (duty.inertia, 2, 1),
+    ):
         assert own is not None and np.allclose(own, factor * duty.times + more, rtol=1e-14)
     assert duty.times[0] + duty.breaks[0] * duty.samples.step == pytest.approx(1.5, rel=1e-14)
 
@@ -88,7 +93,11 @@ def test_a_margin_within_its_error_is_doubtful() -> None:
     found = run()
     drive = found.summary["drives"]["j"]
     assert 0.0 < drive["margin"] < 1.0
-    for least, doubtful in ((drive["margin"] - 0.05, False), (drive["margin"] + 0.05, False), (drive["margin"], True)):
+    for least, doubtful in (
+        (drive["margin"] - 0.05, False),
+        (drive["margin"] + 0.05, False),
+        (drive["margin"], True),
+    ):
         texts = run("ambient: 30", f"ambient: 30, margin: {least!r}").summary.get("warnings", [])
         assert any(said in text for text in texts) is doubtful, least
 
@@ -100,7 +109,9 @@ def test_losses_of_a_gear_and_its_wind_up() -> None:
     top = 0.3 * (2.0 * math.pi) ** 2 * 0.7
     work = 0.5 * 0.7 * (0.3 * 2.0 * math.pi) ** 2  # of the body's kinetic energy, four times there and back
     assert drive["joint"]["driving_energy"] == pytest.approx(4.0 * work, rel=1e-6)
-    assert drive["gear_loss"] == pytest.approx(4.0 * work * (1.0 / 0.8 - 1.0 + 1.0 - 0.5), abs=10 * drive["errors"]["gear_loss"])
+    assert drive["gear_loss"] == pytest.approx(
+        4.0 * work * (1.0 / 0.8 - 1.0 + 1.0 - 0.5), abs=10 * drive["errors"]["gear_loss"]
+    )
     assert drive["gear_loss"] == pytest.approx(4.0 * work * 0.75, rel=1e-3)
     assert drive["wind_up"] == pytest.approx(top / 900.0, rel=1e-6)
     assert drive["errors"]["wind_up"] < 1e-6
@@ -108,7 +119,12 @@ def test_losses_of_a_gear_and_its_wind_up() -> None:
 
 def test_a_drive_is_the_same_alone_and_doubled() -> None:
     """Two equal drives share the load: each has half of it, and the joint all."""
-    one, two = run().summary["drives"]["j"], run("ambient: 30", "ambient: 30, count: 2").summary["drives"]["j"]
+    one, two = (
+        run().summary["drives"]["j"],
+        run("ambient: 30", "ambient: 30, count: 2").summary["drives"]["j"],
+    )
     assert two["joint"]["peak_torque"] == pytest.approx(one["joint"]["peak_torque"], rel=1e-9)
     rotor = 20 * 2e-4 * 0.3 * (2.0 * math.pi) ** 2
-    assert two["shaft"]["peak_torque"] - rotor == pytest.approx(0.5 * (one["shaft"]["peak_torque"] - rotor), rel=1e-6)
+    assert two["shaft"]["peak_torque"] - rotor == pytest.approx(
+        0.5 * (one["shaft"]["peak_torque"] - rotor), rel=1e-6
+    )

@@ -8,20 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, NumericalError
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion import self_check
 from robodyn_cli.motion.conditioning import Conditioning
 from robodyn_cli.motion.error import First, remainder
-from robodyn_cli.equations.problem import Problem
-from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.torques.checks import Loaded, attitude_error, error_estimate, path_error
 from robodyn_cli.torques.program import InverseProgram
 from robodyn_cli.works.inverse import inverse, program_of
 from robodyn_cli.works.simulate import simulate
-from robodyn_cli.works.statics import statics
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER
 
 ARM = """
@@ -93,7 +92,11 @@ def test_the_balance_of_energy_is_what_the_samples_leave_of_the_work() -> None:
 
 
 def test_loads_that_neither_actuators_nor_loops_bear() -> None:
-    text = "schema: 1\n" + SLIDER + "actuated: [crank]\ntrajectory: {type: joint, duration: 1, q: {crank: 0.2 + t}}\n"
+    text = (
+        "schema: 1\n"
+        + SLIDER
+        + "actuated: [crank]\ntrajectory: {type: joint, duration: 1, q: {crank: 0.2 + t}}\n"
+    )
     found = inverse(load_scene_text(text, overrides=["inverse.samples=41"]))
     residual = found.summary["error_estimate"]["virtual_work_residual"]
     assert 0.0 < residual < 1e-12 * np.abs(found["tau"]).max() * 100.0
@@ -111,7 +114,12 @@ def test_the_drift_of_energy_is_that_of_its_dataset() -> None:
 
 
 def test_residuals_of_loops_are_those_of_their_datasets() -> None:
-    settings = ["simulate.integrator=rk4", "simulate.step=0.02", "simulate.stabilisation=none", "simulate.duration=1"]
+    settings = [
+        "simulate.integrator=rk4",
+        "simulate.step=0.02",
+        "simulate.stabilisation=none",
+        "simulate.duration=1",
+    ]
     found = simulate(load_scene_text("schema: 1\n" + SLIDER, overrides=settings))
     for name in ("position", "velocity"):
         largest = np.abs(found[f"constraints/{name}_residual"]).max()
@@ -119,7 +127,9 @@ def test_residuals_of_loops_are_those_of_their_datasets() -> None:
 
 
 def test_rows_that_were_left_out_are_watched(monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = load_scene_text("schema: 1\n" + BENNETT, overrides=["simulate.duration=0.1", "simulate.samples=3"])
+    scene = load_scene_text(
+        "schema: 1\n" + BENNETT, overrides=["simulate.duration=0.1", "simulate.samples=3"]
+    )
     residual = simulate(scene).summary["constraint_residual"]["redundant"]
     assert 0.0 < residual < 1e-9
     monkeypatch.setattr(self_check, "OPEN", 0.1 * residual / 4.0)
@@ -131,7 +141,12 @@ def test_rows_that_were_left_out_are_watched(monkeypatch: pytest.MonkeyPatch) ->
 def test_many_runs_lose_no_more_energy_than_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """What the judge of one run refuses, that of many does not let pass."""
     path = CONFIGS / "double_pendulum.yaml"
-    settings = ["simulate.error_estimate=false", "simulate.rtol=1e-4", "simulate.atol=1e-4", "simulate.duration=1"]
+    settings = [
+        "simulate.error_estimate=false",
+        "simulate.rtol=1e-4",
+        "simulate.atol=1e-4",
+        "simulate.duration=1",
+    ]
     mechanism = Mechanism(load_scene(path, settings), ["initial.q.theta1"])
     assert mechanism.simulate_many({"initial.q.theta1": [0.1, 0.2]}).code.tolist() == [0, 0]
     monkeypatch.setattr(self_check, "BEYOND", 1e-9)
@@ -152,7 +167,12 @@ robot:
 torques: {x: "-q.x"}
 initial: {q: {x: 1}}
 """
-    settings = [f"simulate.integrator={method}", "simulate.step=0.05", "simulate.duration=10", "simulate.samples=41"]
+    settings = [
+        f"simulate.integrator={method}",
+        "simulate.step=0.05",
+        "simulate.duration=10",
+        "simulate.samples=41",
+    ]
     found = simulate(load_scene_text(text, overrides=settings))
     estimate = found.summary["error_estimate"]
     for path, exact in (("q", np.cos(found.time)), ("qd", -np.sin(found.time))):

@@ -37,11 +37,11 @@ def power(unit: str) -> int:
 
 def twins(text: str, command: Callable[[Any], Result]) -> tuple[Result, Result]:
     """Return the results of a scene whose numbers stand as ``<1.5 kg m^2>``, and of its twin."""
-    texts = (
-        re.sub(r"<(\S+) ([^>]*)>", lambda x: repr(float(x[1]) * 2.0 ** (large * power(x[2]))), text)
-        for large in (0, 1)
-    )
-    one, other = (command(load_scene_text(x)) for x in texts)
+
+    def scaled(large: int) -> str:
+        return re.sub(r"<(\S+) ([^>]*)>", lambda x: repr(float(x[1]) * 2.0 ** (large * power(x[2]))), text)
+
+    one, other = (command(load_scene_text(scaled(large))) for large in (0, 1))
     return one, other
 
 
