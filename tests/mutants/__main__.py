@@ -6,7 +6,7 @@
 
 Needs Python 3.11. Mutants that the list marks as equivalent are passed over; lines that are gone are told. The outcomes
 go to ``results.txt`` in ``--out``, a line each; a mutant whose outcome is there is not tried again, and with ``--again``
-those are that were not caught. ``reach.json`` there keeps what tests call: remove it after larger changes.
+those are that were not caught. ``reach.json`` there keeps what tests call: remove the directory after larger changes.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ def main() -> int:
 
     if left:
         words = ["-q", "-s", "-p", "no:cacheprovider", *tests({x.file for x in left})]
-        pytest.main(words, plugins=[Runner(left, asked.out / "reach.json", tell)])
+        pytest.main(words, plugins=[Runner(left, asked.out, tell)])
     verdicts = collections.Counter(known.get(_name(x), "not tried") for x in faults)
     for mutant in faults:
         if known.get(_name(mutant)) != "caught":

@@ -31,11 +31,19 @@ OBSERVE = [
     "test_run_reactions.py", "test_reactions.py", "test_rounding.py", "test_beyond_limits.py", "test_drawn_limits.py",
     "test_control.py", "test_control_loops.py", "test_redundant_loops.py", "test_run_simulate.py", "test_run_inverse.py",
     "test_run_simulate_loops.py", "test_poses.py", "test_overconstrained.py", "test_observed_figures.py",
+    "test_not_finite.py", "test_rolled_simulation.py", "test_run_deploy.py", "test_modes.py", "test_orientations.py",
 ]  # fmt: skip
 RESULTS = [
     "test_results_compare.py", "test_report_plots.py", "test_page.py", "test_numbers.py", "test_notebook.py",
     "test_summaries.py", "test_expect.py", "test_docs.py", "test_datasets.py", "test_drives_page.py", "test_not_finite.py",
 ]  # fmt: skip
+STUDY = [
+    "test_error_rules.py",
+    "test_study_figures.py",
+    "test_sweep.py",
+    "test_study_blocks.py",
+    "test_study_cluster.py",
+]
 
 # by module or package below ``robodyn_cli``: the longest name that fits counts
 ROOMS = {
@@ -55,14 +63,14 @@ ROOMS = {
     "over/many/inverse.py": ["test_mechanism_inverse.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/integrate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/simulate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
-    "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py"],
-    "over/study/design.py": ["test_error_rules.py", "test_sweep.py", "test_study_blocks.py"],
-    "over/study/report.py": ["test_error_rules.py", "test_sweep.py", "test_study_blocks.py"],
-    "over/study/rows.py": ["test_error_rules.py", "test_sweep.py", "test_study_blocks.py"],
+    "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py", "test_slopes.py"],
+    "over/study/design.py": STUDY,
+    "over/study/report.py": STUDY,
+    "over/study/rows.py": STUDY,
     "results/stated_errors.py": RESULTS,
     "results/compare.py": RESULTS,
-    "summaries": RESULTS,
-    "works/statics.py": ["test_run_statics.py", "test_observed_figures.py"],
+    "summaries": [*RESULTS, "test_run_reactions.py", "test_sweep.py"],
+    "works/statics.py": ["test_run_statics.py", "test_observed_figures.py", "test_run_reactions.py", "test_stops.py", "test_limits.py"],
     "works/kinematics.py": ["test_run_kinematics.py", "test_units.py", "test_poses.py"],
 }  # fmt: skip
 

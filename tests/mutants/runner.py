@@ -1,7 +1,8 @@
 """A plugin of pytest that runs the tests of a room once for each mutant, each time in a process forked for it.
 
-Everything is imported and collected once; nothing is written but into a directory of the mutant's own, where its
-compiled code is kept too. A mutant is tried by those quick tests of its room that call its function, quickest first,
+Everything is imported and collected once; nothing is written but into a directory of the mutant's own. Its compiled code
+is kept there too: it begins with that of the source as it is, whose keys are digests of what it computes, but for a mutant of
+what writes code, which begins with none. A mutant is tried by those quick tests of its room that call its function, quickest first,
 until one fails. Which ones these are is learnt by running all of them once.
 """
 
@@ -26,6 +27,7 @@ from typing import Any
 
 import pytest
 
+from robodyn_cli.kernels.compiler import code_writers
 from tests.mutants.listed import MODULE, PACKAGE, Gone, Mutant
 from tests.mutants.rooms import room_of
 
@@ -47,11 +49,12 @@ class Outcome:
 class Runner:
     """Tries mutants in place of the tests that pytest has collected.
 
-    reach : file that keeps which functions tests call. tell : is given each outcome.
+    folder : keeps which functions tests call, and compiled code. tell : is given each outcome.
     """
 
-    def __init__(self, mutants: list[Mutant], reach: Path, tell: Callable[[Mutant, Outcome], None]) -> None:
-        self.mutants, self.reach, self.tell = mutants, reach, tell
+    def __init__(self, mutants: list[Mutant], folder: Path, tell: Callable[[Mutant, Outcome], None]) -> None:
+        self.mutants, self.tell = mutants, tell
+        self.reach, self.cache = folder.absolute() / "reach.json", folder.absolute() / "cache"
         self.called: set[CodeType] | None = None  # by the test that runs, where that is learnt
         self.seconds, self.failed = 0.0, ""
 
@@ -104,6 +107,7 @@ class Runner:
         found = Path(f"{self.reach}.new")
 
         def learn(folder: Path) -> None:
+            os.environ["ROBODYN_CACHE"] = str(self.cache)
             self.called = set()
             reached = {}
             for item in new:
@@ -147,6 +151,8 @@ class Runner:
         begun = time.monotonic()
 
         def child(folder: Path) -> None:
+            if self.cache.exists() and mutant.path not in code_writers():
+                shutil.copytree(self.cache, folder / "cache")
             mutant.commit()
             self._run([items[name] for _, name in own])
             (folder / "failed").write_text(self.failed)

@@ -15,12 +15,14 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion import self_check
 from robodyn_cli.motion.conditioning import Conditioning
 from robodyn_cli.motion.error import First, remainder
+from robodyn_cli.observe.joint_limits import Bound
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.torques.checks import Loaded, attitude_error, error_estimate, path_error
 from robodyn_cli.torques.program import InverseProgram
 from robodyn_cli.works.inverse import inverse, program_of
 from robodyn_cli.works.simulate import simulate
+from robodyn_cli.works.statics import held, summarise
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER
 
 ARM = """
@@ -128,7 +130,8 @@ def test_residuals_of_loops_are_those_of_their_datasets() -> None:
 
 def test_rows_that_were_left_out_are_watched(monkeypatch: pytest.MonkeyPatch) -> None:
     scene = load_scene_text(
-        "schema: 1\n" + BENNETT, overrides=["simulate.duration=0.1", "simulate.samples=3"]
+        "schema: 1\n" + BENNETT,
+        overrides=["simulate.duration=0.1", "simulate.samples=3", "simulate.error_estimate=false"],
     )
     residual = simulate(scene).summary["constraint_residual"]["redundant"]
     assert 0.0 < residual < 1e-9
@@ -151,8 +154,21 @@ def test_many_runs_lose_no_more_energy_than_one(monkeypatch: pytest.MonkeyPatch)
     assert mechanism.simulate_many({"initial.q.theta1": [0.1, 0.2]}).code.tolist() == [0, 0]
     monkeypatch.setattr(self_check, "BEYOND", 1e-9)
     assert mechanism.simulate_many({"initial.q.theta1": [0.1, 0.2]}).code.tolist() == [3, 3]
-    with pytest.raises(NumericalError, match="balance of energy"):
+    with pytest.raises(NumericalError, match="balance of energy") as caught:
         simulate(load_scene(path, settings))
+    summary = caught.value.result.summary  # type: ignore[union-attr]
+    assert caught.value.details["energy_drift"] == summary["energy_drift"] > 0.0
+    assert "multipliers" not in summary and "constraint_residual" not in summary
+
+
+def test_a_loop_that_is_open_by_so_much_at_rest() -> None:
+    problem = Problem(load_scene_text("schema: 1\n" + SLIDER, overrides=["actuated=[crank]", "torques=null"]))
+    rod = -np.arcsin(0.3 * np.sin(0.2) / 0.9) - 0.2
+    q = np.array([0.2, rod, 0.3 * np.cos(0.2) + 0.9 * np.cos(0.2 + rod)])
+    state = held(problem, q)
+    for off in (0.0, 0.01):
+        told: Any = summarise(dataclasses.replace(state, q=q + np.array([0.0, 0.0, off])), None)
+        assert told.constraint_residual.position == pytest.approx(off, abs=1e-15)
 
 
 @pytest.mark.parametrize("method", ["verlet", "implicit_midpoint"])
@@ -203,3 +219,59 @@ def test_closing_loops_near_a_dead_point_is_ill_conditioned() -> None:
         closing.append(found.closing)
     assert 1e-17 < closing[0] < 1e-14
     assert closing[1] == pytest.approx(100.0 * closing[0], rel=3.0) and closing[1] > 20.0 * closing[0]
+
+
+# -- limits --------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize(("limit", "over", "passed"), [
+    (0.01, 0.5e-9, False), (0.01, 1.5e-9, True), (-3.0, 2.5e-9, False), (-3.0, 3.5e-9, True), (200.0, 1.5e-7, False),
+    (200.0, 2.5e-7, True), (0.01, -1.0, False),
+])  # fmt: skip
+def test_a_limit_is_passed_beyond_rounding(limit: float, over: float, passed: bool) -> None:
+    """By more than 1e-9 of it, or of 1 where it is smaller; the sentence begins with the first sample that is."""
+    beyond = np.array([-1.0, 0.3 * over if over > 0.0 else -1.0, over, over])
+    times = np.arange(4.0)
+    bound = Bound("speed", limit, limit + beyond, beyond, "rad/s", times)
+    assert bound.passed is passed
+    if passed:
+        assert f"limit of {limit:g} rad/s from t = 2 s" in bound.sentence("j")
+
+
+def test_limits_that_are_kept_are_not_told() -> None:
+    limits = "limits: {lower: -10, upper: 10, speed: 100, acceleration: 1000, jerk: 1e5, effort: 1e4}"
+    text = ARM.replace("axis: [0, 0, 1]}", f"axis: [0, 0, 1], {limits}}}")
+    assert "warnings" not in inverse(load_scene_text(text)).summary
+    tight = inverse(
+        load_scene_text(text.replace("upper: 10", "upper: 0.5").replace("jerk: 1e5", "jerk: 20"))
+    ).summary
+    assert [w.split("'")[1] + w.split(" its ")[1][:5] for w in tight["warnings"]] == ["aupper", "ajerk "]
+
+
+# -- control -------------------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("period", ["", ", period: 0.02, delay: 0.01"])
+def test_figures_of_a_controller(period: str) -> None:
+    """Errors, torques at their limits, work and updates, from the samples of the run; limits that are not there."""
+    text = ARM.replace(
+        "{name: a, type: revolute, axis: [0, 0, 1]}",
+        "{name: a, type: revolute, axis: [0, 0, 1], limits: {effort: 30}}",
+    )
+    control = f"control: {{type: pd, joints: [a, b], gains: {{kp: 60, kd: 6}}{period}}}\n"
+    found = simulate(load_scene_text(text + control, overrides=["simulate.samples=401"]))
+    told, t = found.summary["control"], found.time
+    wanted = np.column_stack([0.7 * t + np.sin(3.0 * t), np.cos(4.0 * t)])
+    np.testing.assert_allclose(found["control/error"], wanted - found["q"], atol=1e-12)
+    for k, name in enumerate("ab"):
+        one = told["tracking"][name]
+        assert one["peak"] == pytest.approx(np.abs(found["control/error"][:, k]).max(), rel=1e-3)
+        assert one["rms"] == pytest.approx(
+            np.sqrt(np.trapezoid(found["control/error"][:, k] ** 2, t) / 2.0), rel=1e-3
+        )
+    at = np.abs(found["control/torque"][:, 0]) > 30.0 * (1.0 - 1e-9)
+    assert 2 < at.sum() < 399
+    assert told["saturated"] == {"a": pytest.approx(at.sum() * 0.005, abs=0.01)}
+    power = found["control/torque"] * found["qd"]
+    assert told["energy"]["driving"] == pytest.approx(
+        np.trapezoid(np.maximum(power, 0.0), t, axis=0).sum(), rel=1e-2
+    )
+    assert (told.get("delay"), told.get("period"), told.get("updates")) == (
+        (0.01, 0.02, 101) if period else (None,) * 3
+    )
