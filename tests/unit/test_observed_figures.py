@@ -222,18 +222,23 @@ def test_closing_loops_near_a_dead_point_is_ill_conditioned() -> None:
 
 
 # -- limits --------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize(("limit", "over", "passed"), [
-    (0.01, 0.5e-9, False), (0.01, 1.5e-9, True), (-3.0, 2.5e-9, False), (-3.0, 3.5e-9, True), (200.0, 1.5e-7, False),
-    (200.0, 2.5e-7, True), (0.01, -1.0, False),
-])  # fmt: skip
-def test_a_limit_is_passed_beyond_rounding(limit: float, over: float, passed: bool) -> None:
+def test_a_limit_is_passed_beyond_rounding() -> None:
     """By more than 1e-9 of it, or of 1 where it is smaller; the sentence begins with the first sample that is."""
-    beyond = np.array([-1.0, 0.3 * over if over > 0.0 else -1.0, over, over])
-    times = np.arange(4.0)
-    bound = Bound("speed", limit, limit + beyond, beyond, "rad/s", times)
-    assert bound.passed is passed
-    if passed:
-        assert f"limit of {limit:g} rad/s from t = 2 s" in bound.sentence("j")
+    for limit, over, passed in [
+        (0.01, 0.5e-9, False),
+        (0.01, 1.5e-9, True),
+        (-3.0, 2.5e-9, False),
+        (-3.0, 3.5e-9, True),
+        (200.0, 1.5e-7, False),
+        (200.0, 2.5e-7, True),
+        (0.01, -1.0, False),
+    ]:
+        beyond = np.array([-1.0, 0.3 * over if over > 0.0 else -1.0, over, over])
+        times = np.arange(4.0)
+        bound = Bound("speed", limit, limit + beyond, beyond, "rad/s", times)
+        assert bound.passed is passed
+        if passed:
+            assert f"limit of {limit:g} rad/s from t = 2 s" in bound.sentence("j")
 
 
 def test_limits_that_are_kept_are_not_told() -> None:
@@ -247,31 +252,31 @@ def test_limits_that_are_kept_are_not_told() -> None:
 
 
 # -- control -------------------------------------------------------------------------------------------------------
-@pytest.mark.parametrize("period", ["", ", period: 0.02, delay: 0.01"])
-def test_figures_of_a_controller(period: str) -> None:
+def test_figures_of_a_controller() -> None:
     """Errors, torques at their limits, work and updates, from the samples of the run; limits that are not there."""
-    text = ARM.replace(
-        "{name: a, type: revolute, axis: [0, 0, 1]}",
-        "{name: a, type: revolute, axis: [0, 0, 1], limits: {effort: 30}}",
-    )
-    control = f"control: {{type: pd, joints: [a, b], gains: {{kp: 60, kd: 6}}{period}}}\n"
-    found = simulate(load_scene_text(text + control, overrides=["simulate.samples=401"]))
-    told, t = found.summary["control"], found.time
-    wanted = np.column_stack([0.7 * t + np.sin(3.0 * t), np.cos(4.0 * t)])
-    np.testing.assert_allclose(found["control/error"], wanted - found["q"], atol=1e-12)
-    for k, name in enumerate("ab"):
-        one = told["tracking"][name]
-        assert one["peak"] == pytest.approx(np.abs(found["control/error"][:, k]).max(), rel=1e-3)
-        assert one["rms"] == pytest.approx(
-            np.sqrt(np.trapezoid(found["control/error"][:, k] ** 2, t) / 2.0), rel=1e-3
+    for period in ["", ", period: 0.02, delay: 0.01"]:
+        text = ARM.replace(
+            "{name: a, type: revolute, axis: [0, 0, 1]}",
+            "{name: a, type: revolute, axis: [0, 0, 1], limits: {effort: 30}}",
         )
-    at = np.abs(found["control/torque"][:, 0]) > 30.0 * (1.0 - 1e-9)
-    assert 2 < at.sum() < 399
-    assert told["saturated"] == {"a": pytest.approx(at.sum() * 0.005, abs=0.01)}
-    power = found["control/torque"] * found["qd"]
-    assert told["energy"]["driving"] == pytest.approx(
-        np.trapezoid(np.maximum(power, 0.0), t, axis=0).sum(), rel=1e-2
-    )
-    assert (told.get("delay"), told.get("period"), told.get("updates")) == (
-        (0.01, 0.02, 101) if period else (None,) * 3
-    )
+        control = f"control: {{type: pd, joints: [a, b], gains: {{kp: 60, kd: 6}}{period}}}\n"
+        found = simulate(load_scene_text(text + control, overrides=["simulate.samples=401"]))
+        told, t = found.summary["control"], found.time
+        wanted = np.column_stack([0.7 * t + np.sin(3.0 * t), np.cos(4.0 * t)])
+        np.testing.assert_allclose(found["control/error"], wanted - found["q"], atol=1e-12)
+        for k, name in enumerate("ab"):
+            one = told["tracking"][name]
+            assert one["peak"] == pytest.approx(np.abs(found["control/error"][:, k]).max(), rel=1e-3)
+            assert one["rms"] == pytest.approx(
+                np.sqrt(np.trapezoid(found["control/error"][:, k] ** 2, t) / 2.0), rel=1e-3
+            )
+        at = np.abs(found["control/torque"][:, 0]) > 30.0 * (1.0 - 1e-9)
+        assert 2 < at.sum() < 399
+        assert told["saturated"] == {"a": pytest.approx(at.sum() * 0.005, abs=0.01)}
+        power = found["control/torque"] * found["qd"]
+        assert told["energy"]["driving"] == pytest.approx(
+            np.trapezoid(np.maximum(power, 0.0), t, axis=0).sum(), rel=1e-2
+        )
+        assert (told.get("delay"), told.get("period"), told.get("updates")) == (
+            (0.01, 0.02, 101) if period else (None,) * 3
+        )

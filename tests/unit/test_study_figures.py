@@ -24,17 +24,17 @@ from robodyn_cli.over.study.rows import _mixed
 from robodyn_cli.scene.nested_options import Correlation
 
 
-@pytest.mark.parametrize("sampler", ["sobol", "random", "lhs"])
-def test_samples_in_blocks_are_those_at_once(sampler: str) -> None:
+def test_samples_in_blocks_are_those_at_once() -> None:
     """Forwards, again from the beginning, and with a gap."""
-    whole = make_samples(sampler, 64, 3, 7).rows(0, 64)
-    assert whole.shape == (64, 3) and whole.min() >= 0.0 and whole.max() <= 1.0
-    assert np.unique(whole.round(12), axis=0).shape == (64, 3)
-    samples = make_samples(sampler, 64, 3, 7)
-    for first, last in ((0, 10), (10, 33), (40, 64), (5, 6), (6, 64), (0, 64)):
-        assert np.array_equal(samples.rows(first, last), whole[first:last]), (first, last)
-    assert not np.array_equal(make_samples(sampler, 64, 3, 8).rows(0, 64), whole)
-    assert np.abs(whole.mean(axis=0) - 0.5).max() < 0.15
+    for sampler in ["sobol", "random", "lhs"]:
+        whole = make_samples(sampler, 64, 3, 7).rows(0, 64)
+        assert whole.shape == (64, 3) and whole.min() >= 0.0 and whole.max() <= 1.0
+        assert np.unique(whole.round(12), axis=0).shape == (64, 3)
+        samples = make_samples(sampler, 64, 3, 7)
+        for first, last in ((0, 10), (10, 33), (40, 64), (5, 6), (6, 64), (0, 64)):
+            assert np.array_equal(samples.rows(first, last), whole[first:last]), (first, last)
+        assert not np.array_equal(make_samples(sampler, 64, 3, 8).rows(0, 64), whole)
+        assert np.abs(whole.mean(axis=0) - 0.5).max() < 0.15
 
 
 def test_a_design_for_indices() -> None:
@@ -48,15 +48,15 @@ def test_a_design_for_indices() -> None:
     assert np.array_equal(Repeated(both).rows(6, 10), both.rows(0, 8)[[6, 7, 0, 1]])
 
 
-@pytest.mark.parametrize(("name", "arguments", "known"), [
-    ("uniform", (-2.0, 5.0), stats.uniform(-2.0, 7.0)),
-    ("triangular", (1.0, 2.0, 5.0), stats.triang(0.25, 1.0, 4.0)),
-    ("normal", (3.0, 0.5), stats.norm(3.0, 0.5)),
-])  # fmt: skip
-def test_distributions(name: str, arguments: tuple[float, ...], known: object) -> None:
-    u = np.array([0.001, 0.1, 0.25, 0.2501, 0.5, 0.9, 0.999])
-    found = quantile(Variation(text="", distribution=name, arguments=arguments), u)
-    assert np.allclose(found, known.ppf(u), rtol=1e-12)  # type: ignore[attr-defined]
+def test_distributions() -> None:
+    for name, arguments, known in [
+        ("uniform", (-2.0, 5.0), stats.uniform(-2.0, 7.0)),
+        ("triangular", (1.0, 2.0, 5.0), stats.triang(0.25, 1.0, 4.0)),
+        ("normal", (3.0, 0.5), stats.norm(3.0, 0.5)),
+    ]:
+        u = np.array([0.001, 0.1, 0.25, 0.2501, 0.5, 0.9, 0.999])
+        found = quantile(Variation(text="", distribution=name, arguments=arguments), u)
+        assert np.allclose(found, known.ppf(u), rtol=1e-12)  # type: ignore[attr-defined]
 
 
 def test_uniform_numbers_have_finite_scores() -> None:
@@ -65,16 +65,16 @@ def test_uniform_numbers_have_finite_scores() -> None:
     assert np.all(np.isfinite(stats.norm.ppf(ends)))
 
 
-@pytest.mark.parametrize(("runs", "most"), [(10, 20), (20, 20), (1000, 20), (1001, 7)])
-def test_one_run_of_each_part(runs: int, most: int) -> None:
-    chosen = strata(runs, most)
-    if runs <= most:
-        assert chosen.tolist() == list(range(runs))
-        return
-    edges = np.linspace(0, runs, most + 1).astype(int)
-    assert len(chosen) == most and np.all((edges[:-1] <= chosen) & (chosen < edges[1:]))
-    # at random within its part, not always the first
-    assert 0.2 < np.mean((chosen - edges[:-1]) / np.diff(edges)) < 0.8
+def test_one_run_of_each_part() -> None:
+    for runs, most in [(10, 20), (20, 20), (1000, 20), (1001, 7)]:
+        chosen = strata(runs, most)
+        if runs <= most:
+            assert chosen.tolist() == list(range(runs))
+            continue
+        edges = np.linspace(0, runs, most + 1).astype(int)
+        assert len(chosen) == most and np.all((edges[:-1] <= chosen) & (chosen < edges[1:]))
+        # at random within its part, not always the first
+        assert 0.2 < np.mean((chosen - edges[:-1]) / np.diff(edges)) < 0.8
 
 
 def test_influences_of_a_plane() -> None:
@@ -110,12 +110,12 @@ def test_indices_of_a_sum_of_squares() -> None:
     assert sobol(("a", "b"), np.where(np.arange(1024) == 9, np.nan, x[:, 0])) is None
 
 
-@pytest.mark.parametrize(("count", "runs"), [(0, 50), (7, 50), (50, 50)])
-def test_the_interval_of_a_share_is_that_of_clopper_and_pearson(count: int, runs: int) -> None:
-    found = share(count, runs, True)
-    known = stats.binomtest(count, runs).proportion_ci(0.95, method="exact")
-    assert found.share == count / runs
-    assert (found.low, found.high) == pytest.approx((known.low, known.high), rel=1e-9)
+def test_the_interval_of_a_share_is_that_of_clopper_and_pearson() -> None:
+    for count, runs in [(0, 50), (7, 50), (50, 50)]:
+        found = share(count, runs, True)
+        known = stats.binomtest(count, runs).proportion_ci(0.95, method="exact")
+        assert found.share == count / runs
+        assert (found.low, found.high) == pytest.approx((known.low, known.high), rel=1e-9)
 
 
 def test_rows_are_told_apart_by_all_values_and_their_order() -> None:

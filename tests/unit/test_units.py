@@ -143,9 +143,16 @@ catalogue:
 """
 
 
-@pytest.mark.parametrize("command", [inverse, simulate, kinematics], ids=lambda x: x.__name__)
-def test_units_of_datasets_and_figures(command: Callable[[Any], Result]) -> None:
-    check(ARM + ("outputs: {reactions: true}" if command is inverse else ""), command)
+def test_units_of_an_inverse_run() -> None:
+    check(ARM + "outputs: {reactions: true}", inverse)
+
+
+def test_units_of_a_simulation() -> None:
+    check(ARM, simulate)
+
+
+def test_units_of_kinematics() -> None:
+    check(ARM, kinematics)
 
 
 def test_units_of_drives() -> None:
