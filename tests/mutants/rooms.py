@@ -24,7 +24,7 @@ MOTION = [
     "test_observed_figures.py",
     "test_error_rules.py",
     "test_error_estimate.py", "test_growth_of_errors.py", "test_errors_of_many.py", "test_self_check.py", "test_stiffness.py",
-    "test_run_simulate.py", "test_run_simulate_loops.py", "test_driver.py", "test_model_rounding.py", "test_not_finite.py",
+    "test_run_simulate.py", "test_run_simulate_loops.py", "test_driver.py", "test_model_rounding.py", "test_not_finite.py", "test_control.py",
 ]  # fmt: skip
 OBSERVE = [
     "test_units.py",

@@ -120,6 +120,7 @@ class Runner:
         if new:
             _forked(learn, limit=3600.0)
             known |= json.loads(found.read_text())
+            found.unlink()
             self.reach.write_text(json.dumps(known))
         return known
 

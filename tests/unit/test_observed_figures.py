@@ -13,6 +13,7 @@ from robodyn_cli.errors import GeometryError, NumericalError
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion import self_check
+from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.conditioning import Conditioning
 from robodyn_cli.motion.error import First, remainder
 from robodyn_cli.observe.joint_limits import Bound
@@ -280,3 +281,11 @@ def test_figures_of_a_controller() -> None:
         assert (told.get("delay"), told.get("period"), told.get("updates")) == (
             (0.01, 0.02, 101) if period else (None,) * 3
         )
+
+
+def test_rounding_of_what_payloads_change_is_not_told() -> None:
+    """Their parameters change on the way; loops are judged all the same, and there are none here."""
+    problem = build_motion(load_scene(CONFIGS / "catching_arm.yaml")).problem
+    nq, nv = problem.model.nq, problem.model.nv
+    found = Conditioning.of(problem, [], np.zeros(1), (np.ones((1, nq)), np.ones((1, nv)), np.zeros((1, 0))))
+    assert found == Conditioning(0.0, 0.0, 0.0)
