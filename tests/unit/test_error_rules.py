@@ -13,7 +13,8 @@ import pytest
 from robodyn_cli.motion.error import Courses
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.study.report import Moments, quantiles
-from robodyn_cli.solve.extremes import Extreme, integral, largest, smallest
+from robodyn_cli.solve.extremes import Extreme, integral, largest, sampling_error, smallest
+from robodyn_cli.solve.quadrature import integrate
 
 
 def extreme(value: float, error: float, time: float, time_error: float = 0.0) -> Extreme:
@@ -54,6 +55,17 @@ def test_the_integral_of_a_jump_in_the_middle() -> None:
     for at in (0.51, 0.515, 0.52):
         (found,), (off,) = integral(x, np.where(x > at, 1.0, 0.0)[:, None])
         assert abs(found - (1.0 - at)) <= off < 0.05
+
+
+def test_the_error_of_an_integral_is_told_where_it_arises() -> None:
+    """At kinks in the middle of the samples, far from both ends, where there is nothing."""
+    x, covered = np.linspace(0.0, 1.0, 41), []
+    for centre in np.linspace(0.45, 0.55, 9):
+        y = np.maximum(1.0 - ((x - centre) / 0.2) ** 2, 0.0)[:, None]
+        off = abs(integrate(y, x[1])[0] - 0.8 / 3.0)
+        covered.append(off)
+        assert off <= sampling_error(y, x[1])[0] < 0.01
+    assert max(covered) > 1e-6
 
 
 # -- differences ---------------------------------------------------------------------------------------------------
@@ -100,11 +112,11 @@ def test_what_rounding_leaves_is_the_largest_of_what_there_is() -> None:
         return float(found.q[0]), float(found.qd[0])
 
     own = 2.0 * 1.1e-14, 4.0 * 1.1e-14
-    assert floor(1e-14, (0.0, 0.0)) == pytest.approx(own, rel=1e-12)
-    assert floor(1e-14, (1e-12, 1e-13)) == pytest.approx((1e-12, 1e-13), rel=1e-12)
-    assert floor(1e-14, (1e-13, 1e-20)) == pytest.approx((1e-13, own[1]), rel=1e-12)
-    assert floor(1e-3, (1e-6, 1e-6)) == pytest.approx(own, rel=1e-12)
-    assert floor(1e-3, (0.0, 0.0), 1e-9) == pytest.approx((1e-9, 1e-9), rel=1e-12)
+    assert floor(1e-14, (0.0, 0.0)) == pytest.approx(own, rel=1e-12, abs=0.0)
+    assert floor(1e-14, (1e-12, 1e-13)) == pytest.approx((1e-12, 1e-13), rel=1e-12, abs=0.0)
+    assert floor(1e-14, (1e-13, 1e-20)) == pytest.approx((1e-13, own[1]), rel=1e-12, abs=0.0)
+    assert floor(1e-3, (1e-6, 1e-6)) == pytest.approx(own, rel=1e-12, abs=0.0)
+    assert floor(1e-3, (0.0, 0.0), 1e-9) == pytest.approx((1e-9, 1e-9), rel=1e-12, abs=0.0)
 
 
 # -- studies -------------------------------------------------------------------------------------------------------

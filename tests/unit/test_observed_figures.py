@@ -219,7 +219,7 @@ def test_closing_loops_near_a_dead_point_is_ill_conditioned() -> None:
         found = Conditioning.of(problem, [slide], np.zeros(1), (q, *nothing))
         closing.append(found.closing)
     assert 1e-17 < closing[0] < 1e-14
-    assert closing[1] == pytest.approx(100.0 * closing[0], rel=3.0) and closing[1] > 20.0 * closing[0]
+    assert 20.0 * closing[0] < closing[1] < 400.0 * closing[0]
 
 
 # -- limits --------------------------------------------------------------------------------------------------------

@@ -151,6 +151,14 @@ def test_units_of_a_simulation() -> None:
     check(ARM, simulate)
 
 
+def test_units_of_a_controlled_motion() -> None:
+    gains = "kp: {a: <20 N m/rad>, s: <30 N/m>}, kd: {a: <4 N m s/rad>, s: <5 N s/m>}"
+    free = ARM.replace("torques:", "parameters:").replace(
+        '{a: "<3 N m>*sin(t/<1 s>)", s: <1 N>}', "{unused: 1}"
+    )
+    check(free + f"control: {{type: pd, joints: [a, s], gains: {{{gains}}}}}\n", simulate)
+
+
 def test_units_of_kinematics() -> None:
     check(ARM, kinematics)
 
