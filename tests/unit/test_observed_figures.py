@@ -17,6 +17,7 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.conditioning import Conditioning
 from robodyn_cli.motion.error import First, remainder
 from robodyn_cli.observe.joint_limits import Bound
+from robodyn_cli.observe.singular_values import LeastNorm
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.torques.checks import Loaded, attitude_error, error_estimate, path_error
@@ -217,8 +218,11 @@ def test_closing_loops_near_a_dead_point_is_ill_conditioned() -> None:
         nothing = np.zeros((1, 3)), np.zeros((1, 0))
         slide = problem.model.v_names.index("slide")
         found = Conditioning.of(problem, [slide], np.zeros(1), (q, *nothing))
+        psi = problem.numbers(list(problem.psi.ravel()), q[0]).reshape(-1, 3)
+        least = np.linalg.svd(np.delete(psi, [slide], axis=1), compute_uv=False)[-1]
+        # three terms, of which the largest is 1.2
+        assert 1.5e-16 < found.closing * least < 1e-15
         closing.append(found.closing)
-    assert 1e-17 < closing[0] < 1e-14
     assert 20.0 * closing[0] < closing[1] < 400.0 * closing[0]
 
 
@@ -289,3 +293,42 @@ def test_rounding_of_what_payloads_change_is_not_told() -> None:
     nq, nv = problem.model.nq, problem.model.nv
     found = Conditioning.of(problem, [], np.zeros(1), (np.ones((1, nq)), np.ones((1, nv)), np.zeros((1, 0))))
     assert found == Conditioning(0.0, 0.0, 0.0)
+
+
+# -- datasets ------------------------------------------------------------------------------------------------------
+def test_what_stands_on_what() -> None:
+    found = inverse(load_scene_text(ARM + "outputs: {reactions: true}\n"))
+    meanings = {name: found.variables[f"reactions/{name}"].long_name for name in "ab"}
+    assert meanings["a"].startswith("what base exerts on A,") and meanings["b"].startswith(
+        "what A exerts on B,"
+    )
+    assert found.variables["q"].dims == found.variables["qd"].dims == ("time", "joint")
+
+
+def test_positions_of_a_ball_are_more_than_its_rates() -> None:
+    text = """
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints: [{name: ball, type: spherical}]
+  links: [{name: body, mass: 1, com: [0, 0, -1], inertia: {xx: 1, yy: 2, zz: 3}}]
+initial: {q: {ball: [1, 0, 0, 0]}, qd: {ball: [1, 2, 3]}}
+simulate: {duration: 0.1, samples: 3, integrator: rk4, step: 0.05}
+"""
+    found = simulate(load_scene_text(text))
+    dims = {path: (found.variables[path].dims, found[path].shape) for path in ("q", "qd")}
+    assert dims == {"q": (("time", "position"), (3, 4)), "qd": (("time", "joint"), (3, 3))}
+
+
+def test_least_norm_is_the_pseudo_inverse() -> None:
+    """Of rows of which one follows from the others, and of a pose in which one more does."""
+    rng = np.random.default_rng(6)
+    rows = rng.normal(size=(2, 4))
+    A = np.stack([np.vstack([rows, rows.sum(axis=0)]), np.vstack([rows[:1], rows[:1], 2.0 * rows[:1]])])
+    solver = object.__new__(LeastNorm)
+    solver.rank = 2
+    residual = rng.normal(size=(2, 3))
+    for k in range(2):
+        assert np.allclose(
+            solver._solve(A, residual)[k], np.linalg.pinv(A[k], rcond=1e-9) @ residual[k], atol=1e-12
+        )
