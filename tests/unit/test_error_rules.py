@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.motion.error import Courses
+from robodyn_cli.over.many.integrate import _samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.study.report import Moments, quantiles
 from robodyn_cli.solve.extremes import Extreme, integral, largest, sampling_error, smallest
@@ -117,6 +119,19 @@ def test_what_rounding_leaves_is_the_largest_of_what_there_is() -> None:
     assert floor(1e-14, (1e-13, 1e-20)) == pytest.approx((1e-13, own[1]), rel=1e-12, abs=0.0)
     assert floor(1e-3, (1e-6, 1e-6)) == pytest.approx(own, rel=1e-12, abs=0.0)
     assert floor(1e-3, (0.0, 0.0), 1e-9) == pytest.approx((1e-9, 1e-9), rel=1e-12, abs=0.0)
+
+
+def test_many_runs_are_judged_at_the_samples_of_one() -> None:
+    """At each stride-th sample of a run, whatever samples are asked for."""
+    one = SimpleNamespace(scene=SimpleNamespace(simulate=SimpleNamespace(samples=11)))
+    for count in (10, 100, 1000, 5000):
+        stride = stride_of(count + 1)
+        batch: Any = SimpleNamespace(structure=SimpleNamespace(motion=one))
+        sampling, wanted, judged = _samplings(batch, "gauss", count)
+        times = np.arange(1, sampling.count + 1) * count / sampling.count  # in samples
+        assert np.allclose(times[wanted], np.arange(1, count + 1))
+        assert np.allclose(times[judged][:5], stride * np.arange(1, 6)[: len(times[judged])]), count
+        assert len(times[judged]) == int(count / stride)
 
 
 # -- studies -------------------------------------------------------------------------------------------------------
