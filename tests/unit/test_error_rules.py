@@ -97,6 +97,9 @@ def test_a_slope_follows_from_the_runs_without_a_gap() -> None:
             assert abs(slope.value - 9.0 * scale) <= slope.error < 1e-6
     rough = sides([True] * LEVELS, 1e-5).slope(0)
     assert 1e-4 < rough.error < 1e-1
+    still = sides([True] * LEVELS, 0.0, 0.0)
+    still.rows["outputs"][...] = -1.0
+    assert still.slope(0).value == 0.0 and still.slope(0).error > 1e-15
     failed = sides([True] * (LEVELS - 1) + [False]).slope(0)
     assert math.isnan(failed.value) and failed.reason == "failed"
 

@@ -18,6 +18,7 @@ from robodyn_cli.motion.conditioning import Conditioning
 from robodyn_cli.motion.error import First, remainder
 from robodyn_cli.observe.joint_limits import Bound
 from robodyn_cli.observe.singular_values import LeastNorm
+from robodyn_cli.over.many import simulate as many_simulate
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.torques.checks import Loaded, attitude_error, error_estimate, path_error
@@ -161,6 +162,28 @@ def test_many_runs_lose_no_more_energy_than_one(monkeypatch: pytest.MonkeyPatch)
     summary = caught.value.result.summary  # type: ignore[union-attr]
     assert caught.value.details["energy_drift"] == summary["energy_drift"] > 0.0
     assert "multipliers" not in summary and "constraint_residual" not in summary
+
+
+def test_many_runs_by_several_methods(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each row has the end of a run by its own method."""
+    mechanism = Mechanism(
+        load_scene_text(ARM, overrides=["simulate.duration=0.2", "simulate.samples=3"]), ["initial.q.a"]
+    )
+    values = {"initial.q.a": [0.1, 0.2, 0.3, 0.4, 0.5]}
+    alone = mechanism.simulate_many(values)
+    methods = np.array(["gauss", "dopri5", "gauss", "gauss", "dopri5"])
+    monkeypatch.setattr(many_simulate, "method_of", lambda batch: methods)
+    mixed = mechanism.simulate_many(values)
+    assert mixed.code.tolist() == [0] * 5
+    np.testing.assert_allclose(mixed.q, alone.q, rtol=1e-5)
+    assert (mixed.steps == alone.steps).tolist() == (methods == "gauss").tolist()
+
+
+def test_an_estimate_that_is_not_asked_for_is_not_made() -> None:
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml", ["simulate.error_estimate=false"])
+    found = Mechanism(scene).deploy_many(of=["lock.time", "lock.time_error"])
+    assert found.code.tolist() == [0] and np.isnan(found.outputs["lock.time_error"]).all()
+    assert found.outputs["lock.time"][0] == pytest.approx(12.282995609, abs=1e-5)
 
 
 def test_a_loop_that_is_open_by_so_much_at_rest() -> None:

@@ -208,3 +208,9 @@ statics: {find: hold}
         ("gravity.1", -math.cos(0.4)),
     ):
         assert found["torques_of_joints.j", key] == pytest.approx(y, rel=1e-9)
+
+
+def test_errors_of_a_run_have_no_exact_slopes() -> None:
+    of = ["error_estimate.energy_quadrature", "joints.a.peak_torque"]
+    found, _ = exact_slopes(asked(CIRCLE, ["robot.links.B.mass"], of))
+    assert [name for name, _ in found] == of[1:]
