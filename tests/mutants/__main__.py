@@ -4,7 +4,7 @@
     python -m tests.mutants --only drives/ --only error   those with such text in file or function
     python -m tests.mutants.propose 20 --seed 2           new ones for the list
 
-Needs Python 3.11. Mutants that the list marks as equivalent are passed over; lines that are gone are told. The outcomes
+Needs Python 3.11. A mutant that makes a test run without end counts as caught. Mutants that the list marks as equivalent are passed over; lines that are gone are told. The outcomes
 go to ``results.txt`` in ``--out``, a line each; a mutant whose outcome is there is not tried again, and with ``--again``
 those are that were not caught. ``reach.json`` there keeps what tests call: remove the directory after larger changes.
 """
@@ -55,7 +55,7 @@ def main() -> int:
     for mutant in faults:
         if known.get(_name(mutant)) != "caught":
             print(f"\n{known.get(_name(mutant), 'not tried')}: {mutant}", end="")
-    share = verdicts["caught"] / max(len(faults) - verdicts["gone"], 1)
+    share = (verdicts["caught"] + verdicts["timeout"]) / max(len(faults) - verdicts["gone"], 1)
     print(f"\n{len(faults)} faults: {dict(verdicts)}, {share:.1%} caught")
     return 0 if share >= REQUIRED else 1
 

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from robodyn_cli.errors import SceneError
 from robodyn_cli.over.batch.criteria import lookup_number
 from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.scene.load import load_scene_text
@@ -214,3 +215,11 @@ def test_errors_of_a_run_have_no_exact_slopes() -> None:
     of = ["error_estimate.energy_quadrature", "joints.a.peak_torque"]
     found, _ = exact_slopes(asked(CIRCLE, ["robot.links.B.mass"], of))
     assert [name for name, _ in found] == of[1:]
+
+
+def test_keys_without_a_number_are_told_as_such() -> None:
+    for key in ("robot.joints.x.type", "robot.joints.x.axis", "gravity", "title"):
+        with pytest.raises(SceneError, match="the scene has no number there; allowed: a key with a number"):
+            asked(MASS + "title: fall\n", [key], ENDS)
+    with pytest.raises(SceneError, match="has no item named 'y'"):
+        asked(MASS, ["robot.joints.y.axis"], ENDS)
