@@ -186,7 +186,8 @@ def test_mechanisms_at_rest() -> None:
         "multipliers.pin.x",
         "multipliers.pin.y",
     ]
-    check(text + "statics: {find: balance}\n", keys, of)
+    for hold in (", hold: [crank]", ""):
+        check(text.replace(", hold: [crank]", hold) + "statics: {find: balance}\n", keys, of)
 
 
 def test_a_pendulum_that_is_held() -> None:
