@@ -53,7 +53,7 @@ ROOMS = {
     "motors/heat.py": DRIVES,
     "works/size": DRIVES,
     "observe": OBSERVE,
-    "torques/checks.py": INVERSE,
+    "torques/checks.py": ["test_error_rules.py", *INVERSE],
     "solve/extremes.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],
     "solve/quadrature.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],
     "motion/error.py": MOTION,
@@ -69,9 +69,9 @@ ROOMS = {
     "over/study/rows.py": STUDY,
     "results/stated_errors.py": RESULTS,
     "results/compare.py": RESULTS,
-    "summaries": [*RESULTS, "test_run_reactions.py", "test_sweep.py"],
+    "summaries": ["test_observed_figures.py", *RESULTS, "test_run_reactions.py", "test_sweep.py"],
     "works/statics.py": ["test_run_statics.py", "test_observed_figures.py", "test_run_reactions.py", "test_stops.py", "test_limits.py"],
-    "works/kinematics.py": ["test_run_kinematics.py", "test_units.py", "test_poses.py"],
+    "works/kinematics.py": ["test_observed_figures.py", "test_run_kinematics.py", "test_units.py", "test_poses.py"],
 }  # fmt: skip
 
 

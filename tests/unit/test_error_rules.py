@@ -15,8 +15,9 @@ from robodyn_cli.motion.error import Courses
 from robodyn_cli.over.many.integrate import _samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.study.report import Moments, quantiles
-from robodyn_cli.solve.extremes import Extreme, integral, largest, sampling_error, smallest
-from robodyn_cli.solve.quadrature import integrate
+from robodyn_cli.solve.extremes import Extreme, integral, largest, sampling_error, smallest, spaced, tops
+from robodyn_cli.solve.quadrature import integrate, integrate_positive
+from robodyn_cli.torques.checks import turns_of
 
 
 def extreme(value: float, error: float, time: float, time_error: float = 0.0) -> Extreme:
@@ -68,6 +69,57 @@ def test_the_error_of_an_integral_is_told_where_it_arises() -> None:
         covered.append(off)
         assert off <= sampling_error(y, x[1])[0] < 0.01
     assert max(covered) > 1e-6
+
+
+def test_breaks_in_samples_of_two_steps() -> None:
+    """t^2 up to a jump at a known place among the second, closer samples: pieces end there, to the last digits."""
+    t = np.concatenate([np.linspace(0.0, 1.0, 21), np.linspace(1.0, 2.0, 41)[1:]])
+    jump = 1.5125
+    y = np.where(t < jump, t * t, 0.5)[:, None]
+    peak = largest(t, y, [40.5])
+    assert peak.value[0] == pytest.approx(jump**2, rel=1e-9) and peak.time[0] == pytest.approx(jump, rel=1e-9)
+    assert peak.error[0] < 1e-6 and peak.time_error[0] < 1e-6
+    (area,), (off,) = integral(t, y, [40.5])
+    assert abs(area - (jump**3 / 3.0 + 0.5 * (2.0 - jump))) <= off < 0.02
+
+
+def test_a_jump_in_the_first_interval() -> None:
+    """Pieces end there too, on both sides by their own polynomials."""
+    x = np.arange(12.0)
+    for place in (0.4, 5.4, 9.4):
+        y = np.where(x < place, 2.0, 1.0 + x)[:, None]
+        exact = 2.0 * place + (11.0 - place) + (121.0 - place**2) / 2.0
+        assert integrate(y, 1.0, [place])[0] == pytest.approx(exact, rel=1e-12)
+        assert integrate_positive(y, 1.0, [place])[0] == pytest.approx(exact, rel=1e-12)
+
+
+def test_places_of_breaks() -> None:
+    """Those near others are left out; a sample at one stands alone."""
+    assert spaced([10.25, 12.0, 1.0, 20.0, 38.5], 41) == [10.25, 20.0 - 1e-9, 20.0 + 1e-9]
+    assert spaced([10.25, 30.5], 41, [12.0]) == [12.0, 30.5]
+
+
+def test_where_a_rate_turns_back() -> None:
+    """cos(3 t) at steps of 0.05 s: at odd multiples of pi / 6; and where it is 0 at a sample it is not between two."""
+    t = np.arange(0.0, 3.01, 0.05)
+    found = np.array(turns_of(0.05, np.cos(3.0 * t), -3.0 * np.sin(3.0 * t))) * 0.05
+    assert np.allclose(found, np.pi / 6.0 * np.array([1.0, 3.0, 5.0]), atol=1e-7)
+    assert turns_of(0.1, np.array([1.0, 0.5, 0.2]), np.zeros(3)) == []
+
+
+def test_tops_of_many_columns_are_those_of_each() -> None:
+    """Without their errors: for sizing, beside the extremes of one column; a peak at rough samples stays a sample."""
+    rng = np.random.default_rng(8)
+    x = np.linspace(0.0, 1.0, 60)
+    y = (1.0 + x[:, None]) * np.sin(
+        2.0 * np.pi * (rng.uniform(0.5, 3.0, 12) * x[:, None] + rng.uniform(size=12))
+    )
+    value, at = tops(y)
+    one = largest(np.arange(60.0), y)
+    assert np.allclose(value, one.value, atol=1e-7) and np.allclose(at, one.at, atol=1e-3)
+    rough = rng.normal(size=(60, 5))
+    value, at = tops(rough)
+    assert np.array_equal(value, rough.max(axis=0)) and np.array_equal(at, rough.argmax(axis=0))
 
 
 # -- differences ---------------------------------------------------------------------------------------------------

@@ -21,9 +21,14 @@ from robodyn_cli.observe.singular_values import LeastNorm
 from robodyn_cli.over.many import simulate as many_simulate
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.summaries.checks import JudgedCriterion
+from robodyn_cli.summaries.facts import PeakLoad, fact
+from robodyn_cli.summaries.inverse import definitions_of
+from robodyn_cli.summaries.motion import Counters
 from robodyn_cli.torques.checks import Loaded, attitude_error, error_estimate, path_error
 from robodyn_cli.torques.program import InverseProgram
 from robodyn_cli.works.inverse import inverse, program_of
+from robodyn_cli.works.kinematics import kinematics
 from robodyn_cli.works.simulate import simulate
 from robodyn_cli.works.statics import held, summarise
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER
@@ -94,6 +99,11 @@ def test_the_balance_of_energy_is_what_the_samples_leave_of_the_work() -> None:
     assert abs(work - true) > 1e-6
     assert balance == pytest.approx(work - true, rel=1e-3)
     assert coarse.summary["error_estimate"]["energy_quadrature"] >= abs(work - true)
+    # relative to the work that is turned over, as there is more of it than change of energy
+    over = np.trapezoid(np.abs((coarse["tau"] * coarse["qd"]).sum(axis=1)), coarse.time)
+    change = np.ptp(coarse["energy/kinetic"] + coarse["energy/potential"])
+    relative = coarse.summary["error_estimate"]["energy_balance_relative"]
+    assert relative == pytest.approx(balance / max(over, change), rel=0.5, abs=0.0)
 
 
 def test_loads_that_neither_actuators_nor_loops_bear() -> None:
@@ -355,3 +365,41 @@ def test_least_norm_is_the_pseudo_inverse() -> None:
         assert np.allclose(
             solver._solve(A, residual)[k], np.linalg.pinv(A[k], rcond=1e-9) @ residual[k], atol=1e-12
         )
+
+
+# -- records of summaries ------------------------------------------------------------------------------------------
+def test_the_larger_of_two_loads() -> None:
+    """Force and moment each for themselves; the error covers the smaller one with its own."""
+    one, other = PeakLoad(5.0, 1.0, 0.1, 0.2), PeakLoad(4.0, 2.0, 1.5, 0.1)
+    for found in (one.or_larger(other), other.or_larger(one)):
+        assert (found.peak_force, found.peak_moment) == (5.0, 2.0)
+        assert (found.force_error, found.moment_error) == pytest.approx((0.5, 0.1))
+
+
+def test_what_was_judged_in_words() -> None:
+    shown = [JudgedCriterion("key", "any", x, True).shown for x in (None, True, False, 1.0 / 3.0, 3, "ok")]
+    assert shown == ["null", "true", "false", "0.333333333", "3", "ok"]
+
+
+def test_definitions_are_those_of_what_there_is() -> None:
+    assert "virtual_work_residual" in definitions_of(True) and "virtual_work_residual" not in definitions_of(
+        False
+    )
+    assert "round_trip" in definitions_of(False)
+
+
+def test_kinds_of_names_of_a_map() -> None:
+    for names, kinds in (("LINK", ("LINK",)), (("JOINT", "base"), ("JOINT", "base"))):
+        assert fact("", names=names).metadata["fact"].names == kinds
+
+
+def test_the_stroke_and_the_attempts() -> None:
+    """A slider-crank: from b - a to b + a; steps that were refused are attempts, too."""
+    text = "schema: 1\n" + SLIDER.replace("torques: {crank: 5}", 'prescribed: {crank: "0.2 + 2*pi*t"}')
+    text = text.replace("duration: 3, samples: 31", "duration: 1") + "kinematics: {samples: 61}\n"
+    summary = kinematics(load_scene_text(text)).summary
+    ranges = summary["joints"]["slide"]
+    assert 0.0 < summary["singular_ratio"]["smallest"] < 1.0
+    assert (ranges["smallest"], ranges["largest"]) == pytest.approx((0.6, 1.2), rel=1e-6)
+    one = simulate(load_scene_text(ARM, overrides=["simulate.duration=0.1"])).summary["counters"]
+    assert Counters(**{**one, "steps": 7, "rejected": 2}).attempts == 9

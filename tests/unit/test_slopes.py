@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import pytest
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.batch.criteria import lookup_number
 from robodyn_cli.over.sensitivity.report import exact_slopes
+from robodyn_cli.results.hdf5 import write
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.kinematics import kinematics
@@ -224,3 +226,10 @@ def test_keys_without_a_number_are_told_as_such() -> None:
             asked(MASS + "title: fall\n", [key], ENDS)
     with pytest.raises(SceneError, match="has no item named 'y'"):
         asked(MASS, ["robot.joints.y.axis"], ENDS)
+
+
+def test_a_run_that_goes_on_is_left_to_differences(tmp_path: Path) -> None:
+    write(simulate(load_scene_text(MASS)), tmp_path / "result.h5")
+    question = asked(MASS, ["robot.links.body.mass"], ENDS, f"initial={{from: {tmp_path}, at: 0.5}}")
+    found, why = exact_slopes(question)
+    assert not found and "the run goes on from a stored one" in why[0]
