@@ -4,9 +4,10 @@
     python -m tests.mutants --only drives/ --only error   those with such text in file or function
     python -m tests.mutants.propose 20 --seed 2           new ones for the list
 
-Needs Python 3.11. A mutant that makes a test run without end counts as caught. Mutants that the list marks as equivalent are passed over; lines that are gone are told. The outcomes
-go to ``results.txt`` in ``--out``, a line each; a mutant whose outcome is there is not tried again, and with ``--again``
-those are that were not caught. ``reach.json`` there keeps what tests call: remove the directory after larger changes.
+Needs Python 3.11. Mutants that the list marks as equivalent are passed over; lines that are gone are told (``--check``: no
+more than that). One that makes a test run without end counts as caught. The outcomes go to ``results.txt`` in ``--out``, a line
+each; a mutant whose outcome is there is not tried again, and with ``--again`` those are that were not caught.
+``reach.json`` there keeps what tests call: remove the directory after larger changes.
 """
 
 from __future__ import annotations
@@ -32,7 +33,12 @@ def main() -> int:
     parser.add_argument("--only", action="append", default=[])
     parser.add_argument("--out", type=Path, default=Path("outputs/mutants"))
     parser.add_argument("--again", action="store_true")
+    parser.add_argument("--check", action="store_true")
     asked = parser.parse_args()
+    if asked.check:
+        gone = [x for x in listed() if x.is_gone]
+        print("\n".join(map(str, gone)) or "every line is there")
+        return 1 if gone else 0
     asked.out.mkdir(parents=True, exist_ok=True)
     results = asked.out / "results.txt"
     known = _read(results)

@@ -70,6 +70,15 @@ class Mutant:
             raise Gone(f"{self.place}: no line {self.line!r}")
         return rows[self.number - 1]
 
+    @property
+    def is_gone(self) -> bool:
+        """Whether its line is no longer there."""
+        try:
+            self.row()
+        except Gone:
+            return True
+        return False
+
     def source(self) -> str:
         """Return the text of its file with the fault."""
         lines, row = self.path.read_text(encoding="utf-8").splitlines(), self.row()

@@ -28,7 +28,7 @@ from typing import Any
 import pytest
 
 from robodyn_cli.kernels.compiler import code_writers
-from tests.mutants.listed import MODULE, PACKAGE, Gone, Mutant
+from tests.mutants.listed import MODULE, PACKAGE, Mutant
 from tests.mutants.rooms import room_of
 
 LONGER = 8.0  # times the seconds of its tests that a mutant may take, for machines with other work
@@ -132,9 +132,7 @@ class Runner:
                 break
 
     def _tried(self, mutant: Mutant, items: dict[str, pytest.Item], reached: dict[str, Any]) -> Outcome:
-        try:
-            mutant.row()
-        except Gone:
+        if mutant.is_gone:
             return Outcome("gone")
         room = room_of(mutant.file)
         of_file = mutant.file + " "

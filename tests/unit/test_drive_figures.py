@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,6 +15,7 @@ from robodyn_cli.motors.gear import RotaryGear
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.size import search
 
 SINE = """
 schema: 1
@@ -128,3 +131,16 @@ def test_a_drive_is_the_same_alone_and_doubled() -> None:
     assert two["shaft"]["peak_torque"] - rotor == pytest.approx(
         0.5 * (one["shaft"]["peak_torque"] - rotor), rel=1e-6
     )
+
+
+def test_joints_in_the_order_in_which_their_drives_are_felt(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A joint bears what stands behind it: first those that bear no other; none where two bear each other."""
+
+    def order(felt: dict[str, set[str]]) -> list[str] | None:
+        monkeypatch.setattr(search, "influences", lambda responses, name: felt[name])
+        responses: Any = SimpleNamespace(joints=list(felt))
+        return search.order_of(responses)
+
+    assert order({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == ["c", "b", "a"]
+    assert order({"a": {"b"}, "b": {"a"}, "c": set()}) is None
+    assert order({"a": {"a"}}) is None
