@@ -61,7 +61,7 @@ ROOMS = {
     "motion/self_check.py": MOTION,
     "motion/conditioning.py": MOTION,
     "over/many/inverse.py": ["test_mechanism_inverse.py", "test_mechanism.py", "test_study_blocks.py"],
-    "over/many/integrate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
+    "over/many/integrate.py": ["test_error_rules.py", "test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/simulate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py", "test_slopes.py"],
     "over/study/design.py": STUDY,

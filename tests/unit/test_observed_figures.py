@@ -403,3 +403,17 @@ def test_the_stroke_and_the_attempts() -> None:
     assert (ranges["smallest"], ranges["largest"]) == pytest.approx((0.6, 1.2), rel=1e-6)
     one = simulate(load_scene_text(ARM, overrides=["simulate.duration=0.1"])).summary["counters"]
     assert Counters(**{**one, "steps": 7, "rejected": 2}).attempts == 9
+
+
+def test_prescribed_joints_alone_close_no_loop() -> None:
+    text = ARM.replace("trajectory:", "outputs: {}\ntrajectory:")
+    settings = [
+        "prescribed={a: 0.3*t}",
+        "simulate.duration=0.1",
+        "simulate.samples=3",
+        "initial={q: {b: 0.4}}",
+    ]
+    found = simulate(load_scene_text(text, overrides=settings))
+    assert "constraints/multipliers" in found and not [
+        path for path in found.variables if path.startswith("singularity")
+    ]
