@@ -27,6 +27,7 @@ MOTION = [
     "test_run_simulate.py", "test_run_simulate_loops.py", "test_driver.py", "test_model_rounding.py", "test_not_finite.py", "test_control.py",
 ]  # fmt: skip
 OBSERVE = [
+    "test_error_rules.py",
     "test_units.py",
     "test_run_reactions.py", "test_reactions.py", "test_rounding.py", "test_beyond_limits.py", "test_drawn_limits.py",
     "test_control.py", "test_control_loops.py", "test_redundant_loops.py", "test_run_simulate.py", "test_run_inverse.py",

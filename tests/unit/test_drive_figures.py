@@ -11,9 +11,11 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from robodyn_cli.drives.cycle import CycleSamples, Duty, gear_limits
+from robodyn_cli.drives.figures import Evaluated
 from robodyn_cli.motors.gear import RotaryGear
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.size import search
 
@@ -144,3 +146,22 @@ def test_joints_in_the_order_in_which_their_drives_are_felt(monkeypatch: pytest.
     assert order({"a": {"b", "c"}, "b": {"c"}, "c": set()}) == ["c", "b", "a"]
     assert order({"a": {"b"}, "b": {"a"}, "c": set()}) is None
     assert order({"a": {"a"}}) is None
+
+
+def test_temperatures_that_half_as_many_samples_do_not_have() -> None:
+    """At the edge of where losses grow faster than the heat leaves: no error can be told."""
+    known, unknown = (SimpleNamespace(_temperatures=lambda x=x: x) for x in ((50.0, 40.0, 30.0), None))
+    for own, half in ((known, unknown), (unknown, known)):
+        one: Any = SimpleNamespace(_temperatures=own._temperatures, half=half)
+        assert Evaluated._winding(one) is ABSENT
+
+
+def test_a_search_for_better_drives_begins_where_there_is_room() -> None:
+    for left, begun in ((6, True), (5, False)):
+        together: Any = object.__new__(search.Together)
+        candidates = {"j": SimpleNamespace(masses=np.zeros(2))}
+        together.search = SimpleNamespace(responses=SimpleNamespace(times=np.zeros(3)), candidates=candidates)
+        together.order, together.left, together.done, calls = ["j"], left, True, []
+        together._extend = lambda *given, calls=calls: calls.append(given)
+        together.run()
+        assert (together.done, bool(calls)) == (begun, begun)

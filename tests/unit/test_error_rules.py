@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 from types import SimpleNamespace
 from typing import Any
@@ -12,8 +13,10 @@ import pytest
 
 from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.motion.error import Courses
+from robodyn_cli.observe.observe import Observer
 from robodyn_cli.over.many.integrate import _samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
+from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
 from robodyn_cli.over.study.report import Moments, quantiles
 from robodyn_cli.solve.extremes import Extreme, integral, largest, sampling_error, smallest, spaced, tops
 from robodyn_cli.solve.quadrature import integrate, integrate_positive
@@ -156,6 +159,15 @@ def test_a_slope_follows_from_the_runs_without_a_gap() -> None:
     assert math.isnan(failed.value) and failed.reason == "failed"
 
 
+def test_a_motion_that_does_not_change_has_no_jumps() -> None:
+    """What rounding alone changes has a slope of nothing, on the negative side too."""
+    question: Any = SimpleNamespace(values=(1.0,), changed=lambda numbers, part: part)
+    for value in (1.0, -1.0):
+        values = itertools.cycle([value, np.nextafter(value, 2.0 * value), value])
+        (slope,) = led_slopes(question, 0, lambda part, values=values: [np.full(3, next(values))])
+        assert np.abs(slope).max() < 1e-9
+
+
 # -- motions -------------------------------------------------------------------------------------------------------
 def test_what_rounding_leaves_is_the_largest_of_what_there_is() -> None:
     """Of states of size 2 after 10 000 steps sqrt(10 000) half units; of equations what they leave, where it counts."""
@@ -187,6 +199,22 @@ def test_many_runs_are_judged_at_the_samples_of_one() -> None:
         assert np.allclose(times[wanted], np.arange(1, count + 1))
         assert np.allclose(times[judged][:5], stride * np.arange(1, 6)[: len(times[judged])]), count
         assert len(times[judged]) == int(count / stride)
+
+
+def test_a_correction_that_opens_another_row_is_not_taken() -> None:
+    """The largest residual of a state decides."""
+    x = np.zeros((3, 2))
+    left = {
+        0.0: np.array([[3.0, 4.0], [3.0, 4.0], [1.0, 4.0]]),
+        1.0: np.array([[1.0, 9.0], [5.0, 1.0], [3.9, 2.0]]),
+    }
+    observer: Any = SimpleNamespace(
+        residuals=SimpleNamespace(evaluate=lambda count, states: {"q": left[float(states[1, 0])]}),
+        system=SimpleNamespace(own_groups=lambda *given: None), parameters=None, _groups=lambda t, states: states,
+    )  # fmt: skip
+    kernel: Any = SimpleNamespace(evaluate=lambda count, groups: {"q": np.ones((3, 1))})
+    assert Observer._corrected(observer, np.zeros(3), x, kernel, "q", [0]) == 1.0
+    assert x[:, 0].tolist() == [0.0, 0.0, 1.0]
 
 
 # -- studies -------------------------------------------------------------------------------------------------------
