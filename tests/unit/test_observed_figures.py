@@ -30,7 +30,7 @@ from robodyn_cli.torques.program import InverseProgram
 from robodyn_cli.works.inverse import inverse, program_of
 from robodyn_cli.works.kinematics import kinematics
 from robodyn_cli.works.simulate import simulate
-from robodyn_cli.works.statics import held, summarise
+from robodyn_cli.works.statics import held, holding_joints, summarise
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER
 
 ARM = """
@@ -417,3 +417,13 @@ def test_prescribed_joints_alone_close_no_loop() -> None:
     assert "constraints/multipliers" in found and not [
         path for path in found.variables if path.startswith("singularity")
     ]
+
+
+def test_who_holds_a_mechanism() -> None:
+    """In an open chain all joints; in loops those with a torque, or all where none has one."""
+    chain = Problem(load_scene_text(ARM, overrides=["torques={a: 1}"]))
+    assert holding_joints(chain) == ("a", "b")
+    loops = "schema: 1\n" + SLIDER
+    assert holding_joints(Problem(load_scene_text(loops))) == ("crank",)
+    free = Problem(load_scene_text(loops, overrides=["torques=null", "initial.hold=[]"]))
+    assert holding_joints(free) == ("crank", "rod", "slide")
