@@ -18,6 +18,7 @@ from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.size import search
+from robodyn_cli.works.size.size import _asked
 
 SINE = """
 schema: 1
@@ -165,3 +166,14 @@ def test_a_search_for_better_drives_begins_where_there_is_room() -> None:
         together._extend = lambda *given, calls=calls: calls.append(given)
         together.run()
         assert (together.done, bool(calls)) == (begun, begun)
+
+
+def test_joints_without_a_drive_may_have_a_gear_of_their_own() -> None:
+    text = SINE.partition("drives:")[0].replace(
+        "axis: [0, 0, 1]}", "axis: [0, 0, 1]}, {name: k, type: revolute, axis: [0, 0, 1], gear_ratio: 2}"
+    )
+    text = text.replace(
+        "zz: 0.7}}", "zz: 0.7}}, {name: m, mass: 1, com: [0, 0, 0], inertia: {xx: 1, yy: 1, zz: 1}}"
+    )
+    text = text.replace("q: {j:", "q: {k: 0, j:")
+    assert list(_asked(load_scene_text(text + "actuated: [j]\n"), None)) == ["j"]
