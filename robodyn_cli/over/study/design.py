@@ -19,7 +19,7 @@ from robodyn_cli.scene.types import StudyOptions
 from robodyn_cli.spatial.algebra import Array
 
 # uniform numbers stay this far from 0 and 1, where a normal distribution has no finite value
-MARGIN = 2.0**-54
+MARGIN = 2.0**-53  # the next number below 1 is so far from it
 
 
 class Samples(Protocol):
