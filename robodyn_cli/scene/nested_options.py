@@ -13,7 +13,6 @@ from robodyn_cli.schema.fields import (
     Formula,
     JointMap,
     ListOf,
-    MapOf,
     Name,
     Number,
     Section,

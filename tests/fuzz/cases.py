@@ -85,7 +85,9 @@ def make(seed: int, stored: Path) -> Case:
     words = ["--no-plots"] if command not in ("validate", "plan") else []
     files = {}
     kind = rng.random()
-    if kind < 0.65:
+    if kind < 0.4:
+        text = dump(mutator.within(tree))
+    elif kind < 0.65:
         text = dump(mutator.scene(tree))
     elif kind < 0.75:
         text = mutator.text(tree)

@@ -106,6 +106,14 @@ class Mutator:
                 continue  # a change that this scene has no place for
         return found
 
+    def within(self, tree: dict[str, Any]) -> dict[str, Any]:
+        """Return a copy of a scene with numbers that it could have as well: most pass every check and are run."""
+        found = copy.deepcopy(tree)
+        numbers = [p for p in places(found) if isinstance(get(found, p), float)]
+        for path in self.rng.sample(numbers, min(len(numbers), self.rng.choice((1, 2, 4, 8)))):
+            put(found, path, get(found, path) * self.rng.choice((self.rng.uniform(0.7, 1.4), -1.0, 0.1, 10.0)))
+        return found
+
     def text(self, tree: dict[str, Any]) -> str:
         """Return the text of a scene with pieces put in, taken out or moved."""
         text, rng = dump(tree), self.rng

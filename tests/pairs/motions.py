@@ -308,7 +308,9 @@ def _latch(**keys: Any) -> Feature:
 
 def _at_limit(draft: Draft) -> None:
     draft.put("limits", {"lower": draft.beside(5e-4)})
-    latch = {"between": ["upper", "base"], "at_limit": {draft.column(): "lower"}}
+    joint, *coordinate = draft.column().split(".")
+    side: Any = {coordinate[0]: "lower"} if coordinate else "lower"
+    latch = {"between": ["upper", "base"], "at_limit": {joint: side}}
     draft.tree["deploy"] = {"criterion": "latch", "latch": latch}
 
 

@@ -66,6 +66,7 @@ REASONS: dict[str, str] = {
     r"has friction that sticks, and is at rest": "`linearise` takes no joint at rest that sticks",
     r"nothing can move: the loops and prescribed joints": "`linearise` needs something that can move",
     r"criterion away_from_limits needs joints with": "criteria about limits need joints with limits",
+    r"so it closes in infinitely many ways": "branches of a mechanism are listed where all its freedoms are held",
     r"has no branch|branch '\w+'": "branches have names where the arm has a closed form",
 }  # fmt: skip
 

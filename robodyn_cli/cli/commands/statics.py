@@ -29,7 +29,8 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines.append(coordinate_table(summary["units"], columns))
     multipliers = summary.get("multipliers")
     if multipliers:
-        lines.append("  multipliers        " + ", ".join(f"{k} {number(x)}" for k, x in multipliers.items()) + " (N or N m)")
+        listed = ", ".join(f"{k} {number(x)}" for k, x in multipliers.items())
+        lines.append(f"  multipliers        {listed} (N or N m)")
     lines += multiplier_lines(summary)
     lines.append(f"  residual           {facts['residual']:.1e} N m or N")
     lines += mobility_lines(summary)

@@ -64,9 +64,8 @@ def _check_latch(scene: Scene, check: Check) -> None:
             for name in names:
                 place = (*path, key, *name.split("."))
                 check.known(name, single, "joint with a coordinate", place, at_key=True)
-                if key == "at_limit":
-                    if getattr(scene.robot.limits_of(name), names[name], None) is None:
-                        check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
+                if key == "at_limit" and getattr(scene.robot.limits_of(name), names[name], None) is None:
+                    check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
 
 
 def check_kinematics(scene: Scene, check: Check) -> None:
