@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import literal
+from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.forces.element import half_turn_warning
@@ -49,11 +50,14 @@ class LimitWatcher(Watcher):
         for name, x in inside.items():
             if x is not None:
                 bound = literal(x, f"robot.joints.{joint.name}.limits.{name}")
+                # what stays on a limit, such as the torque of a controller at its bound, passes it by rounding
+                margin = ROUNDING * sqrt(1.0 + bound * bound)
+                most = bound + margin
                 value, measure = {
-                    "lower": (q - bound, unit),
-                    "upper": (bound - q, unit),
-                    "speed": (bound * bound - v * v, f"{unit}/s"),
-                    "effort": (bound * bound - tau * tau, TORQUE[unit]),
+                    "lower": (q - bound + margin, unit),
+                    "upper": (most - q, unit),
+                    "speed": (most * most - v * v, f"{unit}/s"),
+                    "effort": (most * most - tau * tau, TORQUE[unit]),
                 }[name]
                 words = f"{name} limit of {x:.6g} {measure}"
                 path = f"limits.{joint.name}.{name}"
@@ -86,7 +90,7 @@ class LimitWatcher(Watcher):
         given = system.groups([t], x, system.parameters_at(t, system.split(x)[0]))
         values = evaluate([f.value for f in self.limits], given)
         for function, value in zip(self.limits, values):
-            if value < -ROUNDING:
+            if value < 0.0:
                 self.first[function.name] = (function, t)
         return x
 

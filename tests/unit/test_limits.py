@@ -66,6 +66,29 @@ def test_a_short_excursion_between_samples_is_seen() -> None:
     assert len(found) == 1 and abs(time_of(found[0]) - np.arcsin(1 / 1.001)) < 1e-5
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        "type: pd, gains: {kp: 100, kd: 1}",
+        "type: pd, gains: {kp: 100, kd: 1}, limit: {x: 3}",
+        "type: pid, gains: {kp: 100, kd: 1, ki: 5}",
+        "type: pid, gains: {kp: 100, kd: 1, ki: 5}, period: 0.01, delay: 0.02",
+        "type: pd, gains: {kp: 100, kd: 1}, period: 0.01, sensors: {noise: 1e-4, seed: 1}",
+    ],
+)
+def test_a_controller_at_the_limit_of_its_joint_does_not_pass_it(more: str) -> None:
+    motion = 'control: {CONTROL, reference: {type: joint, duration: 1, q: {x: "t^2*5"}}}\ninitial: {q: {x: 0}}\n'
+    more = motion.replace("CONTROL", more) + "simulate: {duration: 1, samples: 101}\n"
+    result = simulate(load_scene_text(cart("{effort: 3}", more)))
+    assert np.abs(result["tau"]).max() == 3.0
+    assert warnings(result) == []
+
+
+def test_a_joint_that_is_led_along_its_limits_does_not_pass_them() -> None:
+    more = 'prescribed: {x: "sin(3*t)"}\nsimulate: {duration: 2, samples: 3}\n'
+    assert warnings(simulate(load_scene_text(cart("{upper: 1, lower: -1, speed: 3}", more)))) == []
+
+
 def test_limits_change_nothing() -> None:
     text = cart("{upper: 0.3, speed: 0.2, effort: 1}", PUSHED)
     limited = simulate(load_scene_text(text))
