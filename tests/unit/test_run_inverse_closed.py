@@ -201,8 +201,18 @@ def test_what_stands_in_the_way_is_named() -> None:
     refusal(GeometryError, "'pin' cannot close", SLIDER, too_much, none)
     x = "0.3*cos(0.2) + sqrt(0.81 - 0.09*sin(0.2)^2)"
     too_much = f"trajectory={{type: joint, duration: 1, q: {{crank: 0.2 + t, slide: '{x} + 0.1*t'}}}}"
-    error = refusal(GeometryError, r"cannot be met at t = .*off by", SLIDER, too_much, none)
+    error = refusal(
+        GeometryError,
+        r"cannot be met at t = 0 s: the rates led \(crank, slide\) contradict",
+        SLIDER,
+        too_much,
+        none,
+    )
     assert error.exit_code == 5
+    # at the start their rates agree, their accelerations do not
+    x = "0.3*cos(0.2) + sqrt(0.81 - 0.09*sin(0.2)^2)"
+    too_much = f"trajectory={{type: joint, duration: 1, q: {{crank: 0.2 + t^2, slide: '{x} + 0.1*t^2'}}}}"
+    refusal(GeometryError, r"cannot be met at t = .*off by", SLIDER, too_much, none)
     circle = "trajectory={type: circle, point: upper_left.end, center: [0.3, 0.9], radius: 0.15, duration: 3}"
     refusal(SceneError, "'actuated'", FIVE_BAR, circle)
     refusal(
