@@ -77,7 +77,9 @@ def test_a_short_excursion_between_samples_is_seen() -> None:
     ],
 )
 def test_a_controller_at_the_limit_of_its_joint_does_not_pass_it(more: str) -> None:
-    motion = 'control: {CONTROL, reference: {type: joint, duration: 1, q: {x: "t^2*5"}}}\ninitial: {q: {x: 0}}\n'
+    motion = (
+        'control: {CONTROL, reference: {type: joint, duration: 1, q: {x: "t^2*5"}}}\ninitial: {q: {x: 0}}\n'
+    )
     more = motion.replace("CONTROL", more) + "simulate: {duration: 1, samples: 101}\n"
     result = simulate(load_scene_text(cart("{effort: 3}", more)))
     assert np.abs(result["tau"]).max() == 3.0
@@ -127,6 +129,21 @@ def test_a_given_motion_beyond_limits() -> None:
         assert len(found) == len(expected)
         for text, part in zip(found, expected):
             assert f"joint 'x' is beyond its {part}" in text, text
+
+
+def test_warning_and_legend_state_the_peak_of_the_summary() -> None:
+    """The peak of 2 |x''| lies between samples."""
+    motion = 'trajectory: {type: joint, duration: 1, q: {x: "sin(4*t)"}}\ninverse: {samples: 41}\n'
+    result = inverse(load_scene_text(cart("{effort: 5}", motion)))
+    peak = result.summary["joints"]["x"]["peak_torque"]
+    assert abs(peak - 32.0) < 1e-6 and np.abs(result["tau"]).max() < 31.999
+    assert f"; -{peak:.6g} N at t = {np.pi / 8:.6g} s" in warnings(result)[0]
+    from robodyn_cli.report.registry import draw
+
+    labels = " ".join(
+        text.get_text() for text in draw(result, "torques").findobj() if hasattr(text, "get_text")
+    )
+    assert "peak -32 N" in labels.replace("\u2212", "-") or "peak -32," in labels.replace("\u2212", "-")
 
 
 def test_a_motion_on_its_limits_is_within_them() -> None:

@@ -56,7 +56,7 @@ class Method:
     lanes = 1  # stages that are evaluated at once
     has_history = False  # whether a step needs those before it
     vectors = False  # whether steps can be written for vectors of runs (``stepping/lanes.py``)
-    instead = ("auto", "gauss", "radau13")  # methods to name in a refusal, as far as they do the system
+    instead: tuple[str, ...] = ("auto", "gauss", "radau13")  # methods to name in a refusal that do the system
 
     def __init__(self, facts: IntegrationMethod) -> None:
         self.facts = facts
