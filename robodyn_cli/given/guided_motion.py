@@ -135,7 +135,7 @@ def _check_rates(problem: Problem, conditions: LoopConditions, start: GuidedPlac
     raise GeometryError(
         f"the motion asked for cannot be met at t = {start.t:.6g} s: "
         + (
-            f"'initial.hold' keeps {', '.join(hold)} where it is, and then the loops do not let {lead.joints[0]} move so"
+            f"'initial.hold' keeps {', '.join(hold)} where it is, and then the loops do not let {lead.joints[0]} move"
             if hold
             else f"the rates led ({led}) contradict each other, since the loops leave less freedom than is led"
         ),

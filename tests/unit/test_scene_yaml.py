@@ -302,3 +302,8 @@ def test_place_in_an_error_is_the_given_path() -> None:
     with pytest.raises(SceneError) as caught:
         load_scene_text("a: 1")
     assert caught.value.message.startswith("<text>:1:1: a: unknown key")
+
+
+def test_a_tab_is_named() -> None:
+    with pytest.raises(SceneError, match="a tab begins a token here; allowed: spaces"):
+        load_scene_text("schema: 1\nrobot:\n\tjoints: []\n")
