@@ -78,7 +78,7 @@ class Loaded:
 
 
 FEW = 16  # intervals between samples for each piece of a motion: fewer say little of what is between them
-CLOSE = 256  # intervals of a piece at which figures are looked at instead
+CLOSE = 64  # intervals of a piece at which figures are looked at instead
 
 
 def between(problem: Problem, samples: int) -> int:
