@@ -15,7 +15,7 @@ from typer.core import TyperGroup
 from robodyn_cli.cli.console import Console, guarded, output_lost
 from robodyn_cli.cli.options import with_shared
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.errors import WRONG_USAGE, RobodynError, did_you_mean
+from robodyn_cli.errors import WRONG_USAGE, RobodynError, did_you_mean, nearest_word
 from robodyn_cli.version import __version__
 
 PROGRAM = "robodyn"
@@ -99,6 +99,10 @@ def _outcome(group: Any, words: list[str]) -> int:
 def _message(error: Any, words: list[str]) -> str:
     """Return the parser's error as one line that names the page of help."""
     text = " ".join(str(error.format_message()).split())
+    if offered := getattr(error, "possibilities", None):  # the parser offers whatever shares a few letters
+        option = str(error.option_name)
+        near = nearest_word(option.lstrip("-"), [name.lstrip("-") for name in offered])
+        text = f"No such option: {option}" + ("" if near is None else f" (did you mean --{near}?)")
     page = f"{PROGRAM} {words[0]}" if words[:1] and words[0] in COMMANDS else PROGRAM
     return f"{text}{'' if text.endswith(('.', '?')) else '.'} See '{page} --help'."
 

@@ -22,8 +22,11 @@ from robodyn_cli.solve.guided import Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course, interpolated
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
-from robodyn_cli.trajectories.led import position_columns
+from robodyn_cli.trajectories.led import led_joints, position_columns
 from robodyn_cli.trajectories.motion import JointMotion
+
+SURE = 1e-5  # smallest over largest singular value of J above which no rank is being lost
+AGREE = 1e-6  # of the largest rate asked for, up to which rates agree
 
 
 def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
@@ -45,6 +48,7 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     except Stuck as stuck:
         _check_determined(problem, conditions, q, float(times[0]))
         raise explain(problem, conditions, stuck) from None
+    _check_rates(problem, conditions, now)
     places, stopped = [now], None
     for t in times[1:].tolist():
         try:
@@ -109,6 +113,34 @@ def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t:
             f"the mechanism has {free} degrees of freedom there beside its prescribed joints, and the trajectory leads "
             f"{conditions.led}; lead {free} joints"
         )
+
+
+def _check_rates(problem: Problem, conditions: LoopConditions, start: GuidedPlace) -> None:
+    """Refuse motions whose rates contradict each other at a start that is not singular.
+
+    Raises
+    ------
+    GeometryError
+    """
+    c, _ = conditions.rates(start.q, start.v, start.t)
+    _, J = conditions.at(start.q, start.t)
+    off = np.abs(J @ start.v - c) / conditions.sizes
+    agree = off.max(initial=0.0) <= AGREE * np.abs(c / conditions.sizes).max(initial=0.0)
+    if agree or not start.measure > SURE:
+        return
+    model, lead = problem.model, conditions.lead
+    stay = {model.joint_of(model.v_names.index(name)) for name in lead.joints[1:]}
+    hold = [name for name in problem.scene.initial.hold if name in stay]
+    led = lead.point or ", ".join([*lead.joints, *led_joints(problem.scene.prescribed)])
+    raise GeometryError(
+        f"the motion asked for cannot be met at t = {start.t:.6g} s: "
+        + (
+            f"'initial.hold' keeps {', '.join(hold)} where it is, and then the loops do not let {lead.joints[0]} move"
+            if hold
+            else f"the rates led ({led}) contradict each other, since the loops leave less freedom than is led"
+        ),
+        time=start.t, row=conditions.names[int(off.argmax())], **({"key": "initial.hold"} if hold else {}),
+    )  # fmt: skip
 
 
 def explain(

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import literal
+from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.forces.element import half_turn_warning
@@ -29,14 +30,22 @@ class LimitFunction(EventFunction):
 
 
 def _inside(x: Scalar, limit: Span, name: str, place: str) -> Scalar:
-    """Return what is positive while x is within a limit, whose number stands at a place of the scene."""
+    """Return what is positive while x is within a limit, whose number stands at a place of the scene.
+
+    What stays on a limit, such as the torque of a controller at its bound, passes it by rounding.
+    """
     if isinstance(limit, tuple):
         low, high = (literal(bound, f"{place}.{k}") for k, bound in enumerate(limit))
-        return (x - low) * (high - x)
+        return (x - low + _margin(low)) * (high + _margin(high) - x)
     bound = literal(limit, place)
+    margin = _margin(bound)
     if name in ("lower", "upper"):
-        return x - bound if name == "lower" else bound - x
-    return bound * bound - x * x
+        return x - bound + margin if name == "lower" else bound + margin - x
+    return (bound + margin) * (bound + margin) - x * x
+
+
+def _margin(bound: Scalar) -> Scalar:
+    return ROUNDING * sqrt(1.0 + bound * bound)
 
 
 class LimitWatcher(Watcher):
@@ -97,7 +106,7 @@ class LimitWatcher(Watcher):
         given = system.groups([t], x, system.parameters_at(t, system.split(x)[0]))
         values = evaluate([f.value for f in self.limits], given)
         for function, value in zip(self.limits, values):
-            if value < -ROUNDING:
+            if value < 0.0:
                 self.first[function.name] = (function, t)
         return x
 

@@ -11,6 +11,8 @@ from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.spans import sides
+from robodyn_cli.solve.extremes import largest
+from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
@@ -63,13 +65,19 @@ class Bound:
         """Whether the motion is beyond it at any sample, by more than rounding."""
         return bool(self.over.size) and bool(self.over.max() > ROUNDING * max(1.0, abs(self.limit)))
 
-    def sentence(self, joint: str) -> str:
-        """Return what is passed, from when, and by how much."""
+    def sentence(self, joint: str, breaks: Breaks) -> str:
+        """Return what is passed, from when, and by how much: the peak between samples that figures state."""
         beyond = self.over > ROUNDING * max(1.0, abs(self.limit))
         first, worst = int(np.argmax(beyond)), int(np.argmax(self.over))
+        value, time = float(self.values[worst]), float(self.times[worst])
+        if len(self.values) == len(self.times):
+            symmetric = self.over[worst] == abs(value) - self.limit
+            sign = -1.0 if value < (0.0 if symmetric else self.limit) else 1.0
+            peak = largest(self.times, sign * self.values[:, None], breaks)
+            value, time = sign * float(peak.value[0]), float(peak.time[0])
         return (
             f"joint {joint!r} is beyond its {self.name} limit of {self.limit:.6g} {self.unit} from "
-            f"t = {self.times[first]:.6g} s; {self.values[worst]:.6g} {self.unit} at t = {self.times[worst]:.6g} s"
+            f"t = {self.times[first]:.6g} s; {value:.6g} {self.unit} at t = {time:.6g} s"
         )
 
 
@@ -125,20 +133,25 @@ def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -
 
 
 def limit_warnings(
-    joints: Sequence[LimitedJoint], times: Array, rates: Mapping[str, Array], q: Array | None = None
+    joints: Sequence[LimitedJoint],
+    times: Array,
+    rates: Mapping[str, Array],
+    q: Array | None = None,
+    breaks: Breaks = (),
 ) -> list[str]:
     """Return a warning for each limit that a motion passes at its samples, with joint and time.
 
     Parameters
     ----------
-    times : (T,). rates : see ``rate_bounds``. q : positions (T, nq), where they are to be looked at.
+    times : (T,). rates : see ``rate_bounds``. q : positions (T, nq), where they are to be looked at. breaks : see
+        ``quadrature``.
     """
     texts = []
     for joint in joints:
         for bound in position_bounds(joint, times, q) if q is not None else ():
             if bound.passed:
-                texts.append(bound.sentence(joint.name) + _stop(joint.limits))
-        texts += [b.sentence(joint.name) for b in rate_bounds(joint, times, rates) if b.passed]
+                texts.append(bound.sentence(joint.name, breaks) + _stop(joint.limits))
+        texts += [b.sentence(joint.name, breaks) for b in rate_bounds(joint, times, rates) if b.passed]
     return texts
 
 

@@ -114,6 +114,7 @@ NAMED = {
     "loop": "loops",
     "joint": "robot.joints",
     "link": "robot.links",
+    "coupler": "couplers",
 }  # details that name an item of a list
 KEY = re.compile(r"([a-z_]+(?:\.\w+)*)(?:: | \()")  # with which a message may begin
 

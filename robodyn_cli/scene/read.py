@@ -260,9 +260,10 @@ class Reader(ScalarReader):
             if key.text in keys.inline:
                 elements[key.text] = self.value(keys.inline[key.text][1].at(key.text), item, here)
             elif key.text not in keys.fields:
-                self.faults.report(
-                    nodes.located(key, nodes.dotted(here), unknown_name("key", key.text, keys.allowed))
-                )
+                words = unknown_name("key", key.text, keys.allowed)
+                if key.text.isdecimal():  # what is behind the comma in {mass: 1,5}
+                    words += "; decimals have a point: 1.5, not 1,5"
+                self.faults.report(nodes.located(key, nodes.dotted(here), words))
             elif not _is_default(field := keys.fields[key.text], item):
                 values[key.text] = self.value(field.metadata["kind"], item, here, field.metadata["unit"])
         # in the order of the registry, so that the order of keys in the file makes no difference

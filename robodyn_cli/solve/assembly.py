@@ -255,6 +255,7 @@ def _where_free(numbers: Numbers, task: _Closing, q: Array) -> str:
     free, residual = newton(numbers, q, range(numbers.nv))
     if residual > CLOSED or numbers.turned(free):
         return ""
+    free = np.where(np.abs(free) > CLOSED, free, 0.0)  # what is left of a zero
     pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(numbers.q_names, free))
     loops = ", ".join(dict.fromkeys(row.closure for row in numbers.rows))
     stuck = f", where nothing can move: {loops} make a truss" if is_truss(numbers.psi(free)) else ""
@@ -272,6 +273,12 @@ def _smallest_gap(numbers: Numbers, task: _Closing, q: Array, eta: Array) -> Geo
     worst = int(np.abs(eta / numbers.sizes).argmax())
     row, apart = numbers.rows[worst], float(abs(eta[worst]))
     loop = max(gaps, key=lambda name: gaps[name]) if gaps else ""
+    if row.closure in numbers.couplers:
+        text = (
+            f"the coupler {row.closure!r} cannot hold: at best its terms miss its offset by {apart:.6g} "
+            f"{row.unit} {condition}"
+        )
+        return GeometryError(text, coupler=row.closure, gap=apart, row=row.name, q=q.tolist())
     if not gaps or gaps[loop] < apart:
         loop, gap = row.closure, apart
         text = (

@@ -107,7 +107,7 @@ class Numbers:
 
     def __init__(self, equations: ClosureEquations, parameters: Sequence[float]) -> None:
         self.rows = equations.constraint_rows
-        self.q_names = equations.model.q_names
+        self.q_names, self.couplers = equations.model.q_names, equations.model.couplers
         self.manifold = Manifold(equations.model)
         self.nv = equations.model.nv
         self._eta = Evaluator([row.eta for row in self.rows])

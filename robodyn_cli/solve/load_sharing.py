@@ -218,7 +218,8 @@ MOST_STEP = 0.3  # rad, or part of the size of the mechanism
 ITERATIONS = 400
 CLOSED = 1e-10
 BALANCED = 1e-13  # step below which the iteration has converged, rad or part of the mechanism's size
-INDIFFERENT = 1e-9  # eigenvalue over the largest one below which it counts as zero
+INDIFFERENT = 1e-12  # eigenvalue over the largest one below which it is rounding and counts as zero
+FLAT = 1e-6  # of the largest eigenvalue: the stiffness that steps take where there is none
 
 
 class Forces(Protocol):
@@ -334,7 +335,9 @@ def _downhill(K: Array, force: Array) -> Array:
     """Return Newton's step -K^-1 f, or one with the eigenvalues of K's symmetric part made positive."""
     spectrum, V = np.linalg.eigh(0.5 * (K + K.T))
     values: Array = np.asarray(spectrum, dtype=np.float64)
-    if values[0] > 1e-8 * max(float(np.abs(values).max()), 1e-300):
-        return np.asarray(np.linalg.solve(K, -force))
     largest = max(float(np.abs(values).max()), 1e-300)
-    return np.asarray(-V @ ((V.T @ force) / np.maximum(np.abs(values), 1e-6 * largest)))
+    if values[0] > INDIFFERENT * largest:
+        return np.asarray(np.linalg.solve(K, -force))
+    # a spring may be as much stiffer than the weights as rounding lets them be seen beside it
+    values = np.where(np.abs(values) > INDIFFERENT * largest, np.abs(values), FLAT * largest)
+    return np.asarray(-V @ ((V.T @ force) / values))

@@ -76,6 +76,18 @@ class Loaded:
         return root_mean_square(self.times, self.tau, self.breaks)
 
 
+FEW = 16  # intervals between samples for each piece of a motion: fewer say little of what is between them
+CLOSE = 64  # intervals of a piece at which figures are looked at instead
+
+
+def between(problem: Problem, samples: int) -> int:
+    """Return into how many parts the intervals between samples are cut for figures, so that few samples, which may all
+    lie where torques are zero, do not decide them."""
+    trajectory = problem.scene.trajectory
+    knots = () if trajectory is None or trajectory.knots is None else trajectory.knots
+    return -(-CLOSE * (1 + len(knots)) // (samples - 1)) if (samples - 1) < FEW * (1 + len(knots)) else 1
+
+
 # figures (n,) that size an actuator, with their errors, by key below that of its joint in the summary
 FIGURES: dict[str, Callable[[Loaded], tuple[Array, Array]]] = {
     "peak_torque": lambda x: (x.peak.value, x.peak.error),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_column
 from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.inverse import (
     FastestFigures,
@@ -26,6 +28,8 @@ from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
     Loaded,
+    between,
+    breaks_of,
     error_estimate,
     half_turns,
     joint_figures,
@@ -81,18 +85,21 @@ def inverse(
         sampled = program.evaluate(planned, function)
     _refuse_indefinite(program.problem, sampled)
     with watch.stage("error_estimate"):
-        loaded = Loaded.of(program.problem, sampled)
-        errors = error_estimate(program, planned, sampled, loaded)
+        closer, looked = _closer(program, planned, sampled)
+        loaded = Loaded.of(program.problem, looked)
+        errors = error_estimate(program, closer, looked, loaded)
     with watch.stage("evaluate"):
         loads = loads_of(program, sampled) if scene.outputs.reactions else None
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    records: list[Any] = [summarise(program, planned, sampled, loaded, errors, loads)]
+    summary = summarise(program, closer, looked, loaded, errors, loads)
+    records: list[Any] = [dataclasses.replace(summary, samples=count)]
     if scene.drives:
         from robodyn_cli.drives.report import with_drives
 
         with watch.stage("drives"):
-            records = with_drives(records, result, scene, program.problem, loaded.breaks)
+            breaks = breaks_of(program.problem, sampled.times, sampled.motion)
+            records = with_drives(records, result, scene, program.problem, breaks)
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -108,6 +115,16 @@ def program_of(scene: Scene) -> InverseProgram:
     return build_inverse(along(scene))
 
 
+def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:
+    """Return the motion with points between its samples, where these are too few for figures (see ``between``)."""
+    count = len(sampled.times)
+    parts = between(program.problem, count)
+    if parts == 1:
+        return planned, sampled
+    closer = at_rest(program.problem, program.plan((count - 1) * parts + 1))
+    return closer, program.evaluate(closer, program.compile(len(closer.times)))
+
+
 def at_rest(problem: Problem, planned: Planned) -> Planned:
     """Return the motion with joints at rest where only rounding moves them (see ``rest``)."""
     if not any(body.forces for body in problem.model.bodies):
@@ -117,7 +134,7 @@ def at_rest(problem: Problem, planned: Planned) -> Planned:
     return with_rest(problem, planned)
 
 
-def _beyond_limits(problem: Problem, sampled: Sampled) -> list[str]:
+def _beyond_limits(problem: Problem, sampled: Sampled, breaks: Breaks) -> list[str]:
     """Return a warning for each limit of a joint that the motion, or the torque that it needs, is beyond."""
     if not problem.scene.robot.limited:
         return []
@@ -125,7 +142,8 @@ def _beyond_limits(problem: Problem, sampled: Sampled) -> list[str]:
 
     motion = sampled.motion
     rates = {"qd": motion.qd, "qdd": motion.qdd, "tau": sampled.tau}
-    return limit_warnings(limited_joints(problem.scene, problem.model), sampled.times, rates, motion.q)
+    joints = limited_joints(problem.scene, problem.model)
+    return limit_warnings(joints, sampled.times, rates, motion.q, breaks)
 
 
 def _rest_warnings(problem: Problem, planned: Planned) -> list[str]:
@@ -223,7 +241,7 @@ def summarise(
         termination=Termination("end of the trajectory", float(sampled.times[-1])),
         samples=len(sampled.times),
         warnings=[
-            *_beyond_limits(problem, sampled),
+            *_beyond_limits(problem, sampled, loaded.breaks),
             *half_turns(problem, sampled),
             *_rest_warnings(problem, planned),
             *_payload_warnings(problem, sampled),

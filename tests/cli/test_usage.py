@@ -18,7 +18,7 @@ SCENE = str(CONFIGS / "double_pendulum.yaml")
 MISTAKES = {
     "no scene": (["simulate"], "Missing argument 'SCENE.yaml'", "simulate"),
     "no command": (["simulat", SCENE], "No such command 'simulat' (did you mean 'simulate'?)", ""),
-    "no option": (["simulate", SCENE, "--quite"], "No such option: --quite (Possible options: ", "simulate"),
+    "no option": (["simulate", SCENE, "--quite"], "No such option: --quite (did you mean --quiet?)", "simulate"),
     "no such option at all": (["simulate", SCENE, "--zebra"], "No such option: --zebra", "simulate"),
     "option of the program": (["--zebra"], "No such option: --zebra", ""),
     "no value": (["simulate", SCENE, "--set"], "'--set' requires an argument", "simulate"),

@@ -304,3 +304,24 @@ def test_freedoms_of_first_order_that_are_no_motions() -> None:
     ) as caught:
         assembled(bars(PIN, pivot="0"))
     assert caught.value.exit_code == 4 and len(caught.value.details["q"]) == 3
+
+
+def test_a_coupler_that_cannot_hold_is_no_loop() -> None:
+    text = """schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: left, type: prismatic, parent: base, axis: [0, 1, 0]}
+    - {name: right, type: prismatic, parent: base, axis: [0, -1, 0]}
+  links: [{name: a, mass: 1}, {name: b, mass: 1}]
+couplers:
+  - {name: mimic, terms: {left: 1, right: -1}}
+  - {name: again, terms: {left: 1, right: 1}}
+initial: {q: {left: 0.005}, hold: [left]}
+simulate: {duration: 1}
+"""
+    with pytest.raises(
+        GeometryError, match=r"the coupler '(mimic|again)' cannot hold: .*close at left 0, right 0"
+    ) as caught:
+        simulate(load_scene_text(text))
+    assert caught.value.details["coupler"] in ("mimic", "again")

@@ -66,6 +66,31 @@ def test_a_short_excursion_between_samples_is_seen() -> None:
     assert len(found) == 1 and abs(time_of(found[0]) - np.arcsin(1 / 1.001)) < 1e-5
 
 
+@pytest.mark.parametrize(
+    "more",
+    [
+        "type: pd, gains: {kp: 100, kd: 1}",
+        "type: pd, gains: {kp: 100, kd: 1}, limit: {x: 3}",
+        "type: pid, gains: {kp: 100, kd: 1, ki: 5}",
+        "type: pid, gains: {kp: 100, kd: 1, ki: 5}, period: 0.01, delay: 0.02",
+        "type: pd, gains: {kp: 100, kd: 1}, period: 0.01, sensors: {noise: 1e-4, seed: 1}",
+    ],
+)
+def test_a_controller_at_the_limit_of_its_joint_does_not_pass_it(more: str) -> None:
+    motion = (
+        'control: {CONTROL, reference: {type: joint, duration: 1, q: {x: "t^2*5"}}}\ninitial: {q: {x: 0}}\n'
+    )
+    more = motion.replace("CONTROL", more) + "simulate: {duration: 1, samples: 101}\n"
+    result = simulate(load_scene_text(cart("{effort: 3}", more)))
+    assert np.abs(result["tau"]).max() == 3.0
+    assert warnings(result) == []
+
+
+def test_a_joint_that_is_led_along_its_limits_does_not_pass_them() -> None:
+    more = 'prescribed: {x: "sin(3*t)"}\nsimulate: {duration: 2, samples: 3}\n'
+    assert warnings(simulate(load_scene_text(cart("{upper: 1, lower: -1, speed: 3}", more)))) == []
+
+
 def test_limits_change_nothing() -> None:
     text = cart("{upper: 0.3, speed: 0.2, effort: 1}", PUSHED)
     limited = simulate(load_scene_text(text))
@@ -104,6 +129,21 @@ def test_a_given_motion_beyond_limits() -> None:
         assert len(found) == len(expected)
         for text, part in zip(found, expected):
             assert f"joint 'x' is beyond its {part}" in text, text
+
+
+def test_warning_and_legend_state_the_peak_of_the_summary() -> None:
+    """The peak of 2 |x''| lies between samples."""
+    motion = 'trajectory: {type: joint, duration: 1, q: {x: "sin(4*t)"}}\ninverse: {samples: 41}\n'
+    result = inverse(load_scene_text(cart("{effort: 5}", motion)))
+    peak = result.summary["joints"]["x"]["peak_torque"]
+    assert abs(peak - 32.0) < 1e-6 and np.abs(result["tau"]).max() < 31.999
+    assert f"; -{peak:.6g} N at t = {np.pi / 8:.6g} s" in warnings(result)[0]
+    from robodyn_cli.report.registry import draw
+
+    labels = " ".join(
+        text.get_text() for text in draw(result, "torques").findobj() if hasattr(text, "get_text")
+    )
+    assert "peak -32 N" in labels.replace("\u2212", "-") or "peak -32," in labels.replace("\u2212", "-")
 
 
 def test_a_motion_on_its_limits_is_within_them() -> None:

@@ -343,6 +343,12 @@ def test_linearly_implicit_methods_say_why_not() -> None:
         simulate(scene(20, integrator="rodas5p"))
 
 
+@pytest.mark.parametrize("method", ["radau13", "bdf", "generalized_alpha"])
+def test_a_refusal_names_methods_that_do(method: str) -> None:
+    with pytest.raises(CapabilityError, match=r"allowed: auto, gauss$"):
+        simulate(scene(20, integrator=method, **({"step": 1e-3} if method == "generalized_alpha" else {})))
+
+
 def test_a_run_that_blows_up_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
     loops, _, start = systems(scene(4, extra='torques: {j1: "1e3*qd.j1^3 + 1"}'), monkeypatch)
     with pytest.raises(NumericalError, match="too small|finite"):

@@ -201,8 +201,18 @@ def test_what_stands_in_the_way_is_named() -> None:
     refusal(GeometryError, "'pin' cannot close", SLIDER, too_much, none)
     x = "0.3*cos(0.2) + sqrt(0.81 - 0.09*sin(0.2)^2)"
     too_much = f"trajectory={{type: joint, duration: 1, q: {{crank: 0.2 + t, slide: '{x} + 0.1*t'}}}}"
-    error = refusal(GeometryError, r"cannot be met at t = .*off by", SLIDER, too_much, none)
+    error = refusal(
+        GeometryError,
+        r"cannot be met at t = 0 s: the rates led \(crank, slide\) contradict",
+        SLIDER,
+        too_much,
+        none,
+    )
     assert error.exit_code == 5
+    # at the start their rates agree, their accelerations do not
+    x = "0.3*cos(0.2) + sqrt(0.81 - 0.09*sin(0.2)^2)"
+    too_much = f"trajectory={{type: joint, duration: 1, q: {{crank: 0.2 + t^2, slide: '{x} + 0.1*t^2'}}}}"
+    refusal(GeometryError, r"cannot be met at t = .*off by", SLIDER, too_much, none)
     circle = "trajectory={type: circle, point: upper_left.end, center: [0.3, 0.9], radius: 0.15, duration: 3}"
     refusal(SceneError, "'actuated'", FIVE_BAR, circle)
     refusal(
@@ -318,3 +328,59 @@ loops: [{name: pin, type: point_on_line, between: [line, bar.end], axis: [1, 0, 
     assert result.summary["round_trip"] < 1e-11
     tip = result["q"][:, 0] + result["q"][:, 1]
     close(0.3 * np.sin(result["q"][:, 0]) + 0.9 * np.sin(tip), 0.05 * np.sin(4 * result.time), 1e-12)
+
+
+def test_figures_do_not_hang_on_few_samples() -> None:
+    """All five samples of a crank that turns twice lie at dead centres, where no torque is needed."""
+    text = """
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: crank, type: revolute, parent: base, axis: [0, 0, 1]}
+    - {name: rod, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.1, 0, 0]}}
+    - {name: slide, type: prismatic, parent: base, axis: [1, 0, 0]}
+  links:
+    - {name: crank_l, mass: 0, inertia: {zz: 0.01}}
+    - {name: rod_l, mass: 0}
+    - {name: piston, mass: 2, com: [0, 0, 0]}
+  points: {small_end: {link: rod_l, at: [0.3, 0, 0]}}
+loops: [{name: wrist, type: revolute, between: [small_end, piston.origin]}]
+trajectory: {type: joint, duration: 1, q: {crank: "2*pi*2*t"}}
+actuated: [crank]
+initial: {q: {crank: 0, rod: 0, slide: 0.4}}
+"""
+    many = inverse(load_scene_text("schema: 1" + text), samples=2001).summary["joints"]["crank"]
+    result = inverse(load_scene_text("schema: 1" + text), samples=5)
+    few = result.summary["joints"]["crank"]
+    assert len(result.time) == 5 and np.abs(result["tau"]).max() < 1e-12
+    assert many["peak_torque"] > 2.0
+    for key in ("peak_torque", "rms_torque", "peak_power", "energy"):
+        assert abs(few[key] - many[key]) <= few["errors"][key] + many["errors"][key] + 1e-9, key
+        assert abs(few[key] - many[key]) < 0.01 * many[key], key
+
+
+def test_runs_made_together_look_between_few_samples_too() -> None:
+    from robodyn_cli import Mechanism
+
+    text = """schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: x, type: prismatic, axis: [1, 0, 0]}]
+  links: [{name: block, mass: 2}]
+trajectory: {type: joint, duration: 1, q: {x: "sin(4*pi*t)"}}
+inverse: {samples: 5}
+"""
+    scene = load_scene_text(text)
+    one = inverse(scene).summary["joints"]["x"]["peak_torque"]
+    assert abs(one - 2 * (4 * np.pi) ** 2) < 1e-3 * one
+    runs = Mechanism(scene, ["robot.links.block.mass"]).inverse_many(
+        {"robot.links.block.mass": [2.0, 4.0]}, of=["peak_torque.x"], samples=5
+    )
+    assert runs.outputs["peak_torque.x"] == pytest.approx([one, 2 * one], rel=1e-12)
+    assert runs.samples["tau"].shape[1] == 5 and runs.samples["time"][0].tolist() == [
+        0.0,
+        0.25,
+        0.5,
+        0.75,
+        1.0,
+    ]

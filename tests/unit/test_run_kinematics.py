@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene, load_scene_text
-from robodyn_cli.errors import RobodynError, SceneError, SingularConfigurationError
+from robodyn_cli.errors import GeometryError, RobodynError, SceneError, SingularConfigurationError
 from robodyn_cli.report.registry import draw
 from robodyn_cli.results.result import Result
 from robodyn_cli.works.kinematics import kinematics
@@ -85,6 +85,24 @@ def test_a_sweep_ends_at_the_dead_point() -> None:
     assert error.details["loop"] == "pin" and error.details["joint"] in ("crank", "coupler")
     result: Result = error.result  # type: ignore[attr-defined]
     assert result.status == "failed" and 0.0 < result.time[-1] < error.details["time"]
+
+
+def test_rates_that_contradict_each_other_are_no_dead_point() -> None:
+    """One degree of freedom and two leads: of held joints the message names the key that holds them."""
+    q = "initial.q={crank: 0.6, coupler: 0.2, rocker: 1.5}"
+    start = turn("kinematics.sweep={joint: rocker, start: 1.5, stop: 1.6}", q)["q"][0].tolist()
+    closed = f"initial={{q: {{crank: {start[0]!r}, coupler: {start[1]!r}, rocker: 1.5}}, hold: [crank]}}"
+    with pytest.raises(
+        GeometryError, match=r"'initial\.hold' keeps crank where it is, .* let rocker move"
+    ) as caught:
+        turn("kinematics.sweep={joint: rocker, start: 1.5, stop: 1.6}", closed)
+    assert caught.value.details["key"] == "initial.hold"
+    both = f"trajectory={{type: joint, duration: 1, q: {{crank: '{start[0]!r} + t', rocker: '1.5 + t'}}}}"
+    with pytest.raises(GeometryError, match=r"led \(crank, rocker\) contradict each other"):
+        turn("kinematics.sweep=null", both, q)
+    slow = "kinematics.sweep={joint: rocker, start: 1.5, stop: 1.6, rate: 1e-9}"
+    with pytest.raises(GeometryError, match="keeps crank"):
+        turn(slow, closed)
 
 
 def test_trajectories_prescribed_joints_and_open_chains_move_too() -> None:

@@ -49,6 +49,29 @@ def test_balance_is_the_minimum_of_the_potential() -> None:
     assert facts["stiffness"][0] == pytest.approx(second / (rates @ rates), rel=1e-5)
 
 
+@pytest.mark.parametrize("rest", [0.0, 0.7])
+@pytest.mark.parametrize("stiffness", [1e3, 1e9, 1e11])
+def test_a_stiff_spring_beside_weights(stiffness: float, rest: float) -> None:
+    """Two rods that a spring keeps at an angle, however stiff: their centre of mass hangs below the joint."""
+    text = f"""\
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {{name: a, type: revolute, axis: [0, 0, 1]}}
+    - {{name: b, type: revolute, axis: [0, 0, 1], origin: {{xyz: [0.5, 0, 0]}}, spring: {{stiffness: {stiffness}, rest: {rest}}}}}
+  links:
+    - {{name: l1, mass: 1, com: [0.25, 0, 0]}}
+    - {{name: l2, mass: 1, com: [0.25, 0, 0]}}
+initial: {{q: {{a: 80 deg, b: 0}}}}
+"""
+    result = of(text)
+    assert result.summary["equilibrium"]["stability"] == "stable"
+    a, b = result["q"][0]
+    bent = 9.81 * 0.25 * np.cos(a + b) / stiffness
+    assert abs(b - rest + bent) < 1e-12
+    assert abs(0.75 * np.cos(a) + 0.25 * np.cos(a + b)) < 1e-12
+
+
 def test_the_ground_carries_the_weight() -> None:
     result = statics(load_scene(SPRUNG))
     close(result["base_wrench"][0, :3], [0.0, 6 * 9.81, 0.0], 1e-9)

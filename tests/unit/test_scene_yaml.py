@@ -302,3 +302,19 @@ def test_place_in_an_error_is_the_given_path() -> None:
     with pytest.raises(SceneError) as caught:
         load_scene_text("a: 1")
     assert caught.value.message.startswith("<text>:1:1: a: unknown key")
+
+
+def test_a_tab_is_named() -> None:
+    with pytest.raises(SceneError, match="a tab begins a token here; allowed: spaces"):
+        load_scene_text("schema: 1\nrobot:\n\tjoints: []\n")
+
+
+def test_commas_in_numbers_are_hinted_at(tmp_path: Path) -> None:
+    text = "schema: 1\ngravity: [0, 0, 0]\nrobot:\n  joints: [{name: x, type: prismatic, axis: [1, 0, 0]}]\n  links: [{name: a, mass: 1,5}]\n"
+    with pytest.raises(SceneError, match="unknown key '5'.*decimals have a point"):
+        load_scene_text(text)
+    (tmp_path / "t.csv").write_text("t;x\n0;0\n1;0,5\n")
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(text.replace("1,5", "1") + "command: inverse\ntrajectory: {type: table, file: t.csv}\n")
+    with pytest.raises(SceneError, match="value '0;0'.*separated by commas"):
+        load_scene(scene)

@@ -78,7 +78,9 @@ def describe(report: Mapping[str, Any]) -> str:
     lines += matrix("Coriolis matrix C", report["coriolis_matrix"])
     rates = units(report["joints"], "v")
     gravity = zip(report["gravity_torques"].items(), (LOAD(unit.removesuffix("/s")) for unit in rates))
-    lines.append("  gravity torques G  " + ", ".join(f"{name} {cell(x)} {unit}" for (name, x), unit in gravity))
+    lines.append(
+        "  gravity torques G  " + ", ".join(f"{name} {cell(x)} {unit}" for (name, x), unit in gravity)
+    )
     for name, point in report["points"].items():
         lines.append(
             f"  point {name:<12} at {vector(point['position'])} m, velocity {vector(point['velocity'])} m/s"

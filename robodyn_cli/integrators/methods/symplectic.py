@@ -66,7 +66,7 @@ COMPOSITIONS = {
 class Composition(Method):
     """A composition of Verlet steps of order 2, 4, 6 or 8, with a fixed step."""
 
-    instead = "gauss (of any order), implicit_midpoint"
+    instead = ("gauss (of any order)", "implicit_midpoint")
 
     def __init__(self, facts: IntegrationMethod) -> None:
         super().__init__(facts)

@@ -22,7 +22,7 @@ from typing import Any, Generic
 from robodyn_cli.decision import Decision
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integration_methods import IntegrationMethod
+from robodyn_cli.integration_methods import METHODS, IntegrationMethod
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.stepping.control import FIXED, Kept, StepAttempt, StepController
 from robodyn_cli.integrators.stepping.writer import Tables, Writer, placement
@@ -56,7 +56,7 @@ class Method:
     lanes = 1  # stages that are evaluated at once
     has_history = False  # whether a step needs those before it
     vectors = False  # whether steps can be written for vectors of runs (``stepping/lanes.py``)
-    instead = "auto, gauss, radau13"  # methods to name in a refusal
+    instead: tuple[str, ...] = ("auto", "gauss", "radau13")  # methods to name in a refusal that do the system
 
     def __init__(self, facts: IntegrationMethod) -> None:
         self.facts = facts
@@ -78,7 +78,14 @@ class Method:
         """Raise CapabilityError where the method cannot do a system."""
         why = self.obstacle(system)
         if why:
-            raise CapabilityError(f"{self.name!r} does not do this scene: {why}; allowed: {self.instead}")
+            others = [
+                name
+                for name in self.instead
+                if name not in METHODS or not (METHODS[name].stiff and system.dynamics.any_size)
+            ]
+            raise CapabilityError(
+                f"{self.name!r} does not do this scene: {why}; allowed: {', '.join(others)}"
+            )
 
     def tables(self, system: System) -> Tables:
         """Return the tables of all programs that a run's code reads."""

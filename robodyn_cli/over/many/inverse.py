@@ -25,7 +25,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import ROUNDING
 from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.torques.build import OpenChain
-from robodyn_cli.torques.checks import FIGURES, Loaded, breaks_of
+from robodyn_cli.torques.checks import FIGURES, Loaded, between, breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.works.inverse import at_rest, inverse, program_of
@@ -171,6 +171,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
     )  # runs with numbers that are not finite are left to ``inverse``, which names them
     def make(self, structure: InverseStructure, rows: Rows, asked: AskedRuns) -> list[int]:
         samples = asked.samples or structure.program.problem.scene.inverse.samples
+        samples = (samples - 1) * between(structure.program.problem, samples) + 1
         planned = structure.planned(samples)
         tables = table_rows(structure.tables, structure.numbers(asked.result.values[rows]))
         left: list[int] = []
@@ -202,9 +203,9 @@ class InverseRuns(BatchCommand[InverseStructure]):
         result.code[to], result.time[to] = 0, times[-1]
         result.q[to], result.qd[to] = motion.q[-1], motion.qd[-1]
         if asked.samples:
-            kept = result.samples
-            kept["time"][to], kept["tau"][to] = times, tau.transpose(0, 2, 1)
-            kept["q"][to], kept["qd"][to], kept["qdd"][to] = motion.q, motion.qd, motion.qdd
+            kept, own = result.samples, slice(None, None, (len(times) - 1) // (asked.samples - 1))
+            kept["time"][to], kept["tau"][to] = times[own], tau.transpose(0, 2, 1)[:, own]
+            kept["q"][to], kept["qd"][to], kept["qdd"][to] = motion.q[own], motion.qd[own], motion.qdd[own]
         return [int(row) for row in rows[~good]]
 
     def single(self, scene: Scene) -> Result:

@@ -45,14 +45,17 @@ def torques(result: Result) -> Any:
         + (LIMIT_NOTE if near else "")
         + torque_note(result)
     )
-    labels, subtitle = names, _worst(names, data, rms, units) + note
+    labels, subtitle = names, _worst(result, names, data, rms, units) + note
     if len(names) > style.MANY:
         return draw_map(result, shown, "torque or force", subtitle, "tau")
     if few:
         subtitle = f"Actuator torques; dot: peak, thin line: root mean square, on the side of the peak{note}"
+        stated = [
+            _stated_peak(result, name, float(data[at, k])) for k, (name, at) in enumerate(zip(names, peak))
+        ]
         labels = [
-            f"{name}: peak {number(data[at, k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
-            for k, (name, at) in enumerate(zip(names, peak))
+            f"{name}: peak {number(stated[k], 4)}, RMS {number(float(rms[k]), 4)} {units[k]}"
+            for k, name in enumerate(names)
         ]
     panels = _panels(shown) if few else list(shown.groups().items())
     height = panel_height(len(panels))
@@ -73,6 +76,12 @@ def torques(result: Result) -> Any:
         ax.set_ylabel(load_label("torque or force", units_here))
     sheet.finish(handles, labels)
     return sheet.figure
+
+
+def _stated_peak(result: Result, name: str, at_samples: float) -> float:
+    """Return the peak that the summary states, which may lie between samples; else the largest sample."""
+    stated = result.summary.get("joints", {}).get(name, {}).get("peak_torque", at_samples)
+    return float(np.copysign(stated, at_samples))
 
 
 def _largest_terms(result: Result) -> dict[str, float]:
@@ -104,12 +113,12 @@ def _working(shown: DrawnCurves) -> list[int]:
     return np.flatnonzero(shown.data.any(axis=0)).tolist() or list(range(len(shown.names)))
 
 
-def _worst(names: list[str], data: Any, rms: Any, units: list[str]) -> str:
+def _worst(result: Result, names: list[str], data: Any, rms: Any, units: list[str]) -> str:
     largest = where_largest(rms)
     peak = data[where_largest(np.abs(data[:, largest])), largest]
     return (
         f"Actuator torques; largest RMS: {names[largest]} with {number(float(rms[largest]), 4)} {units[largest]},"
-        f" peak {number(float(peak), 4)} {units[largest]}"
+        f" peak {number(_stated_peak(result, names[largest], float(peak)), 4)} {units[largest]}"
     )
 
 

@@ -79,7 +79,8 @@ def _cell(text: str, place: nodes.Scalar, is_number: bool, key: str) -> nodes.Sc
     except ValueError:
         value = text
     if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise nodes.located(place, key, f"must be a number (value {shown(text)})")
+        hint = "; cells are separated by commas, and numbers have a point" if ";" in text else ""
+        raise nodes.located(place, key, f"must be a number (value {shown(text)}){hint}")
     return nodes.scalar(place, value)
 
 

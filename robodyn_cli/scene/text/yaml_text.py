@@ -96,6 +96,12 @@ def compose(
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         reason = ", ".join(part for part in (error.context, error.problem) if part)
+        if (
+            mark
+            and text.splitlines()[mark.line : mark.line + 1]
+            and text.splitlines()[mark.line][mark.column :][:1] == "\t"
+        ):
+            reason = "a tab begins a token here; allowed: spaces to indent a line"
         place = nodes.Scalar(source, mark.line + 1, mark.column + 1, "", None) if mark else start
         raise nodes.located(place, key, f"this is not YAML: {reason}") from None
     except yaml.reader.ReaderError as error:
