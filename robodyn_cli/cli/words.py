@@ -46,13 +46,13 @@ def figure_columns(rows: Sequence[Mapping[str, Any]], figures: Figures) -> list[
     for heading, key, quantity, digits in figures:
         there = [row.get(key) is not None for row in rows]
         units = [{**row.get("units", {}), "time": "s"}.get(quantity, quantity) for row in rows]
-        own = dict.fromkeys(unit for unit, known in zip(units, there) if known)
+        own = list(dict.fromkeys(unit for unit, known in zip(units, there) if known) or units[:1])
         found = [number(row.get(key), digits) for row in rows]
         if len(own) > 1:
             with_units = (f"{x} {unit}" if known else x for x, unit, known in zip(found, units, there))
             columns.append([heading, *with_units])
         else:
-            columns.append([f"{heading} [{next(iter(own), units[0])}]", *found])
+            columns.append([f"{heading} [{own[0]}]" if own else heading, *found])
     return columns
 
 

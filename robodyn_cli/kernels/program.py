@@ -64,13 +64,6 @@ class Program:
         """The numbers as an array; one entry where there are none, for an address."""
         return np.array(self.numbers or (0.0,), dtype=np.float64)
 
-    def off_by_rounding(self, draw: int) -> NDArray[np.float64]:
-        """Return factors of the table's entries that put those off that were computed; 1 everywhere for draw 0.
-
-        Numbers of the scene count as exact. A number has one factor, whatever program reads it.
-        """
-        return np.array([_factor(x, draw) for x in self.numbers or (0.0,)])
-
     @cached_property
     def inputs(self) -> dict[str, int]:
         """Input arrays and one more than the highest position read of each."""
@@ -167,7 +160,7 @@ class _Collected:
         return self._read[id(x)]
 
 
-def _factor(x: float, draw: int) -> float:
+def off_by_rounding(x: float, draw: int) -> float:
     """Return 1 + a part between OFF / 4 and 7/4 OFF, of either sign, for a number that was computed.
 
     It follows from the rank alone, without order. Parts of one size might cancel in a quotient or a product.

@@ -203,7 +203,7 @@ def estimate_error(
         at_rounding=at_rounding,
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
-    observed = _observed(recorder, second) if figures or recorder.observer.has_figures else None
+    observed = _observed(recorder, second) if figures or recorder.observer.figures else None
     return Estimate(errors, observed, second.facts, float(courses.scale[0]))
 
 

@@ -206,6 +206,9 @@ class Observer:
         self.parameters = np.zeros(max(1, len(problem.model.parameters)))
         with_reactions = reactions or problem.scene.outputs.reactions
         self.reactions = _reactions(problem) if with_reactions else None
+        # whether the summary has figures that follow from the samples
+        scene = problem.scene
+        self.figures = self.reactions is not None or scene.control is not None or bool(scene.drives)
         self.point_motion = _point_motion(problem)
 
     @property
@@ -222,12 +225,6 @@ class Observer:
             "reactions": None if self.reactions is None else self.reactions.function,
         }
         return {name: kernel for name, kernel in programs.items() if kernel is not None}
-
-    @property
-    def has_figures(self) -> bool:
-        """Whether the summary has figures that follow from the samples: of reactions, controllers, drives."""
-        scene = self.problem.scene
-        return self.reactions is not None or scene.control is not None or bool(scene.drives)
 
     def project(self, t: Array, x: Array) -> Array:
         """Return the states put back on manifolds and constraints (positions by Newton steps, then rates)."""

@@ -63,11 +63,10 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     for k in reversed(range(len(model.bodies))):
         body = model.bodies[k]
         here = slice_q(body, q.tolist())
-        about = [_about(body, here, inertia[k]) for inertia in (free, locked, own)]
-        if not all(is_number(x) and np.isfinite(float(x)) for D in about for x in np.diag(D)):
+        felt = [_about(body, here, inertia[k]) for inertia in (free, locked, own)]
+        if not all(is_number(x) and np.isfinite(float(x)) for diagonal, _ in felt for x in diagonal):
             return None
-        sizes = zip(_pivots(about[0]), np.diag(about[1]), _pivots(about[2]))
-        of_joint = [Felt(body.joint_name, *felt) for felt in sizes]
+        of_joint = [Felt(body.joint_name, *x) for x in zip(felt[0][1], felt[1][0], felt[2][1])]
         inertias += of_joint
         if any(x.share < SINGULAR for x in of_joint):
             return inertias
@@ -78,27 +77,20 @@ def inertias_felt(model: Model, q: Array) -> list[Felt] | None:
     return inertias
 
 
-def _about(body: Body, q: Vector, inertia: ArticulatedInertia) -> Matrix:
-    """Return S^T I S (nv, nv) of a joint, rotors included."""
+def _about(body: Body, q: Vector, inertia: ArticulatedInertia) -> tuple[list[float], list[float]]:
+    """Return the diagonal of a joint's D = S^T I S, rotors included, and its pivots, the first coordinate eliminated
+    first; the diagonal again where D depends on data that are missing."""
     S = columns(body.joint.S(q))
     D = np.array([[(inertia @ s).dot(r) for r in S] for s in S], dtype=object).reshape(len(S), len(S))
     for j, rotor in enumerate(body.rotors):
         D[j, j] = D[j, j] + rotor
-    return D
-
-
-def _pivots(D: Matrix) -> list[float]:
-    """Return the pivots of a small symmetric matrix, the first coordinate eliminated first; its diagonal where it
-    depends on data that are missing."""
-    if not all(is_number(x) for x in D.flat):
-        return list(np.diag(D))
-    D, pivots = D.copy(), []
-    for j in range(len(D)):
-        pivots.append(D[j, j])
-        if float(D[j, j]) > 0.0:
-            for i in range(j + 1, len(D)):
-                D[i, j + 1 :] = D[i, j + 1 :] - (D[i, j] / D[j, j]) * D[j, j + 1 :]
-    return pivots
+    diagonal = list(np.diag(D))
+    if all(is_number(x) for x in D.flat):
+        for j in range(len(D)):
+            if float(D[j, j]) > 0.0:
+                for i in range(j + 1, len(D)):
+                    D[i, j + 1 :] = D[i, j + 1 :] - (D[i, j] / D[j, j]) * D[j, j + 1 :]
+    return diagonal, list(np.diag(D))
 
 
 def lightest_joint(model: Model, q: Array) -> Felt | None:
@@ -108,18 +100,6 @@ def lightest_joint(model: Model, q: Array) -> Felt | None:
 
 
 # -- closed mechanisms ---------------------------------------------------------------------------------------
-@record
-class LeastFelt:
-    """The motion that the constraint rows allow and that moves the least inertia.
-
-    share : of the inertias of the joints that it moves. joint : the one that moves most. others : that move too.
-    """
-
-    share: float
-    joint: str
-    others: tuple[str, ...]
-
-
 def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     """Return inertias along the constraint rows, by name, where the opened tree's M has no inverse or a bad one.
 
@@ -150,8 +130,8 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     psi = problem.numbers(constraints.psi(model.nv), q)
     if not (_is_light(felt, M) or _is_lost(problem, model, M, psi) or _may_be_light(model, q, felt)):
         return {}
-    if (least := _least_felt(model, M, psi)) is not None and least.share < SINGULAR:
-        raise _singular(worst) if worst.joint == least.joint and not least.others else _undetermined(least)
+    if (least := _least_felt(model, M, psi)) is not None and least[0] < SINGULAR:
+        raise _singular(worst) if least[1] == [worst.joint] else _undetermined(least[1])
     return dict(zip(constraints.names, _along(problem, model)))
 
 
@@ -211,9 +191,10 @@ def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
     return False
 
 
-def _least_felt(model: Model, M: Array, psi: Array) -> LeastFelt | None:
+def _least_felt(model: Model, M: Array, psi: Array) -> tuple[float, list[str]] | None:
     """Return the motion with Psi v = 0 that moves the least inertia, with M (nv, nv); None where nothing can move.
 
+    That is the share that it moves of the inertias of its joints, and these joints, those that move most first.
     Coordinates are scaled by the inertias on M's diagonal, or by those along the rows where these are next to nothing.
     """
     # what rounding leaves of a zero is to scale nothing
@@ -229,7 +210,7 @@ def _least_felt(model: Model, M: Array, psi: Array) -> LeastFelt | None:
     values, vectors = np.linalg.eigh(N.T @ (M / np.outer(size, size)) @ N)
     motion = np.abs(N @ vectors[:, 0])
     joints = list(dict.fromkeys(model.joint_of(int(k)) for k in np.argsort(-motion) if motion[k] > 1e-6))
-    return LeastFelt(float(values[0]), joints[0], tuple(joints[1:]))
+    return float(values[0]), joints
 
 
 def _numbers(model: Model, q: Array) -> Array | None:
@@ -302,13 +283,14 @@ def _singular(felt: Felt) -> NumericalError:
     )  # fmt: skip
 
 
-def _undetermined(least: LeastFelt) -> NumericalError:
-    others = f", with {listed(least.others)}," if least.others else ""
+def _undetermined(joints: list[str]) -> NumericalError:
+    first, *rest = joints
+    others = f", with {listed(rest)}," if rest else ""
     return NumericalError(
-        f"the mass matrix is singular at t = 0, and so is the closed mechanism: its loops let joint {least.joint!r} "
+        f"the mass matrix is singular at t = 0, and so is the closed mechanism: its loops let joint {first!r} "
         f"move{others} without moving anything that has inertia, so that its acceleration is not determined; give a "
         "link there a mass or an inertia, or a joint a rotor_inertia",
-        time=0.0, joint=least.joint, status="singular_mass_matrix",
+        time=0.0, joint=first, status="singular_mass_matrix",
     )  # fmt: skip
 
 
@@ -320,10 +302,10 @@ def nearly_singular(problem: Problem, q: Array, time: float) -> str:
     if problem.braces:
         M, psi = _numbers(model, q), problem.numbers(problem.all_constraints.psi(model.nv), q, time)
         least = None if M is None else _least_felt(model, M, psi)
-        if least is None or least.share >= NEARLY:
+        if least is None or least[0] >= NEARLY:
             return ""
         return (
-            f"; the loops let joint {least.joint!r} move there with {least.share:.1e} of the inertias of the joints "
+            f"; the loops let joint {least[1][0]!r} move there with {least[0]:.1e} of the inertias of the joints "
             "that move"
         )
     felt = lightest_joint(model, q)

@@ -30,7 +30,6 @@ WRITERS = {
     "over/study/cluster.py: _code_of": "behind a lock",
     "over/study/runs.py: _serve": "of a worker process, before its first run",
     "over/study/design.py: Sobol.rows": "main thread of the command `sweep`",
-    "over/study/report.py: sobol": "main thread of the command `sweep`",
 }
 # Functions that keep what they have returned: pure, so that it does not matter which thread's result is kept.
 KEEPERS = {

@@ -13,7 +13,7 @@ from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Stat
 from robodyn_cli.kernels.arrays import Array, Total, each
 from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs, is_inlined
-from robodyn_cli.kernels.program import NUMBERS, Program
+from robodyn_cli.kernels.program import NUMBERS, Program, off_by_rounding
 
 LONG = 24  # velocities from which on what is done for each of them is a loop
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
@@ -63,8 +63,11 @@ class Tables:
         self.numbers = np.concatenate(tables)
 
     def off_by_rounding(self, draw: int) -> NDArray[np.float64]:
-        """Return factors of the numbers (n,) that put those off that were computed; 1 everywhere for draw 0."""
-        return np.concatenate([p.off_by_rounding(draw) for p in self.programs])
+        """Return factors of the numbers (n,) that put those off that were computed; 1 everywhere for draw 0.
+
+        Numbers of the scene count as exact. A number has one factor, whatever program reads it.
+        """
+        return np.array([off_by_rounding(x, draw) for p in self.programs for x in p.numbers or (0.0,)])
 
     def start(self, program: Program) -> int:
         """Return where the table of a program begins."""
