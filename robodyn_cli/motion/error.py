@@ -145,6 +145,7 @@ ConditioningOf = Callable[[int], "Conditioning"]
 
 NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the accelerations is looked at
 HALF_UNIT = 1.1e-16
+MARGIN = 1.25  # of an estimate: errors follow the order of a method to within some such part
 AMPLIFIED = 30.0  # times rounding: differences so large
 FEWEST = 8  # samples from which on that is told
 GROWN = 10.0  # times those of the first half, of differences in the second
@@ -154,7 +155,8 @@ TIME_ROUNDING = 1e-14  # part of the time of an event that rounding leaves over 
 
 
 def remainder(first: First, more: Any) -> Array:
-    """Return 1 / (1 - (n_1 / n_2)^p), at most 2 (N,): what the second run's own error hides of the first one's.
+    """Return MARGIN / (1 - (n_1 / n_2)^p), the quotient at most 2 (N,): what the second run's own error hides of the
+    first one's.
 
     more : n_2, the steps of the second runs (N,).
     """
@@ -162,7 +164,7 @@ def remainder(first: First, more: Any) -> Array:
     # between steps the dense output decides
     power = min(kind.order, kind.dense_order + 1)
     left = np.minimum(1.0, first.steps / np.maximum(more, 1)) ** power
-    factor: Array = 1.0 / (1.0 - np.minimum(left, 0.5))
+    factor: Array = MARGIN / (1.0 - np.minimum(left, 0.5))
     return factor
 
 

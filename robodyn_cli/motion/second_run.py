@@ -36,12 +36,16 @@ Tick = Callable[[float], None] | None
 
 @record
 class FirstRun(First):
-    """The run whose error is asked for: its beginning, samples, end [s] and the state x (nx,) there."""
+    """The run whose error is asked for: its beginning, samples, end [s] and the state x (nx,) there.
+
+    start : where the second integration begins (nx,), off from the first by the error of what came before; None: there.
+    """
 
     beginning: Beginning
     grid: Grid
     end: float
     state: Array
+    start: Array | None = None
 
     @staticmethod
     def of(driver: Driver, beginning: Beginning, grid: Grid, recorder: Recorder) -> FirstRun:
@@ -127,7 +131,8 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
         driver.tick = tick
         blocks: list[tuple[Array, Array, Array]] = []
         try:
-            driver.start(begun.time, motion.start if calls else begun.state)
+            start = begun.state if first.start is None else first.start
+            driver.start(begun.time, motion.start if calls else start)
             driver.run(
                 first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
             )

@@ -195,7 +195,7 @@ def _follow(done: Deployment, watch: Stopwatch) -> Deployment:
     """Go on as the locked structure, where that is asked for and a latch has closed."""
     if done.motion.scene.deploy.after != "continue" or done.lock is None or done.latch is None:
         return done
-    followed = follow_locked(done.motion, done.lock, done.latch, done.recorder, watch)
+    followed = follow_locked(done.motion, done.lock, done.latch, done.relocated, done.recorder, watch)
     return dataclasses.replace(done, followed=followed)
 
 

@@ -30,7 +30,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, LatchErrors, LatchLoad, Overload
 from robodyn_cli.tools.progress import Progress, Stopwatch
-from robodyn_cli.works.deploy.lock import ClosedLatch, Lock
+from robodyn_cli.works.deploy.lock import ClosedLatch, Lock, Relocated
 from robodyn_cli.works.deploy.scan import Pose, Scan, ScanEnd
 
 # smallest singular value of the passive block, relative to the largest of Psi, that is still worth reporting
@@ -173,9 +173,17 @@ class FollowedLock:
 
 
 def follow_locked(
-    motion: Motion, lock: Lock, latch: ClosedLatch, before: Recorder, watch: Stopwatch
+    motion: Motion,
+    lock: Lock,
+    latch: ClosedLatch,
+    again: Relocated | None,
+    before: Recorder,
+    watch: Stopwatch,
 ) -> FollowedLock:
-    """Integrate the locked structure from the lock to the end of the duration, on the samples of the scene's grid."""
+    """Integrate the locked structure from the lock to the end of the duration, on the samples of the scene's grid.
+
+    again : where a second scan puts the lock: the error of the lock's state goes on.
+    """
     s = motion.scene.simulate
     with watch.stage("equations"):
         problem = latch.locked.problem
@@ -202,7 +210,16 @@ def follow_locked(
     estimate = None
     if s.error_estimate:
         with watch.stage("error_estimate"):
-            estimate = estimate_error(locked, FirstRun.of(driver, begun, rest, recorder), recorder)
+            run = FirstRun.of(driver, begun, rest, recorder)
+            if (
+                again is not None
+                and again.lock is not None
+                and again.latch is not None
+                and again.lock.time < rest.start
+            ):
+                start = _first_sample(motion, locked, again.lock, again.latch, rest.start)
+                run = dataclasses.replace(run, start=start)
+            estimate = estimate_error(locked, run, recorder)
     jumps = [float(event["time"]) for event in driver.log]
     keys = dataclasses.replace(
         keys,
