@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.cli.console import width
+from robodyn_cli.summaries.facts import rounded_up
 
 
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
@@ -68,6 +69,11 @@ def number(x: Any, digits: int = 6) -> str:
     return f"{x:.{digits}g}" if isinstance(x, (int, float)) else str(x)
 
 
+def error_text(error: float) -> str:
+    """Return an error for reading, rounded up: what is printed is a bound too."""
+    return f"{rounded_up(error):.1e}"
+
+
 def error_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about the errors of an integration."""
     estimate = summary.get("error_estimate")
@@ -80,23 +86,26 @@ def error_lines(summary: Mapping[str, Any]) -> list[str]:
             note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
         if estimate.get("q_max") is not None:
             lines.append(
-                f"  estimated error    q {estimate['q_max']:.1e}, qd {estimate['qd_max']:.1e} at the worst sample{note}"
+                f"  estimated error    q {error_text(estimate['q_max'])}, qd {error_text(estimate['qd_max'])} "
+                f"at the worst sample{note}"
             )
         else:
-            lines.append(f"  estimated error    {estimate['state_max']:.1e} at the worst sample{note}")
+            lines.append(
+                f"  estimated error    {error_text(estimate['state_max'])} at the worst sample{note}"
+            )
     elif isinstance(estimate, Mapping) and estimate.get("reason"):
         lines.append(f"  estimated error    none: {estimate['reason']}")
     else:
         lines.append("  estimated error    not asked for")
     if summary.get("energy_drift") is not None:
         balance = summary.get("energy_balance", "energy")
-        lines.append(f"  energy drift       {summary['energy_drift']:.1e} J ({balance})")
+        lines.append(f"  energy drift       {error_text(summary['energy_drift'])} J ({balance})")
     residual = summary.get("constraint_residual")
     if isinstance(residual, Mapping):
         # of loops, and of prescribed joints where there are no loops
         lines.append(
-            f"  constraints        off by {residual['position']:.1e} m or rad, {residual['velocity']:.1e} m/s or rad/s "
-            "at the worst sample"
+            f"  constraints        off by {error_text(residual['position'])} m or rad, "
+            f"{error_text(residual['velocity'])} m/s or rad/s at the worst sample"
         )
     return lines + multiplier_lines(summary)
 
@@ -155,7 +164,9 @@ def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
 def closure_text(closure: Mapping[str, float]) -> str:
     """Return residuals of the loops in words."""
     units = {"position": "m or rad", "velocity": "m/s or rad/s", "acceleration": "m/s^2 or rad/s^2"}
-    return ", ".join(f"{key} {closure[key]:.1e} {unit}" for key, unit in units.items() if key in closure)
+    return ", ".join(
+        f"{key} {error_text(closure[key])} {unit}" for key, unit in units.items() if key in closure
+    )
 
 
 # of the table of drives: heading, path of the key below that of the joint, digits
@@ -188,7 +199,7 @@ def drive_lines(summary: Mapping[str, Any]) -> list[str]:
     lines = [table(list(zip(*columns)))]
     off = max((_below(one, ("errors", "margin")) or 0.0 for one in every), default=0.0)
     if off > 0.0:
-        lines.append(f"  sampling           margins off by some {100.0 * off:.1g} %")
+        lines.append(f"  sampling           margins off by some {rounded_up(100.0 * off, 1):.1g} %")
     if "catalogue" in summary:
         lines.append(f"  catalogue          {summary['catalogue']}")
     return lines

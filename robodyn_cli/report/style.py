@@ -14,6 +14,8 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
+from robodyn_cli.summaries.facts import rounded_up
+
 DPI = 120
 FONT_SIZE = 9.0
 GREY = "#5f5f5f"
@@ -155,6 +157,11 @@ def number(value: float, digits: int = 3) -> str:
         mantissa, exponent = text.split("e")
         text = f"{mantissa}·{power(int(exponent))}"
     return text.replace("-", "−")
+
+
+def error_number(value: float, digits: int = 3) -> str:
+    """Return an error for a caption: like ``number``, rounded up."""
+    return number(rounded_up(float(value), digits), digits)
 
 
 def power(exponent: int) -> str:

@@ -26,7 +26,7 @@ from robodyn_cli.report.curves import (
     nothing_note,
 )
 from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, limits_near
-from robodyn_cli.report.style import PlainFormatter, degree_axis, labelled, number, unit
+from robodyn_cli.report.style import PlainFormatter, degree_axis, error_number, labelled, number, unit
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
@@ -110,7 +110,7 @@ def hatch(axes: Sequence[Axes], until: float) -> None:
 
 def told(one: Stated) -> str:
     """Return what a summary states of an error in words, with its unit."""
-    return " ".join(filter(None, (one.words, number(one.value, 2), unit(one.statement.unit))))
+    return " ".join(filter(None, (one.words, error_number(one.value, 2), unit(one.statement.unit))))
 
 
 def error_words(result: Result, path: str) -> str:

@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import holding_lines, mobility_lines, multiplier_lines, number, table
+from robodyn_cli.cli.words import error_text, holding_lines, mobility_lines, multiplier_lines, number, table
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -32,7 +32,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     if multipliers:
         lines.append("  multipliers        " + ", ".join(f"{k} {number(x)}" for k, x in multipliers.items()))
     lines += multiplier_lines(summary)
-    lines.append(f"  residual           {facts['residual']:.1e} N m or N")
+    lines.append(f"  residual           {error_text(facts['residual'])} N m or N")
     lines += mobility_lines(summary)
     return "\n".join(lines)
 
