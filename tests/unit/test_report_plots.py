@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -456,6 +457,34 @@ def test_powers_of_ten_are_written_in_one_way() -> None:
     assert position.yaxis.get_offset_text().get_text() == "·10⁻¹²"
     between = {label.get_text() for label in velocity.get_yticklabels(minor=True)} - {""}
     assert "5·10⁻¹²" in between and not any("e" in text for text in between)
+
+
+@pytest.mark.parametrize("size", [1e-6, 0.01, 0.1, 123456.7])
+@pytest.mark.parametrize("part", [0.0, 1e-9, 1e-3, 2.5])
+def test_numbers_beside_an_axis_leave_room_for_its_label(size: float, part: float) -> None:
+    result = pendulum_result(21)
+    for path in ("q", "qd"):
+        result[path][:] = -size * (1.0 + part * np.linspace(-0.3, 0.7, 21)[:, None])
+        figure = draw(result, {"q": "joint_angles", "qd": "joint_rates"}[path])
+        FigureCanvasAgg(figure).draw()
+        for ax in figure.axes:
+            box = ax.yaxis.get_tightbbox()
+            assert box.x0 >= 0.0 and box.x1 <= figure.bbox.width
+            assert "e" not in ax.yaxis.get_offset_text().get_text()
+            # what is written is the place of the tick, to its last digit
+            ticks = zip(ax.get_yticks(), ax.get_yticklabels())
+            written = [(x, text.get_text()) for x, text in ticks if text.get_text()]
+            values = [value_of(text, ax.yaxis.get_offset_text().get_text()) for _, text in written]
+            distance = np.diff(ax.get_yticks())[0]
+            np.testing.assert_allclose(values, [x for x, _ in written], rtol=0.0, atol=0.02 * distance)
+
+
+def value_of(number: str, beside: str) -> float:
+    """Return the value of a number beside an axis, with what stands above it."""
+    plain = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹\N{MINUS SIGN}", "-0123456789-", "°")
+    factor, sign, added = re.fullmatch(r"(?:·10(\S+))? ?(?:([+-]) (\S+))?", beside.translate(plain)).groups()
+    value = float(number.translate(plain)) * 10.0 ** int(factor or 0)
+    return value + float(f"{sign}{added}".replace("·10", "e")) if added else value
 
 
 def test_every_axis_over_time_says_its_unit() -> None:
