@@ -29,6 +29,9 @@ PALER = {
 PUSH, REACTION = ALARM, "#CC79A7"
 
 
+ABOUT = {"coil": "spring", "rotary_damper": "damper"}  # an axis
+
+
 def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
     """Return the strokes of the k-th instant in the order in which they are painted."""
     drawn: list[Stroke] = []
@@ -90,6 +93,9 @@ def _part(view: View, k: int, part: DrawnPart, width: float, place: int) -> list
     if part.kind == "ground":
         return _ground(points, view) if len(points) > 1 else []
     pt = view.pt * min(1.0, width / FULL)
+    if part.kind in ABOUT:
+        curl = symbols.about(ABOUT[part.kind], points[1], 8.0 * pt, beside=part.aside != 0)
+        return [Stroke(curl, INK, 1.0, layer=ON_TOP, depth=depth)]
     if part.aside and (along := symbols.direction(points[1] - points[0])) is not None:
         points = points + 6.0 * part.aside * pt * np.array([-along[1], along[0]])
     return _connector(part.kind, points[0], points[1], pt, depth)
@@ -106,8 +112,6 @@ def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[S
         return [Stroke(line, INK, 1.0, layer=BODY, depth=depth, dashed=True)]
     if kind == "damper":
         return [Stroke(symbols.dashpot(a, b, 8.0 * pt), INK, 1.1, layer=ON_TOP, depth=depth)]
-    if kind == "coil":
-        return [Stroke(symbols.coil(b, 8.0 * pt), INK, 1.0, layer=ON_TOP, depth=depth)]
     if kind == "bushing":
         square = symbols.block(0.5 * (a + b), np.array([1.0, 0.0]), 9.0 * pt, 9.0 * pt)
         return [Stroke(square, INK, 1.0, "#c9c9c9", True, ON_TOP, depth)]
