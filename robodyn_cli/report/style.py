@@ -148,6 +148,11 @@ def load_label(quantity: str, units: str) -> str:
     return labelled({"N m": "torque", "N": "force"}.get(units, quantity), units)
 
 
+def position_word(units: str) -> str:
+    """Return what positions of joints in these units are."""
+    return {"rad": "joint angle", "m": "joint displacement"}.get(units, "joint position")
+
+
 def number(value: float, digits: int = 3) -> str:
     """Return a number for a caption: short, with a true minus and a power of ten where it helps."""
     if not math.isfinite(value):

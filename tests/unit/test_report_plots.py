@@ -547,6 +547,17 @@ def test_results_are_drawn_over_one_another(tmp_path: Path, capsys: pytest.Captu
     assert [path.name for path in (tmp_path / "p").iterdir()] == ["joint_angles.png"]
 
 
+def test_results_over_one_another_say_what_they_are_and_which_failed() -> None:
+    slides = [pendulum_result(21) for _ in range(2)]
+    for slide in slides:
+        slide.add("q", slide["q"], units="m", names=slide.variables["q"].names)
+    texts = [text.get_text() for text in draw_over(dict(zip("ab", slides)), "joint_angles").texts]
+    assert any(text.startswith("Joint displacements of 2 results") for text in texts)
+    slides[0].status, slides[0].summary["termination"] = "failed", {"reason": "step too small", "time": 0.5}
+    texts = [text.get_text() for text in draw_over(dict(zip("ab", slides)), "joint_angles").texts]
+    assert "a: Run failed at t = 0.5 s: step too small" in texts
+
+
 def test_nothing_to_draw_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stored = write(pendulum_result(11), tmp_path / "result.h5")
     assert run(["plot", str(stored), "--out", str(tmp_path / "p"), "--plots", "reactions"]) == 2
