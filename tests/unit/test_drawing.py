@@ -20,7 +20,7 @@ from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.parts import cuboid
 from robodyn_cli.report.drawing.places import along_motion, evenly, nearest
 from robodyn_cli.report.drawing.record import Drawing, mixed
-from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, strokes
+from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, silhouette, strokes
 from robodyn_cli.results.result import Result
 
 RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy, "kinematics": kinematics, "statics": statics,
@@ -362,3 +362,19 @@ def test_a_damper_about_a_joint_is_a_dashpot_and_none_hides_a_long_chain(
     assert len(curled) == joints * drawn
     in_parts = [s for s in curled if np.isnan(s.points).any()]
     assert len(in_parts) == joints * drawn * damper // max(1, spring + damper), "a dashpot consists of parts"
+
+
+def test_faint_poses_of_a_slide_show_its_block_and_of_a_body_its_box() -> None:
+    text = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: x, type: JOINT}]
+  links: [{name: block, mass: 1, com: [0, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}]
+initial: {q: {x: START}}
+simulate: {duration: 0.1, samples: 3, error_estimate: false}
+"""
+    for joint, start in (("prismatic, axis: [1, 0, 0]", "0.1"), ("floating", "{x: 0.1, rpy: [0, 0, 0]}")):
+        result = simulate(load_scene_text(text.replace("JOINT", joint).replace("START", start)))
+        outlines = silhouette(fitted(make_drawing(result)), 0)
+        assert outlines and all(np.ptp(line, axis=0).min() > 0.0 for line in outlines)

@@ -181,9 +181,25 @@ GREY = "#8a8a8a"
 SUPPORT = 11.0  # height of the triangle below a joint on the ground [pt]
 
 
+SLIDING = ("slide", "sleeve", "table")
+
+
+def _radius(view: View, width: float) -> float:
+    """Return the radius of a joint beside links of a width [pt]."""
+    return float(np.clip(0.36 * width + 0.9, 1.7, 4.0)) * view.pt
+
+
+def blocks(view: View, k: int, width: float, without: set[int]) -> list[Array]:
+    """Return the outlines (4, 2) of what slides at an instant, but for those at some vertices."""
+    pins = [pin for pin in view.drawing.pins if pin.kind in SLIDING and pin.vertex not in without]
+    places = [(pin, view.corners[k, pin.vertex, :2]) for pin in pins]
+    radius = _radius(view, width)
+    return [_mark(view, k, pin, at, radius)[0].points for pin, at in places if np.isfinite(at).all()]
+
+
 def pin_strokes(view: View, k: int, width: float, layer: int) -> list[Stroke]:
     """Return the strokes of all joints and closures at an instant; ``width`` of the links [pt]."""
-    radius = float(np.clip(0.36 * width + 0.9, 1.7, 4.0)) * view.pt
+    radius = _radius(view, width)
     drawn: list[Stroke] = []
     for pin in view.drawing.pins:
         at = view.corners[k, pin.vertex]
