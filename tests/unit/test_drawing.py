@@ -374,7 +374,10 @@ robot:
 initial: {q: {x: START}}
 simulate: {duration: 0.1, samples: 3, error_estimate: false}
 """
-    for joint, start in (("prismatic, axis: [1, 0, 0]", "0.1"), ("floating", "{x: 0.1, rpy: [0, 0, 0]}")):
+    for joint, start in (
+        ("prismatic, axis: [1, 0, 0]", "0.1"),
+        ("floating", "{x: 0.1, y: 0, z: 0, rpy: [0, 0, 0]}"),
+    ):
         result = simulate(load_scene_text(text.replace("JOINT", joint).replace("START", start)))
         outlines = silhouette(fitted(make_drawing(result)), 0)
         assert outlines and all(np.ptp(line, axis=0).min() > 0.0 for line in outlines)
