@@ -558,6 +558,20 @@ def test_results_over_one_another_say_what_they_are_and_which_failed() -> None:
     assert "a: Run failed at t = 0.5 s: step too small" in texts
 
 
+@pytest.mark.parametrize(("between", "sparse"), [(0.05, False), (5.0, True)])
+def test_samples_that_are_too_far_apart_are_told(between: float, sparse: bool) -> None:
+    result = pendulum_result(201)
+    result.variables["time"].data[:] = between * np.arange(201)
+    phase = 4.6 * result.time[:, None] + np.arange(result["q"].shape[1])
+    result["q"][:], result["qd"][:] = np.sin(phase), 4.6 * np.cos(phase)
+    result.summary["counters"] = {"steps": 5000}
+    for name in ("joint_angles", "energy"):
+        texts = " ".join(text.get_text() for text in draw(result, name).texts)
+        assert ("Samples are too far apart" in texts) == sparse
+    result.summary["counters"] = {"steps": 200}
+    assert "too far apart" not in " ".join(text.get_text() for text in draw(result, "joint_angles").texts)
+
+
 def test_nothing_to_draw_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     stored = write(pendulum_result(11), tmp_path / "result.h5")
     assert run(["plot", str(stored), "--out", str(tmp_path / "p"), "--plots", "reactions"]) == 2
