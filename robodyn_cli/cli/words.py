@@ -40,12 +40,26 @@ def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
 Figures = Sequence[tuple[str, str, str, int]]
 
 
-def figure_columns(rows: Sequence[Mapping[str, Any]], figures: Figures) -> list[list[str]]:
-    """Return the columns of figures; units that differ between rows are printed beside each figure."""
+NOTHING = 1e-12  # of the largest of its peers: less is what rounding leaves of zero
+
+
+def figure_columns(
+    rows: Sequence[Mapping[str, Any]], figures: Figures, errors: Mapping[str, float] | None = None
+) -> list[list[str]]:
+    """Return the columns of figures; units that differ between rows are printed beside each figure.
+
+    errors : stated ones, by key. What is nothing beside its error, or beside peers of the same unit, is shown as 0.
+    """
     columns = []
     for heading, key, quantity, digits in figures:
         units = [{**row.get("units", {}), "time": "s"}.get(quantity, quantity) for row in rows]
-        found = [number(row.get(key), digits) for row in rows]
+        sizes = [abs(row[key]) if isinstance(row.get(key), (int, float)) else 0.0 for row in rows]
+        peers = {unit: max(x for x, u in zip(sizes, units) if u == unit) for unit in units}
+        least = [max((errors or {}).get(key, 0.0), NOTHING * peers[unit]) for unit in units]
+        found = [
+            number(0.0 if 0.0 < size <= nothing else row.get(key), digits)
+            for row, size, nothing in zip(rows, sizes, least)
+        ]
         if len(set(units)) > 1:
             columns.append([heading, *(f"{x} {unit}" for x, unit in zip(found, units))])
         else:

@@ -14,6 +14,7 @@ from typing import Any, get_args
 import pytest
 
 import robodyn_cli
+from robodyn_cli.cli.words import figure_columns
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.many.command import error_of
@@ -294,3 +295,12 @@ def test_every_printed_error_is_rounded_up() -> None:
         if (lines := printed_as_they_are(path.read_text()))
     }
     assert not wrong
+
+
+def test_figures_below_their_errors_are_zero_on_the_terminal() -> None:
+    rows = [{"torque": 7.4, "units": {"t": "N m"}}, {"torque": -1.2e-18, "units": {"t": "N m"}}]
+    figures = [("torque", "torque", "t", 6)]
+    assert figure_columns(rows, figures) == [["torque [N m]", "7.4", "0"]]
+    alone = [{"torque": 5e-17, "units": {"t": "N m"}}, {"torque": None, "units": {"t": "N m"}}]
+    assert figure_columns(alone, figures) == [["torque [N m]", "5e-17", "-"]]
+    assert figure_columns(alone, figures, {"torque": 1e-16}) == [["torque [N m]", "0", "-"]]

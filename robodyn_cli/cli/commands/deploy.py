@@ -21,7 +21,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         verb = "overload" if lock["kind"] == "overload" else "locked"
         lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
         lines.append(f"  why                {summary['termination']['reason']}")
-        angles = [f"{n} {x:.5f} deg" for n, x in lock["angles_deg"].items()]
+        angles = [f"{n} {round(x, 5) + 0.0:.5f} deg" for n, x in lock["angles_deg"].items()]
         lengths = [f"{n} {x:.6g}" for n, x in lock["angles"].items() if n not in lock["angles_deg"]]
         lines.append(f"  configuration      {', '.join([*angles, *lengths])}")
         if m := lock["multipliers"]:

@@ -25,8 +25,11 @@ def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of an inverse run."""
     lines = [f"{summary['title']}"]
     joints: Mapping[str, Mapping[str, Any]] = summary.get("joints", {})
+    off = (summary.get("error_estimate") or {}).get("torque_rounding")
     if joints:
-        lines.append(table(list(zip(["joint", *joints], *figure_columns(list(joints.values()), FIGURES)))))
+        errors = dict.fromkeys(("peak_torque", "rms_torque"), off or 0.0)
+        columns = figure_columns(list(joints.values()), FIGURES, errors)
+        lines.append(table(list(zip(["joint", *joints], *columns))))
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
         ("attitude error", "attitude_residual", "rad"),
@@ -35,7 +38,6 @@ def describe(summary: Mapping[str, Any]) -> str:
         value = summary.get(key)
         if isinstance(value, float) and math.isfinite(value):
             lines.append(f"  {label:<18} {error_text(value)} {unit}")
-    off = (summary.get("error_estimate") or {}).get("torque_rounding")
     if off is not None:
         lines.append(f"  rounding           torques off by some {error_text(off)} N m or N")
     lines += drive_lines(summary)
