@@ -25,7 +25,7 @@ from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots.methods import MOST_METHODS, work_precision
 from robodyn_cli.report.plots.stability import energy_growth
 from robodyn_cli.report.registry import Drawings, applicable
-from robodyn_cli.report.style import dashed_style, log_axis, marked_style, number, styled, unit
+from robodyn_cli.report.style import dashed_style, error_number, log_axis, marked_style, number, styled, unit
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.moments import moment_lines
 from robodyn_cli.results.output_dir import SIGNATURE, is_ours
@@ -161,7 +161,7 @@ def test_captions_state_the_figures() -> None:
     assert f"theta1: peak {number(tau.max(), 4)}, RMS {number(average**0.5, 4)} N·m" in drawn
     result = pendulum_result(201)
     total = result["energy/total"]
-    assert f"largest {number(float(np.abs(total - total[0]).max()))} J" in texts(result, "energy_drift")
+    assert f"largest {error_number(np.abs(total - total[0]).max())} J" in texts(result, "energy_drift")
     drawn = texts(four_bar_result(), "multipliers")
     assert "dead point at 12.283 s" in drawn
     assert all(f"{factor}×" in drawn for factor in (10, 100, 1000))
