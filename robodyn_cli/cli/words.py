@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.cli.console import width
-from robodyn_cli.summaries.facts import LOAD, UnitOf
+from robodyn_cli.summaries.facts import LOAD, UnitOf, rounded_up
 
 
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
@@ -40,14 +40,28 @@ def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
 Figures = Sequence[tuple[str, str, str, int]]
 
 
-def figure_columns(rows: Sequence[Mapping[str, Any]], figures: Figures) -> list[list[str]]:
-    """Return the columns of figures; units that differ between rows are printed beside each figure."""
+NOTHING = 1e-12  # of the largest of its peers: less is what rounding leaves of zero
+
+
+def figure_columns(
+    rows: Sequence[Mapping[str, Any]], figures: Figures, errors: Mapping[str, float] | None = None
+) -> list[list[str]]:
+    """Return the columns of figures; units that differ between rows are printed beside each figure.
+
+    errors : stated ones, by key. What is nothing beside its error, or beside peers of the same unit, is shown as 0.
+    """
     columns = []
     for heading, key, quantity, digits in figures:
         there = [row.get(key) is not None for row in rows]
         units = [{**row.get("units", {}), "time": "s"}.get(quantity, quantity) for row in rows]
         own = list(dict.fromkeys(unit for unit, known in zip(units, there) if known) or units[:1])
-        found = [number(row.get(key), digits) for row in rows]
+        sizes = [abs(row[key]) if isinstance(row.get(key), (int, float)) else 0.0 for row in rows]
+        peers = {unit: max(x for x, u in zip(sizes, units) if u == unit) for unit in units}
+        least = [max((errors or {}).get(key, 0.0), NOTHING * peers[unit]) for unit in units]
+        found = [
+            number(0.0 if 0.0 < size <= nothing else row.get(key), digits)
+            for row, size, nothing in zip(rows, sizes, least)
+        ]
         if len(own) > 1:
             with_units = (f"{x} {unit}" if known else x for x, unit, known in zip(found, units, there))
             columns.append([heading, *with_units])
@@ -88,6 +102,11 @@ def number(x: Any, digits: int = 6) -> str:
     return f"{x:.{digits}g}" if isinstance(x, (int, float)) else str(x)
 
 
+def error_text(error: float) -> str:
+    """Return an error for reading, rounded up: what is printed is a bound too."""
+    return f"{rounded_up(error):.1e}"
+
+
 def error_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about the errors of an integration."""
     estimate = summary.get("error_estimate")
@@ -100,23 +119,26 @@ def error_lines(summary: Mapping[str, Any]) -> list[str]:
             note = f" (not meaningful after t = {estimate['meaningful_until']:.4g} s)"
         if estimate.get("q_max") is not None:
             lines.append(
-                f"  estimated error    q {estimate['q_max']:.1e}, qd {estimate['qd_max']:.1e} at the worst sample{note}"
+                f"  estimated error    q {error_text(estimate['q_max'])}, qd {error_text(estimate['qd_max'])} "
+                f"at the worst sample{note}"
             )
         else:
-            lines.append(f"  estimated error    {estimate['state_max']:.1e} at the worst sample{note}")
+            lines.append(
+                f"  estimated error    {error_text(estimate['state_max'])} at the worst sample{note}"
+            )
     elif isinstance(estimate, Mapping) and estimate.get("reason"):
         lines.append(f"  estimated error    none: {estimate['reason']}")
     else:
         lines.append("  estimated error    not asked for")
     if summary.get("energy_drift") is not None:
         balance = summary.get("energy_balance", "energy")
-        lines.append(f"  energy drift       {summary['energy_drift']:.1e} J ({balance})")
+        lines.append(f"  energy drift       {error_text(summary['energy_drift'])} J ({balance})")
     residual = summary.get("constraint_residual")
     if isinstance(residual, Mapping):
         # of loops, and of prescribed joints where there are no loops
         lines.append(
-            f"  constraints        off by {residual['position']:.1e} m or rad, {residual['velocity']:.1e} m/s or rad/s "
-            "at the worst sample"
+            f"  constraints        off by {error_text(residual['position'])} m or rad, "
+            f"{error_text(residual['velocity'])} m/s or rad/s at the worst sample"
         )
     return lines + multiplier_lines(summary)
 
@@ -175,7 +197,9 @@ def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
 def closure_text(closure: Mapping[str, float]) -> str:
     """Return residuals of the loops in words."""
     units = {"position": "m or rad", "velocity": "m/s or rad/s", "acceleration": "m/s^2 or rad/s^2"}
-    return ", ".join(f"{key} {closure[key]:.1e} {unit}" for key, unit in units.items() if key in closure)
+    return ", ".join(
+        f"{key} {error_text(closure[key])} {unit}" for key, unit in units.items() if key in closure
+    )
 
 
 # of the table of drives: heading, path of the key below that of the joint, digits
@@ -208,7 +232,7 @@ def drive_lines(summary: Mapping[str, Any]) -> list[str]:
     lines = [table(list(zip(*columns)))]
     off = max((_below(one, ("errors", "margin")) or 0.0 for one in every), default=0.0)
     if off > 0.0:
-        lines.append(f"  sampling           margins off by some {100.0 * off:.1g} %")
+        lines.append(f"  sampling           margins off by some {rounded_up(100.0 * off, 1):.1g} %")
     if "catalogue" in summary:
         lines.append(f"  catalogue          {summary['catalogue']}")
     return lines

@@ -152,7 +152,7 @@ class Sheet:
             x = LEFT + column * (wide + shape.between)
             y = bottom + (rows - 1 - row) * (height + gap)
             self.axes.append(self.figure.add_axes((x / WIDTH, y / total, wide / WIDTH, height / total)))
-            self.axes[-1].yaxis.set_major_formatter(PlainFormatter())
+            self.axes[-1].yaxis.set_major_formatter(PlainFormatter(LEFT if column == 0 else shape.between))
             if shape.bars:
                 place = ((x + wide + 0.15) / WIDTH, y / total, 0.18 / WIDTH, height / total)
                 self.bars.append(self.figure.add_axes(place))

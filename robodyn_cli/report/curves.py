@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from robodyn_cli.record import record
 from robodyn_cli.report import style
 from robodyn_cli.report.lines import crest, envelope, finite
-from robodyn_cli.report.style import log_axis, number, unit
+from robodyn_cli.report.style import error_number, log_axis, unit
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import meaningful_error
 from robodyn_cli.spatial.algebra import Array
@@ -77,7 +77,7 @@ def curves(
     errors = np.broadcast_to(np.asarray(error, dtype=float), top.shape)
     nothing = (top > 0.0) & (top <= np.fmax(errors, NOTHING * size))
     said = [
-        f"{name} ({' '.join(filter(None, (number(largest, 1), unit(one))))})" if none else ""
+        f"{name} ({' '.join(filter(None, (error_number(largest, 1), unit(one))))})" if none else ""
         for name, one, largest, none in zip(names, units, top, nothing)
     ]
     return DrawnCurves(np.where(nothing, 0.0, data), list(names), list(units), errors, size, said)

@@ -11,6 +11,7 @@ from robodyn_cli.commands import COMMANDS
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.results.stated_errors import stated
+from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.summaries.keys import Leaf, leaf_of, leaves_of
 from robodyn_cli.summaries.study import QUANTILES
 
@@ -32,7 +33,7 @@ def figure(value: Any, error: Any = None, unit: str = "") -> str:
         return "-" if value is None else str(value)
     known = _is_number(error)
     text = f"{value:.{_digits(abs(float(value)), float(error)) if known else 6}g}"
-    return f"{text}{f' ± {float(error):.1g}' if known else ''}{_spaced(unit)}"
+    return f"{text}{f' ± {rounded_up(float(error), 1):.1g}' if known else ''}{_spaced(unit)}"
 
 
 def _spaced(unit: str) -> str:
@@ -63,7 +64,7 @@ def notes(result: Result) -> list[str]:
     summary = result.summary
     sentences = _lock(summary)
     sentences += [
-        f"{one.words} {one.value:.2g}{_spaced(one.statement.unit)}"
+        f"{one.words} {rounded_up(one.value):.2g}{_spaced(one.statement.unit)}"
         for one in stated(summary)
         if one.statement.is_main
     ]

@@ -13,11 +13,11 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet, save
+from robodyn_cli.report.canvas import Sheet, failure_note, save
 from robodyn_cli.report.curves import NAMED, DrawnCurves, curves_of, draw_error, fit_axis, nothing_note
 from robodyn_cli.report.lines import envelope
 from robodyn_cli.report.registry import Drawings, applicable, draw_all
-from robodyn_cli.report.style import styled, unit
+from robodyn_cli.report.style import position_word, styled, unit
 from robodyn_cli.report.time_sheet import error_words, hatch, lost_note, panel_height
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.result import Result
@@ -118,7 +118,10 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     panels = sorted(_most_different(keys, list(all_series.values())), key=keys.index)
     titles = {result.title for result in results.values()}
     title = titles.pop() if len(titles) == 1 else "Results compared"
-    subtitle = f"{name.replace('_', ' ').capitalize()} of {len(results)} results"
+    shown = name.replace("_", " ")
+    if name == "joint_angles":
+        shown = f"{position_word(' or '.join({units for _, units in keys}))}s"
+    subtitle = f"{shown.capitalize()} of {len(results)} results"
     if len(panels) < len(keys):
         subtitle += f"; the {len(panels)} of {len(keys)} quantities that differ most"
     across = 1 if len(panels) <= 3 else 2
@@ -127,7 +130,7 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     sheet = Sheet(
         Result("plot", title, "ok", ""), subtitle, panels=len(panels), across=across,
         height=panel_height(len(panels)), gap=0.5, titled=True, labels=list(results),
-        captions=[*nothing_note(nothing), *_errors(results, name)], told=lost_note(first_lost),
+        captions=[*nothing_note(nothing), *_errors(results, name)], told=[*_failures(results), *lost_note(first_lost)],
     )  # fmt: skip
     looks = style.line_styles(len(results))
     handles: list[Any] = []
@@ -149,6 +152,13 @@ def draw_over(results: Mapping[str, Result], name: str) -> Any:
     hatch(sheet.axes, meaningful_until(first_lost.summary))
     sheet.legend(handles, list(results))
     return sheet.figure
+
+
+def _failures(results: Mapping[str, Result]) -> list[str]:
+    """Return the lines that say which results failed and why, a line each."""
+    notes = {label: failure_note(result) for label, result in results.items()}
+    failed = [f"{label}: {' '.join(note)}" for label, note in notes.items() if note]
+    return failed[:NAMED] + ([f"and {len(failed) - NAMED} more failed"] if len(failed) > NAMED else [])
 
 
 def _errors(results: Mapping[str, Result], name: str) -> list[str]:

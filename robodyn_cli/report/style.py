@@ -14,6 +14,8 @@ from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.ticker import Formatter, LogLocator, MaxNLocator, NullLocator, ScalarFormatter
 
+from robodyn_cli.summaries.facts import rounded_up
+
 DPI = 120
 FONT_SIZE = 9.0
 GREY = "#5f5f5f"
@@ -146,6 +148,11 @@ def load_label(quantity: str, units: str) -> str:
     return labelled({"N m": "torque", "N": "force"}.get(units, quantity), units)
 
 
+def position_word(units: str) -> str:
+    """Return what positions of joints in these units are."""
+    return {"rad": "joint angle", "m": "joint displacement"}.get(units, "joint position")
+
+
 def number(value: float, digits: int = 3) -> str:
     """Return a number for a caption: short, with a true minus and a power of ten where it helps."""
     if not math.isfinite(value):
@@ -157,19 +164,64 @@ def number(value: float, digits: int = 3) -> str:
     return text.replace("-", "−")
 
 
+def error_number(value: float, digits: int = 3) -> str:
+    """Return an error for a caption: like ``number``, rounded up."""
+    return number(rounded_up(float(value), digits), digits)
+
+
 def power(exponent: int) -> str:
     """Return ten to a power with raised digits."""
     return "10" + str(exponent).translate(_SUPERSCRIPT)
 
 
+# advance of a character, over the font size: DejaVu Sans
+MINUS = "\N{MINUS SIGN}"
+ADVANCE = {".": 0.318, MINUS: 0.838}
+DIGIT = 0.636
+BESIDE = 24.0  # between the edge of the page and numbers: the axis' label, its distance, a tick [pt]
+
+
 class PlainFormatter(ScalarFormatter):
-    """Writes the numbers of a linear axis, and the power of ten that all are multiplied by as on other drawings."""
+    """Writes the numbers of a linear axis, and apart from them what they are multiplied by and what is added to all,
+    as on other drawings.
+
+    room : beside the axis, for numbers and a label [in]. Numbers that are too wide for it get a power of ten, or are
+    differences from one of them.
+    """
+
+    def __init__(self, room: float = math.inf) -> None:
+        super().__init__()
+        self._places: list[float] = []
+        self._most = (72.0 * room - BESIDE) / FONT_SIZE
+
+    def set_locs(self, locs: Any) -> None:
+        """Choose how the numbers at these places are written: the first way that leaves room for a label."""
+        self._places = [float(x) for x in locs]
+        middle = self._places[len(self._places) // 2] if self._places else True
+        for limits, offset in (((-5, 6), True), ((0, 0), True), ((0, 0), middle)):
+            self.set_powerlimits(limits)
+            self.set_useOffset(offset)
+            super().set_locs(locs)
+            if self._widest() <= self._most:
+                return
+
+    def _widest(self) -> float:
+        """Return the width of the widest number, over the font size."""
+        texts = (self(x) for x in self._places)
+        return max((sum(ADVANCE.get(x, DIGIT) for x in text) for text in texts), default=0.0)
 
     def get_offset(self) -> str:
-        """Return what stands above the axis: ``·10⁻¹⁶``."""
-        text = str(super().get_offset())
-        scale = re.fullmatch("1e([-\N{MINUS SIGN}]?)(\\d+)", text)
-        return f"·{power(int(scale[2]) * (-1 if scale[1] else 1))}" if scale is not None else text
+        """Return what stands above the axis: ``·10⁻¹⁶``, ``·10⁻¹² + 0.1``."""
+        text = str(super().get_offset()).replace("\N{MINUS SIGN}", "-")
+        factor, added = re.fullmatch("(?:1e(-?\\d+))?([+-].+)?", text).groups()  # type: ignore[union-attr]
+        parts = [f"·{power(int(factor))}"] if factor else []
+        if added:
+            parts.append(f"{'+' if added[0] == '+' else MINUS} {number(abs(float(added)), 10)}")
+        return " ".join(parts)
+
+
+# room for degrees on the right, as for numbers that have a label beside them [in]
+BESIDE_DEGREES = 0.85
 
 
 class PowerFormatter(Formatter):
@@ -218,9 +270,9 @@ class _Silent(Formatter):
         return ""
 
 
-class _Degrees(Formatter):
+class _Degrees(PlainFormatter):
     def __call__(self, x: float, pos: Any = None) -> str:
-        return f"{x:g}°".replace("-", "−")
+        return f"{super().__call__(x, pos)}°"
 
 
 def degree_axis(ax: Axes) -> None:
@@ -230,7 +282,7 @@ def degree_axis(ax: Axes) -> None:
     ax.set_ylim(low, high)
     twin.set_ylim(math.degrees(low), math.degrees(high))
     twin.yaxis.set_major_locator(MaxNLocator(nbins=8, steps=[1, 1.5, 3, 4.5, 6, 9, 10]))
-    twin.yaxis.set_major_formatter(_Degrees())
+    twin.yaxis.set_major_formatter(_Degrees(BESIDE_DEGREES))
     twin.spines["right"].set_visible(True)
     twin.grid(False)
 

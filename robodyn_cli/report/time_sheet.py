@@ -25,8 +25,8 @@ from robodyn_cli.report.curves import (
     make_room,
     nothing_note,
 )
-from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, limits_near
-from robodyn_cli.report.style import PlainFormatter, degree_axis, labelled, number, unit
+from robodyn_cli.report.lines import LIMIT_NOTE, draw_limits, finite, limits_near
+from robodyn_cli.report.style import PlainFormatter, degree_axis, error_number, labelled, number, unit
 from robodyn_cli.results.moments import DECISIVE, Moment, moments
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_error, meaningful_until
@@ -92,6 +92,33 @@ def lost_note(result: Result) -> list[str]:
     ]
 
 
+def sparse_note(result: Result) -> list[str]:
+    """Return the line that says that samples are too far apart to show the motion; none where they are not.
+
+    The integrator took many steps between two samples, and rates there do not add up to how positions change.
+    """
+    steps = (result.summary.get("counters") or {}).get("steps", 0)
+    if "q" not in result or "qd" not in result or result["q"].shape != result["qd"].shape:
+        return []
+    between = steps / max(1, len(result.time) - 1)
+    if between < SPARSE_STEPS:
+        return []
+    q, qd = finite(result["q"]), finite(result["qd"])
+    gaps = np.diff(q, axis=0) - 0.5 * np.diff(result.time)[:, None] * (qd[1:] + qd[:-1])
+    with np.errstate(invalid="ignore"):
+        missed = np.nan_to_num(np.median(np.abs(gaps), axis=0)) > SPARSE_PART * np.ptp(q, axis=0)
+    if not missed.any():
+        return []
+    return [
+        f"Samples are too far apart to show the motion: the integrator took {between:.0f} steps between two "
+        "(simulate.samples)"
+    ]
+
+
+SPARSE_STEPS = 4.0  # of the integrator between two samples
+SPARSE_PART = 0.1  # of the range of a position, which half the intervals between samples miss
+
+
 def hatch(axes: Sequence[Axes], until: float) -> None:
     """Hatch what is drawn over time after a motion is lost in its error."""
     look: dict[str, Any] = {
@@ -110,7 +137,7 @@ def hatch(axes: Sequence[Axes], until: float) -> None:
 
 def told(one: Stated) -> str:
     """Return what a summary states of an error in words, with its unit."""
-    return " ".join(filter(None, (one.words, number(one.value, 2), unit(one.statement.unit))))
+    return " ".join(filter(None, (one.words, error_number(one.value, 2), unit(one.statement.unit))))
 
 
 def error_words(result: Result, path: str) -> str:
@@ -153,7 +180,7 @@ class TimeSheet(Sheet):
         labels = [*layout.pop("labels", ()), *self._counted.values()]
         self._errors = [error_words(result, shows)] if shows else []
         captions = [*nothing_note(nothing), *self._errors]
-        alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result)]
+        alarms = [*filter(None, [decisive_text(self.moments)]), *lost_note(result), *sparse_note(result)]
         super().__init__(result, subtitle, labels=labels, captions=captions, told=alarms, **layout)
         self._drawn: list[tuple[Axes, Array, DrawnCurves, list[Any]]] = []
 

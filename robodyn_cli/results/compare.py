@@ -13,6 +13,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, Variable
 from robodyn_cli.results.stated_errors import stated_error
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import rounded_up
 
 # from what cannot be compared to what only the new result has
 RANK = {"missing": 0, "shape": 0, "units": 0, "names": 0, "entries": 0, "differs": 1, "equal": 2, "extra": 3}
@@ -63,8 +64,10 @@ class Difference:
         if self.stated is None:
             beside += "; no error stated"
         else:
-            beside += f"; {'within' if self.within_stated else 'beyond'} the stated errors, {self.stated:.2g}"
-        return f"worst {self.error:.3g}{column}{time}: {self.value:.12g} instead of {self.expected:.12g} ({beside})"
+            side = "within" if self.within_stated else "beyond"
+            beside += f"; {side} the stated errors, {rounded_up(self.stated):.2g}"
+        worst = f"worst {rounded_up(self.error, 3):.3g}{column}{time}"
+        return f"{worst}: {self.value:.12g} instead of {self.expected:.12g} ({beside})"
 
 
 @record

@@ -18,23 +18,23 @@ def no_progress(done: float, total: float) -> None:
 class Stopwatch:
     """Adds up wall time by stage; compilation inside a stage is counted as ``compile`` instead.
 
-    ``now`` is the stage at present, empty between stages.
+    ``now`` is the stage at present, empty between stages; ``reached`` says how far it is, where that is known.
     """
 
     def __init__(self) -> None:
         self.seconds: dict[str, float] = {}
-        self.now = ""
+        self.now = self.reached = ""
         self._start = time.perf_counter()
 
     @contextlib.contextmanager
     def stage(self, name: str) -> Iterator[None]:
         """Count the time inside the block under ``name``."""
         start, compiling = time.perf_counter(), REPORT.seconds
-        before, self.now = self.now, name
+        before, self.now, self.reached = self.now, name, ""
         try:
             yield
         finally:
-            self.now = before
+            self.now, self.reached = before, ""
             spent = REPORT.seconds - compiling
             self.add("compile", spent)
             self.add(name, time.perf_counter() - start - spent)
@@ -48,7 +48,11 @@ class Stopwatch:
 
     def doing(self) -> str:
         """Say what takes the time at present."""
-        return REPORT.now or self.now.replace("_", " ")
+        return REPORT.now or ": ".join(filter(None, (self.now.replace("_", " "), self.reached)))
+
+    def reach(self, text: str) -> None:
+        """Say how far the present stage is."""
+        self.reached = text
 
     def report(self) -> dict[str, float]:
         """Return seconds by stage, and in all."""

@@ -31,7 +31,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.load_sharing import Balance, LostRank, Shared, TooFewActuators, balance, share
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
+from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination, rounded_up
 from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, Mobility, StaticsSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank
@@ -188,8 +188,8 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     rest = balance(conditions, _RestForces(problem, conditions), q)
     if not rest.converged:
         raise NumericalError(
-            f"no balance found in {rest.iterations} steps: a force of {rest.residual:.3g} N m or N is left; start "
-            "nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
+            f"no balance found in {rest.iterations} steps: a force of {rounded_up(rest.residual):.2g} N m or N is "
+            "left; start nearer to one (initial.q), or hold joints that nothing balances (initial.hold)",
             residual=rest.residual, q=rest.q.tolist(),
         )  # fmt: skip
     loops = problem.constraints.of_loops

@@ -20,7 +20,7 @@ from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.parts import cuboid
 from robodyn_cli.report.drawing.places import along_motion, evenly, nearest
 from robodyn_cli.report.drawing.record import Drawing, mixed
-from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, strokes
+from robodyn_cli.report.drawing.strokes import BODY, LATCH, TRAIL, silhouette, strokes
 from robodyn_cli.results.result import Result
 
 RUN = {"inverse": inverse, "simulate": simulate, "deploy": deploy, "kinematics": kinematics, "statics": statics,
@@ -86,7 +86,7 @@ def test_a_ternary_link_is_a_plate_and_a_spring_in_a_joint_a_coil() -> None:
     plate = next(s for s in strokes(fitted(drawing), 0) if s.closed and s.layer == BODY)
     assert len(plate.points) == 3
     held = make_drawing(result_of("balanced_four_bar"))
-    assert [pin.wound for pin in held.pins] == [pin.name == "crank" for pin in held.pins]
+    assert {pin.name: pin.about for pin in held.pins if pin.about} == {"crank": ("spring",)}
     assert {arrow.name for arrow in held.arrows} == {"crank", "coupler", "rocker", "pin"}
 
 
@@ -332,3 +332,52 @@ simulate: {{duration: 1, samples: 51}}
     bodies = [sum(s.layer == BODY and s.closed for s in strokes(view, k, grid=False)) for k in (1, 25)]
     both = [int((t <= 0.4)[k]) + int((t > grips)[k]) for k in (1, 25)]
     assert bodies == both == [1, 1]
+
+
+@pytest.mark.parametrize(
+    ("joints", "distance", "spring", "damper", "drawn"),
+    [(2, 1.0, False, True, 1), (2, 1.0, True, True, 2), (2, 1.0, True, False, 1), (30, 0.1, False, True, 0)],
+)
+def test_a_damper_about_a_joint_is_a_dashpot_and_none_hides_a_long_chain(
+    joints: int, distance: float, spring: bool, damper: bool, drawn: int
+) -> None:
+    forces = ", spring: {stiffness: 1}" * spring + ", damper: {damping: 0.1}" * damper
+    rows = [
+        f"    - {{name: j{k}, type: revolute, a: {distance}, alpha: 0, d: 0{forces}}}" for k in range(joints)
+    ]
+    links = [
+        f"    - {{name: l{k}, mass: 1, com: [0, 0, 0], com_frame: joint, inertia: {{zz: 0.1}}}}"
+        for k in range(joints)
+    ]
+    head = ["schema: 1", "gravity: [0, 0, 0]", "robot:", "  convention: standard", "  joints:"]
+    start = "initial: {q: {" + ", ".join(f"j{k}: 0.1" for k in range(joints)) + "}}"
+    text = "\n".join([*head, *rows, "  links:", *links, start])
+    result = simulate(
+        load_scene_text(text + "\nsimulate: {duration: 0.01, samples: 2, error_estimate: false}\n")
+    )
+    view = fitted(make_drawing(result))
+    assert {pin.about for pin in view.drawing.pins} == {("damper",) * damper + ("spring",) * spring}
+    # only these have more points than a link or a joint, or parts
+    curled = [s for s in strokes(view, 0, grid=False) if len(s.points) > 30 and not s.closed]
+    assert len(curled) == joints * drawn
+    in_parts = [s for s in curled if np.isnan(s.points).any()]
+    assert len(in_parts) == joints * drawn * damper // max(1, spring + damper), "a dashpot consists of parts"
+
+
+def test_faint_poses_of_a_slide_show_its_block_and_of_a_body_its_box() -> None:
+    text = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: x, type: JOINT}]
+  links: [{name: block, mass: 1, com: [0, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}}]
+initial: {q: {x: START}}
+simulate: {duration: 0.1, samples: 3, error_estimate: false}
+"""
+    for joint, start in (
+        ("prismatic, axis: [1, 0, 0]", "0.1"),
+        ("floating", "{x: 0.1, y: 0, z: 0, rpy: [0, 0, 0]}"),
+    ):
+        result = simulate(load_scene_text(text.replace("JOINT", joint).replace("START", start)))
+        outlines = silhouette(fitted(make_drawing(result)), 0)
+        assert outlines and all(np.ptp(line, axis=0).min() > 0.0 for line in outlines)

@@ -85,7 +85,7 @@ def test_the_error_of_a_figure_stands_beside_it() -> None:
     error = result.summary["error_estimate"]["q_end"]
     value, bound, unit = re.fullmatch(r"(\S+) ± (\S+) (\S+)", table.rows[0][1]).groups()
     assert float(value) == pytest.approx(result["q"][-1, 0], rel=1e-9)
-    assert float(bound) == pytest.approx(error, rel=0.5) and unit == "rad"
+    assert error <= float(bound) <= 2.0 * error and unit == "rad"
     assert any(text.startswith("largest error of q ") for text in notes(result))
     without = simulate(load_scene(CONFIGS / "double_pendulum.yaml", ["simulate.error_estimate=false"]))
     assert "±" not in tables(without)[0].rows[0][1]
@@ -98,6 +98,7 @@ def test_the_error_of_a_figure_stands_beside_it() -> None:
     [
         (12.28299560963, 2e-13, "12.28299561 ± 2e-13 m"),
         (12.28299560963, 0.03, "12.283 ± 0.03 m"),
+        (12.28299560963, 0.0301, "12.283 ± 0.04 m"),
         (1.0, None, "1 m"),
         (0.0, 1e-9, "0 ± 1e-09 m"),
         (None, 1e-9, "-"),

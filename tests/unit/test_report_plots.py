@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import warnings
@@ -24,7 +25,7 @@ from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots.methods import MOST_METHODS, work_precision
 from robodyn_cli.report.plots.stability import energy_growth
 from robodyn_cli.report.registry import Drawings, applicable
-from robodyn_cli.report.style import dashed_style, log_axis, marked_style, number, styled, unit
+from robodyn_cli.report.style import dashed_style, error_number, log_axis, marked_style, number, styled, unit
 from robodyn_cli.results.hdf5 import read, write
 from robodyn_cli.results.moments import moment_lines
 from robodyn_cli.results.output_dir import SIGNATURE, is_ours
@@ -160,7 +161,7 @@ def test_captions_state_the_figures() -> None:
     assert f"theta1: peak {number(tau.max(), 4)}, RMS {number(average**0.5, 4)} N·m" in drawn
     result = pendulum_result(201)
     total = result["energy/total"]
-    assert f"largest {number(float(np.abs(total - total[0]).max()))} J" in texts(result, "energy_drift")
+    assert f"largest {error_number(np.abs(total - total[0]).max())} J" in texts(result, "energy_drift")
     drawn = texts(four_bar_result(), "multipliers")
     assert "dead point at 12.283 s" in drawn
     assert all(f"{factor}×" in drawn for factor in (10, 100, 1000))
@@ -458,6 +459,34 @@ def test_powers_of_ten_are_written_in_one_way() -> None:
     assert "5·10⁻¹²" in between and not any("e" in text for text in between)
 
 
+@pytest.mark.parametrize("size", [1e-6, 0.01, 0.1, 123456.7])
+@pytest.mark.parametrize("part", [0.0, 1e-9, 1e-3, 2.5])
+def test_numbers_beside_an_axis_leave_room_for_its_label(size: float, part: float) -> None:
+    result = pendulum_result(21)
+    for path in ("q", "qd"):
+        result[path][:] = -size * (1.0 + part * np.linspace(-0.3, 0.7, 21)[:, None])
+        figure = draw(result, {"q": "joint_angles", "qd": "joint_rates"}[path])
+        FigureCanvasAgg(figure).draw()
+        for ax in figure.axes:
+            box = ax.yaxis.get_tightbbox()
+            assert box.x0 >= 0.0 and box.x1 <= figure.bbox.width
+            assert "e" not in ax.yaxis.get_offset_text().get_text()
+            # what is written is the place of the tick, to its last digit
+            ticks = zip(ax.get_yticks(), ax.get_yticklabels())
+            written = [(x, text.get_text()) for x, text in ticks if text.get_text()]
+            values = [value_of(text, ax.yaxis.get_offset_text().get_text()) for _, text in written]
+            distance = np.diff(ax.get_yticks())[0]
+            np.testing.assert_allclose(values, [x for x, _ in written], rtol=0.0, atol=0.02 * distance)
+
+
+def value_of(number: str, beside: str) -> float:
+    """Return the value of a number beside an axis, with what stands above it."""
+    plain = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹\N{MINUS SIGN}", "-0123456789-", "°")
+    factor, sign, added = re.fullmatch(r"(?:·10(\S+))? ?(?:([+-]) (\S+))?", beside.translate(plain)).groups()
+    value = float(number.translate(plain)) * 10.0 ** int(factor or 0)
+    return value + float(f"{sign}{added}".replace("·10", "e")) if added else value
+
+
 def test_every_axis_over_time_says_its_unit() -> None:
     for result in (inverse_result(), pendulum_result(201), four_bar_result()):
         for name in applicable(result):
@@ -516,6 +545,31 @@ def test_results_are_drawn_over_one_another(tmp_path: Path, capsys: pytest.Captu
     report = json.loads(capsys.readouterr().out)
     assert code == 0 and report["without_data"] == ["reactions"]
     assert [path.name for path in (tmp_path / "p").iterdir()] == ["joint_angles.png"]
+
+
+def test_results_over_one_another_say_what_they_are_and_which_failed() -> None:
+    slides = [pendulum_result(21) for _ in range(2)]
+    for slide in slides:
+        slide.add("q", slide["q"], units="m", names=slide.variables["q"].names)
+    texts = [text.get_text() for text in draw_over(dict(zip("ab", slides)), "joint_angles").texts]
+    assert any(text.startswith("Joint displacements of 2 results") for text in texts)
+    slides[0].status, slides[0].summary["termination"] = "failed", {"reason": "step too small", "time": 0.5}
+    texts = [text.get_text() for text in draw_over(dict(zip("ab", slides)), "joint_angles").texts]
+    assert "a: Run failed at t = 0.5 s: step too small" in texts
+
+
+@pytest.mark.parametrize(("between", "sparse"), [(0.05, False), (5.0, True)])
+def test_samples_that_are_too_far_apart_are_told(between: float, sparse: bool) -> None:
+    result = pendulum_result(201)
+    result.variables["time"].data[:] = between * np.arange(201)
+    phase = 4.6 * result.time[:, None] + np.arange(result["q"].shape[1])
+    result["q"][:], result["qd"][:] = np.sin(phase), 4.6 * np.cos(phase)
+    result.summary["counters"] = {"steps": 5000}
+    for name in ("joint_angles", "energy"):
+        texts = " ".join(text.get_text() for text in draw(result, name).texts)
+        assert ("Samples are too far apart" in texts) == sparse
+    result.summary["counters"] = {"steps": 200}
+    assert "too far apart" not in " ".join(text.get_text() for text in draw(result, "joint_angles").texts)
 
 
 def test_nothing_to_draw_is_an_error(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -207,6 +207,7 @@ def least_of_all(search: Any, by: str) -> float:
 def test_nothing_is_cheaper_or_lighter_than_what_is_proven(by: str) -> None:
     """Random arms against all combinations; those in which the cheapest further out is not the cheapest of all too."""
     better, none = 0, 0
+    told: list[str] = []
     for seed in range(8):
         rng = np.random.default_rng(seed)
         joints = int(rng.integers(2, 4))
@@ -214,7 +215,7 @@ def test_nothing_is_cheaper_or_lighter_than_what_is_proven(by: str) -> None:
         scene = load_scene_text(text)
         drives = {f"j{k}": Drive(motor="") for k in range(joints)}
         search = DriveSearch.of(Responses.of(scene, drives), drives, scene.catalogue, by)
-        search.run()
+        search.run(told.append)
         true = least_of_all(search, by)
         alone = (
             sum(float(search.prices(n)[0][search.chosen[n]]) for n in drives) if search.all_pass else np.inf
@@ -229,6 +230,7 @@ def test_nothing_is_cheaper_or_lighter_than_what_is_proven(by: str) -> None:
             assert result.summary["size"][by] == pytest.approx(true, rel=1e-12)
             better += alone > true * (1.0 + 1e-9)
         none += not np.isfinite(true)
+    assert "joint 1 of 2, sweep 1 over the joints" in told
     # the lightest further out asks least of those further in
     assert none <= 4 and (better >= 1 or by == "mass"), (better, none)
 

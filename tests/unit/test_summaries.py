@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import dataclasses
 import math
 import re
@@ -12,12 +13,14 @@ from typing import Any, get_args
 
 import pytest
 
+import robodyn_cli
+from robodyn_cli.cli.words import figure_columns
 from robodyn_cli.commands import COMMANDS, SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.over.many.command import error_of
 from robodyn_cli.results.stated_errors import STATEMENTS
 from robodyn_cli.scene.load import load_scene
-from robodyn_cli.summaries.facts import Fact, UnitOf
+from robodyn_cli.summaries.facts import Fact, UnitOf, rounded_up
 from robodyn_cli.summaries.keys import EVERY_RUN, _written, fields_at, leaf_of, leaves_of, refusal
 
 DESCRIBED = [name for name, command in COMMANDS.items() if command.summary]
@@ -248,3 +251,57 @@ def test_errors_that_results_state_are_keys_of_summaries() -> None:
         leaves = [leaf for name in DESCRIBED if (leaf := leaf_of(name, ".".join(statement.key))) is not None]
         assert leaves and all(leaf.is_number and leaf.unit({}) for leaf in leaves), statement.key
         assert len({leaf.unit({}) for leaf in leaves}) == 1, statement.key
+
+
+@pytest.mark.parametrize(
+    ("error", "digits", "printed"),
+    [
+        (1.924e-12, 2, 2.0e-12),
+        (1.9e-12, 2, 1.9e-12),
+        (0.2, 1, 0.2),
+        (100.0 * 0.003, 1, 0.3),
+        (9.91, 2, 10.0),
+        (-1.21, 2, -1.3),
+        (0.0, 2, 0.0),
+        (math.inf, 2, math.inf),
+        (5e-324, 1, 5e-324),
+    ],
+)
+def test_errors_are_printed_rounded_up(error: float, digits: int, printed: float) -> None:
+    assert rounded_up(error, digits) == printed
+    assert abs(float(f"{printed:.{digits}g}")) >= abs(error) * (1.0 - 1e-15)
+
+
+def printed_as_they_are(source: str) -> list[int]:
+    """Return the lines of f-strings that round an error as any number."""
+    return [
+        node.lineno
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.FormattedValue)
+        and node.format_spec is not None
+        and re.search(r"[ge]$", ast.literal_eval(ast.unparse(node.format_spec).removeprefix("f")))
+        and not isinstance(node.value, ast.Call)
+        and re.search(r"error|residual|drift", re.split(r"[.\[]", ast.unparse(node.value))[-1])
+    ]
+
+
+def test_every_printed_error_is_rounded_up() -> None:
+    assert printed_as_they_are("f\"{c['error']:.1e}\"") == [1]
+    assert printed_as_they_are("f'{one.our_error:.{n}g}'") == [1]
+    assert printed_as_they_are("f'{rounded_up(error):.1g} {error} {value:.6g}'") == []
+    package = Path(robodyn_cli.__file__).parent
+    wrong = {
+        str(path.relative_to(package)): lines
+        for path in package.rglob("*.py")
+        if (lines := printed_as_they_are(path.read_text()))
+    }
+    assert not wrong
+
+
+def test_figures_below_their_errors_are_zero_on_the_terminal() -> None:
+    rows = [{"torque": 7.4, "units": {"t": "N m"}}, {"torque": -1.2e-18, "units": {"t": "N m"}}]
+    figures = [("torque", "torque", "t", 6)]
+    assert figure_columns(rows, figures) == [["torque [N m]", "7.4", "0"]]
+    alone = [{"torque": 5e-17, "units": {"t": "N m"}}, {"torque": None, "units": {"t": "N m"}}]
+    assert figure_columns(alone, figures) == [["torque [N m]", "5e-17", "-"]]
+    assert figure_columns(alone, figures, {"torque": 1e-16}) == [["torque [N m]", "0", "-"]]

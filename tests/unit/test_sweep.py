@@ -655,7 +655,7 @@ def test_drawings_fit_the_study(fall: Path, tmp_path: Path) -> None:
     words = [fall, "--of", "final.q.z", "--out", out]
     cases = {
         "study_response": ["--vary", "gravity.2=linspace(-9, -1, 4)"],
-        "study_map": ["--vary", "gravity.2=linspace(-9, -1, 3)", "--vary", "initial.qd.z=linspace(0, 1, 4)"],
+        "study_map": ["--vary", "gravity.2=linspace(-9, -1, 3)", "--vary", "initial.qd.z=[0, 1]"],
         "study_histograms": [
             "--vary",
             "gravity.2=uniform(-9, -1)",
@@ -669,3 +669,17 @@ def test_drawings_fit_the_study(fall: Path, tmp_path: Path) -> None:
         assert sweep(*words, *vary).exit_code == 0
         drawn = {path.stem for path in out.glob("*.png")}
         assert name in drawn and len(drawn & set(cases)) == 1
+
+
+def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
+    words = [
+        CONFIGS / "four_bar_deploy.yaml",
+        *("--set", "simulate.duration=0.02", "--vary", "robot.links.crank.mass=[20]", "--no-plots"),
+    ]
+    slow = sweep(*words, "--of", "lock.time", "--out", tmp_path / "slow")
+    assert "each run is a whole command: compiled code does not give lock.kind, " in slow.output
+    assert "of expect (--set expect={} leaves it out)" in slow.output
+    fast = sweep(*words, "--of", "lock.time", "--set", "expect={}", "--out", tmp_path / "fast")
+    assert "whole command" not in fast.output
+    other = sweep(*words, "--of", "energy_drift", "--set", "expect={}", "--out", tmp_path / "other")
+    assert "compiled code does not give energy_drift\n" in other.output

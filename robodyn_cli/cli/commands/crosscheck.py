@@ -9,7 +9,7 @@ import typer
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile, choice
 from robodyn_cli.cli.runner import placed
-from robodyn_cli.cli.words import table
+from robodyn_cli.cli.words import error_text, table
 from robodyn_cli.errors import FAILED
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def describe(report: CrosscheckReport) -> str:
         rows.append(
             [
                 one.quantity, f"{one.difference:.2e}", f"{one.column}, t = {one.time:.6g} s", f"{one.ours:.12g}",
-                f"{one.theirs:.12g}", f"{one.our_error:.1e}", f"{one.their_error:.1e}",
+                f"{one.theirs:.12g}", error_text(one.our_error), error_text(one.their_error),
             ]
         )  # fmt: skip
     verdict = "agree within their errors" if report.agrees else "DIFFER beyond their errors"

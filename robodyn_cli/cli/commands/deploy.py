@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, error_lines, number
+from robodyn_cli.cli.words import cost_line, error_lines, error_text, number
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -17,11 +17,11 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines = [f"{summary['title']}"]
     if lock:
         error = lock.get("time_error")
-        bound = f" +- {error:.1e}" if error is not None else ""
+        bound = f" +- {error_text(error)}" if error is not None else ""
         verb = "overload" if lock["kind"] == "overload" else "locked"
         lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
         lines.append(f"  why                {summary['termination']['reason']}")
-        angles = [f"{n} {x:.5f} deg" for n, x in lock["angles_deg"].items()]
+        angles = [f"{n} {round(x, 5) + 0.0:.5f} deg" for n, x in lock["angles_deg"].items()]
         lengths = [f"{n} {x:.6g}" for n, x in lock["angles"].items() if n not in lock["angles_deg"]]
         lines.append(f"  configuration      {', '.join([*angles, *lengths])}")
         if m := lock["multipliers"]:

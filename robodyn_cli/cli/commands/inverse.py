@@ -8,7 +8,7 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, drive_lines, figure_columns, multiplier_lines, table
+from robodyn_cli.cli.words import cost_line, drive_lines, error_text, figure_columns, multiplier_lines, table
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -25,8 +25,11 @@ def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of an inverse run."""
     lines = [f"{summary['title']}"]
     joints: Mapping[str, Mapping[str, Any]] = summary.get("joints", {})
+    off = (summary.get("error_estimate") or {}).get("torque_rounding")
     if joints:
-        lines.append(table(list(zip(["joint", *joints], *figure_columns(list(joints.values()), FIGURES)))))
+        errors = dict.fromkeys(("peak_torque", "rms_torque"), off or 0.0)
+        columns = figure_columns(list(joints.values()), FIGURES, errors)
+        lines.append(table(list(zip(["joint", *joints], *columns))))
     for label, key, unit in (
         ("path error", "ik_residual", "m"),
         ("attitude error", "attitude_residual", "rad"),
@@ -34,10 +37,9 @@ def describe(summary: Mapping[str, Any]) -> str:
     ):
         value = summary.get(key)
         if isinstance(value, float) and math.isfinite(value):
-            lines.append(f"  {label:<18} {value:.1e} {unit}")
-    off = (summary.get("error_estimate") or {}).get("torque_rounding")
+            lines.append(f"  {label:<18} {error_text(value)} {unit}")
     if off is not None:
-        lines.append(f"  rounding           torques off by some {off:.1e} N m or N")
+        lines.append(f"  rounding           torques off by some {error_text(off)} N m or N")
     lines += drive_lines(summary)
     lines += _fastest(summary)
     lines += multiplier_lines(summary)
@@ -53,7 +55,7 @@ def _fastest(summary: Mapping[str, Any]) -> list[str]:
     parts = sorted(least_time["binding"].items(), key=lambda item: -item[1])
     binding = ", ".join(f"{name} {100.0 * part:.3g} %" for name, part in parts) or "none"
     return [
-        f"  least time         {least_time['duration']:.9g} s, +- {least_time['duration_error']:.1e} s",
+        f"  least time         {least_time['duration']:.9g} s, +- {error_text(least_time['duration_error'])} s",
         f"  binding limits     {binding} of the time",
     ]
 

@@ -22,15 +22,23 @@ POINT_FIGURES = (
 )
 
 
+# figures, and what of the loops tells their errors
+OFF = {"peak_speed": "velocity", "peak_acceleration": "acceleration"}
+
+
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the summary of a kinematic analysis."""
     lines = [
         f"{summary['title']}",
         f"  moved              {number(summary['termination'].get('time'))} s, {summary['samples']} samples",
     ]
+    closure = summary.get("error_estimate", {}).get("closure") or {}
+    errors = {figure: closure[key] for figure, key in OFF.items() if key in closure}
     for word, key, figures in (("joint", "joints", JOINT_FIGURES), ("point", "points", POINT_FIGURES)):
         if found := summary.get(key):
-            lines.append(table(list(zip([word, *found], *figure_columns(list(found.values()), figures)))))
+            lines.append(
+                table(list(zip([word, *found], *figure_columns(list(found.values()), figures, errors))))
+            )
     lines += mobility_lines(summary)
     ratio = summary.get("singular_ratio")
     if ratio:
@@ -40,7 +48,6 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append(
             f"  transmission       {number(angle['smallest_deg'], 5)} to {number(angle['largest_deg'], 5)} deg"
         )
-    closure = summary.get("error_estimate", {}).get("closure")
     if closure:
         lines.append("  closure            " + closure_text(closure))
     return "\n".join(lines)

@@ -11,7 +11,7 @@ import typer
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import holding_lines, number, table
+from robodyn_cli.cli.words import error_text, holding_lines, number, table
 from robodyn_cli.errors import SceneError
 
 BALANCE = "balance"
@@ -179,7 +179,7 @@ def _stability(of: Mapping[str, Any]) -> str:
 def _row(mode: Mapping[str, Any]) -> list[str]:
     note = "" if mode["reached"] and mode["shown"] else " *"
     figures = (number(mode[key], digits) for key, digits in (("frequency", 5), ("damping", 4), ("time", 4)))
-    return [_pole(mode) + note, f"{mode['error']:.1e}", *figures]
+    return [_pole(mode) + note, error_text(mode["error"]), *figures]
 
 
 def _pole(mode: Mapping[str, Any]) -> str:

@@ -9,7 +9,7 @@ import typer
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import coordinate_table, number, table
+from robodyn_cli.cli.words import coordinate_table, error_text, number, table
 from robodyn_cli.errors import SceneError
 from robodyn_cli.summaries.facts import OWN
 
@@ -61,7 +61,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     how = f"in closed form, branch {branch}" if branch else "by damped steps"
     lines = [
         f"{summary['title']}",
-        f"  {summary['frame']:<18} brought to the pose {how}; error {number(summary['error'], 3)} m or rad",
+        f"  {summary['frame']:<18} brought to the pose {how}; error {error_text(summary['error'])} m or rad",
     ]
     chosen = {name: _position(q) for name, q in summary["configuration"].items()}
     lines.append(coordinate_table(summary["units"], [("position", chosen, OWN, 9)]))

@@ -10,8 +10,9 @@ import typer
 
 from robodyn_cli.cli.options import SharedOptions, file
 from robodyn_cli.cli.runner import begun, output, publish, run_scene, show, store
-from robodyn_cli.cli.words import table
+from robodyn_cli.cli.words import error_text, table
 from robodyn_cli.errors import FAILED, SceneError
+from robodyn_cli.summaries.facts import rounded_up
 
 
 def command(
@@ -79,6 +80,11 @@ def small(x: Any) -> str:
     return "-" if x is None else f"{x:.2g}"
 
 
+def small_error(x: Any) -> str:
+    """Return an error in few characters, rounded up."""
+    return small(None if x is None else rounded_up(x))
+
+
 def describe(summary: Mapping[str, Any]) -> str:
     """Return the report for the terminal."""
     wrong = [
@@ -139,8 +145,8 @@ def _method_rows(summary: Mapping[str, Any]) -> list[list[str]]:
             [
                 name,
                 m["status"].replace("_", " "),
-                small(m["relative"]),
-                small(m["estimate"]),
+                small_error(m["relative"]),
+                small_error(m["estimate"]),
                 str(m["steps"]),
                 f"{1e3 * m['seconds']:.3g}",
                 _energy(g, summary["energy_growth"]["period"]["seconds"]),
@@ -159,8 +165,8 @@ def _gain_lines(summary: Mapping[str, Any]) -> list[str]:
             c = gains["chosen"]
             lines.append(
                 f"  Baumgarte          {words} ({gains['method']}): alpha = beta = {c['alpha']:.3g} 1/s = "
-                f"{c['factor']:.3g}/h with h = {c['step']:.3g} s; drift {c['drift']:.1e}, error {c['error']:.1e}, "
-                f"of the projected run {c['integration_error']:.1e}"
+                f"{c['factor']:.3g}/h with h = {c['step']:.3g} s; drift {error_text(c['drift'])}, "
+                f"error {error_text(c['error'])}, of the projected run {error_text(c['integration_error'])}"
             )
     return lines
 
@@ -170,7 +176,7 @@ def _energy(energy: Mapping[str, Any] | None, period: float) -> str:
     if energy is None:
         return "-"
     cut = "" if energy["status"] == "ok" else f" ({energy['until'] / period:.0f})"
-    return small(energy["largest_relative"]) + cut
+    return small_error(energy["largest_relative"]) + cut
 
 
 def describe_suite(summary: Mapping[str, Any]) -> str:
@@ -193,7 +199,7 @@ def _mark(trial: Mapping[str, Any] | None) -> str:
         return ""
     status = trial["status"]
     if status in ("stable", "inaccurate"):
-        return (small(trial["relative"]) if trial["relative"] is not None else "ran") + (
+        return (small_error(trial["relative"]) if trial["relative"] is not None else "ran") + (
             "!" if status == "inaccurate" else ""
         )
     return {"diverged": "x", "too_slow": ">>", "unsupported": "-"}[status]

@@ -7,7 +7,14 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import coordinate_table, holding_lines, mobility_lines, multiplier_lines, number
+from robodyn_cli.cli.words import (
+    coordinate_table,
+    error_text,
+    holding_lines,
+    mobility_lines,
+    multiplier_lines,
+    number,
+)
 from robodyn_cli.summaries.facts import LOAD, OWN
 
 
@@ -32,7 +39,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         listed = ", ".join(f"{k} {number(x)}" for k, x in multipliers.items())
         lines.append(f"  multipliers        {listed} (N or N m)")
     lines += multiplier_lines(summary)
-    lines.append(f"  residual           {facts['residual']:.1e} N m or N")
+    lines.append(f"  residual           {error_text(facts['residual'])} N m or N")
     lines += mobility_lines(summary)
     return "\n".join(lines)
 

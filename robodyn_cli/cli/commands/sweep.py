@@ -72,6 +72,7 @@ def command(
     shared: SharedOptions,
 ) -> int:  # fmt: skip
     """Run the study; return 0 even where runs failed, 1 below the yield."""
+    from robodyn_cli.over.study.runs import why_slow
     from robodyn_cli.over.study.study import AskedStudy, options_of, prepare
     from robodyn_cli.scene.load import Family
 
@@ -87,6 +88,8 @@ def command(
     )  # fmt: skip
     with console.waiting(lambda: "a study"), output(target, scene, console) as directory:
         study = prepare(AskedStudy(family, options, indices))
+        if slow := why_slow(study.task):
+            console.note(f"robodyn: {slow}")
         with begun(directory, console):
             maker = _maker(scheduler, jobs or cores(), console)
             result = _run(study, directory, maker, console, shared.drawings)

@@ -11,7 +11,7 @@ import typer
 
 from robodyn_cli.cli.options import OutDir, Overrides, SceneFile, SharedOptions, number
 from robodyn_cli.cli.runner import begun, output, placed, publish, show, store
-from robodyn_cli.cli.words import table
+from robodyn_cli.cli.words import error_text, table
 
 COLUMNS = (
     "method", "formulation", "tolerance", "step", "error", "run_time_s", "compile_time_s", "evaluations", "steps",
@@ -116,7 +116,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     for best in summary["best"]:
         setting = best["tolerance"] if best["tolerance"] is not None else best["step"]
         rows.append(
-            [f"{best['level']:.0e}", best["method"], best["formulation"], f"{setting:.1e}", f"{best['error']:.1e}",
+            [f"{best['level']:.0e}", best["method"], best["formulation"], f"{setting:.1e}", error_text(best['error']),
              f"{1e3 * best['run_time_s']:.4g}", str(best["evaluations"])]
         )  # fmt: skip
     lines.append(table(rows))

@@ -35,15 +35,33 @@ from robodyn_cli.tools.progress import Stopwatch, no_progress
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
 STATUS = "status"
+MOST_KEYS = 3  # that are named
 
 commands: Registry[BatchCommand[Any]] = Registry("robodyn_cli", places("batch"), made=True)
 
 
 def suits(task: Task) -> bool:
     """Tell whether compiled code gives all that a study wants of its runs."""
+    return task.command in commands and not beyond(task)
+
+
+def beyond(task: Task) -> list[str]:
+    """Return the outputs and expectations of a study that compiled code does not give."""
     wanted = [*task.outputs, *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS))]
     command = commands.get(task.command)
-    return command is not None and all(command.is_plain(key) for key in wanted)
+    return [key for key in dict.fromkeys(wanted) if command is None or not command.is_plain(key)]
+
+
+def why_slow(task: Task) -> str:
+    """Return in a line why runs of a study are whole commands; empty where compiled code makes them."""
+    if suits(task):
+        return ""
+    keys = beyond(task)
+    if task.command not in commands or not keys:
+        return f"each run is a whole command: there is no compiled code of {task.command} for many runs"
+    more = f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else ""
+    advice = "" if set(keys) & set(task.outputs) else " of expect (--set expect={} leaves it out)"
+    return f"each run is a whole command: compiled code does not give {', '.join(keys[:MOST_KEYS])}{more}{advice}"
 
 
 class Compiled:

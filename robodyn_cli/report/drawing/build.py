@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 from collections.abc import Sequence
@@ -12,7 +13,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.report.drawing.parts import Connections, Links, colour_of, hide, payload_parts
 from robodyn_cli.report.drawing.places import STILL, DrawnExpressions, arrows, evenly, loads, moving_paths
-from robodyn_cli.report.drawing.record import Drawing, Trail
+from robodyn_cli.report.drawing.record import Drawing, Pin, Trail
 from robodyn_cli.report.lines import finite
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
@@ -23,6 +24,8 @@ from robodyn_cli.spatial.algebra import Array
 NEVER = math.inf
 THIN = 0.1  # of the drawing's size: a mechanism that extends less along an axis is drawn flat
 TRAIL = 2000  # places of a path
+INSTANTS = 9  # at which distances of joints are measured
+FAR = 1e30  # distance of the nearest other joint, where there is none [m]
 
 
 @functools.lru_cache(maxsize=2)  # a result is asked whether it can be drawn, and then drawn
@@ -117,7 +120,7 @@ def drawing_of(
         vertices=vertices,
         axes=finite(axes),
         parts=(*parts, *connections.parts, *payloads),
-        pins=tuple(connections.pins),
+        pins=_with_room(connections.pins, vertices),
         masses=tuple(masses),
         bobs=tuple(bobs),
         arrows=arrows(acting, axes, forces),
@@ -126,6 +129,21 @@ def drawing_of(
         gravity=np.array(scene.gravity, dtype=float),
         flat=flat,
     )
+
+
+def _with_room(pins: Sequence[Pin], vertices: Array) -> tuple[Pin, ...]:
+    """Return pins with how near the nearest other one comes, at places (T, N, 3)."""
+    few = vertices[evenly(len(vertices), INSTANTS)]
+    kept: list[Pin] = []
+    for pin in pins:
+        if pin.about:
+            others = sorted({other.vertex for other in pins} - {pin.vertex})
+            gaps = np.linalg.norm(few[:, others] - few[:, [pin.vertex]], axis=2)
+            # another joint that passes by leaves room at other times
+            room = float(np.nan_to_num(gaps).max(axis=0, initial=0.0).min(initial=FAR))
+            pin = dataclasses.replace(pin, room=room)
+        kept.append(pin)
+    return tuple(kept)
 
 
 def _trails(result: Result) -> tuple[Trail, ...]:

@@ -271,9 +271,9 @@ class Connections:
             self._beside(body.joint_name, (start, end), sorted(springs))
         directions = (Z, X) if kind == "cross" else (Z,)
         axes = [self.expressions.axis(k, vector(direction)) for direction in directions]
-        wound = bool(springs) and kind == "hinge"
+        about = tuple(sorted(springs)) if kind == "hinge" else ()
         self.pins.append(
-            Pin(kind, body.joint_name, end, _given(axes), colour_of(k), body.parent == BASE, wound)
+            Pin(kind, body.joint_name, end, _given(axes), colour_of(k), body.parent == BASE, about)
         )
 
     def _closure(self, loop: Loop) -> None:
@@ -348,12 +348,11 @@ class Connections:
 
 def _kinds(element: Any) -> list[str]:
     """Return how a force between two places looks."""
-    if element.type == "spring":
+    if element.type in ("spring", "torsional_spring"):
         stiff, damped = element.stiffness > 0.0, element.damping > 0.0
-        return ["spring"] * stiff + ["damper"] * damped
-    return {"constant_force": ["rope"], "bushing": ["bushing"], "torsional_spring": ["coil"]}.get(
-        element.type, ["bar"]
-    )
+        spring, damper = ("spring", "damper") if element.type == "spring" else ("coil", "rotary_damper")
+        return [spring] * stiff + [damper] * damped
+    return {"constant_force": ["rope"], "bushing": ["bushing"]}.get(element.type, ["bar"])
 
 
 def _advances(body: Body) -> bool:

@@ -62,7 +62,7 @@ class DrawnPart:
     kind : ``link`` (filled between all its vertices), ``ground`` (the link that stands still), ``solid`` (a box of the
     body's inertia), ``payload`` (a box that is carried, whose places are not finite while it is not), ``shape`` (a link
     as the scene says that it looks: ``surface`` in the box of its vertices), ``bar``, ``rope``, ``rail`` (what a slider
-    slides on), ``spring``, ``damper``, ``coil``, ``bushing``.
+    slides on), ``spring``, ``damper``, ``coil``, ``rotary_damper``, ``bushing``.
     aside : 1 or -1 for two that lie side by side between the same places.
     """
 
@@ -79,8 +79,8 @@ class Pin:
     """A joint or a closure at a vertex, with its axes by their numbers.
 
     kind : ``hinge``, ``slide``, ``sleeve`` (turns and slides), ``cross``, ``ball``, ``table`` (slides in a plane),
-    ``weld``. colour : of what slides. grounded : whether it hangs on the ground. wound : whether a spring or damper
-    acts about its axis.
+    ``weld``. colour : of what slides. grounded : whether it hangs on the ground. about : what acts about its axis,
+    ``spring`` and ``damper``. room : how near the nearest other one comes [m], for their symbols.
     """
 
     kind: str
@@ -89,7 +89,8 @@ class Pin:
     axes: tuple[int, ...]
     colour: str
     grounded: bool = False
-    wound: bool = False
+    about: tuple[str, ...] = ()
+    room: float = 0.0
 
 
 @record

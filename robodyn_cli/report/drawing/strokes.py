@@ -29,6 +29,9 @@ PALER = {
 PUSH, REACTION = ALARM, "#CC79A7"
 
 
+ABOUT = {"coil": "spring", "rotary_damper": "damper"}  # an axis
+
+
 def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
     """Return the strokes of the k-th instant in the order in which they are painted."""
     drawn: list[Stroke] = []
@@ -48,15 +51,35 @@ def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
 
 
 def silhouette(view: View, k: int) -> list[Array]:
-    """Return the outline (n, 2) of each link, bar and payload at an instant: what a faint pose consists of."""
+    """Return the outline (n, 2) of each link, bar and payload at an instant: what a faint pose consists of.
+
+    A link without extent has the outline of what stands for it: its box, the block of its slide, or a disc.
+    """
+    links = [part for part in view.drawing.parts if part.kind == "link"]
+    extended = {vertex for part in links if len(part.vertices) > 1 for vertex in part.vertices}
+    small = {part.name for part in links if len(part.vertices) <= 1}
     lines = []
     for part in view.drawing.parts:
-        if part.kind in ("link", "bar", "payload"):
+        boxed = part.kind in ("solid", "shape") and part.name in small
+        if boxed or (part.kind in ("link", "bar", "payload") and len(part.vertices) > 1):
             points = view.corners[k, list(part.vertices), :2]
             if np.isfinite(points).all():
-                corners = _outline(points, view.pt)
-                lines.append(np.concatenate([corners, corners[:1]]) if len(corners) > 2 else corners)
-    return lines
+                lines.append(_outline(points, view.pt))
+    lines += symbols.blocks(view, k, view.link_width, without=extended)
+    for vertex in _discs(view) - extended:
+        at = view.corners[k, vertex, :2]
+        if np.isfinite(at).all():
+            lines.append(_disc(view, at, view.link_width))
+    return [np.concatenate([line, line[:1]]) if len(line) > 2 else line for line in lines]
+
+
+def _discs(view: View) -> set[int]:
+    """Return where discs stand for bodies without extent; that of a slide is its block."""
+    return set(view.drawing.bobs) - {pin.vertex for pin in view.drawing.pins if pin.kind in symbols.SLIDING}
+
+
+def _disc(view: View, at: Array, width: float) -> Array:
+    return symbols.circle(at, (0.55 * width + 2.5) * view.pt)
 
 
 def _outline(points: Array, pt: float) -> Array:
@@ -90,6 +113,9 @@ def _part(view: View, k: int, part: DrawnPart, width: float, place: int) -> list
     if part.kind == "ground":
         return _ground(points, view) if len(points) > 1 else []
     pt = view.pt * min(1.0, width / FULL)
+    if part.kind in ABOUT:
+        curl = symbols.about(ABOUT[part.kind], points[1], 8.0 * pt, beside=part.aside != 0)
+        return [Stroke(curl, INK, 1.0, layer=ON_TOP, depth=depth)]
     if part.aside and (along := symbols.direction(points[1] - points[0])) is not None:
         points = points + 6.0 * part.aside * pt * np.array([-along[1], along[0]])
     return _connector(part.kind, points[0], points[1], pt, depth)
@@ -106,8 +132,6 @@ def _connector(kind: str, a: Array, b: Array, pt: float, depth: float) -> list[S
         return [Stroke(line, INK, 1.0, layer=BODY, depth=depth, dashed=True)]
     if kind == "damper":
         return [Stroke(symbols.dashpot(a, b, 8.0 * pt), INK, 1.1, layer=ON_TOP, depth=depth)]
-    if kind == "coil":
-        return [Stroke(symbols.coil(b, 8.0 * pt), INK, 1.0, layer=ON_TOP, depth=depth)]
     if kind == "bushing":
         square = symbols.block(0.5 * (a + b), np.array([1.0, 0.0]), 9.0 * pt, 9.0 * pt)
         return [Stroke(square, INK, 1.0, "#c9c9c9", True, ON_TOP, depth)]
@@ -199,14 +223,12 @@ def _masses(view: View, k: int, width: float) -> list[Stroke]:
     drawn = []
     layer, bias = (ON_TOP, 0.0) if view.flat else (BODY, view.nearer)
     colours = {vertex: part.colour for part in view.drawing.links for vertex in part.vertices}
-    sliders = {pin.vertex for pin in view.drawing.pins if pin.kind in ("slide", "sleeve", "table")}
-    for vertex in view.drawing.bobs:
-        if vertex in sliders:  # its block is the body
-            continue
+    discs = _discs(view)
+    for vertex in (vertex for vertex in view.drawing.bobs if vertex in discs):
         x, y, depth = view.corners[k, vertex]
         if np.isfinite(x + y):
             colour = colours.get(vertex, INK)
-            disc = symbols.circle(np.array([x, y]), (0.55 * width + 2.5) * view.pt)
+            disc = _disc(view, np.array([x, y]), width)
             edge, fill = mixed(colour, INK, 0.35), mixed(colour, PAPER, 0.5)
             drawn.append(Stroke(disc, edge, 0.9, fill, True, layer, depth + bias))
     radius = float(np.clip(0.36 * width, 1.6, 3.2)) * view.pt

@@ -95,6 +95,33 @@ def coil(centre: Array, radius: float) -> Array:
     return np.asarray(centre + np.column_stack([r * np.cos(angle), r * np.sin(angle)]))
 
 
+def rotary_dashpot(centre: Array, radius: float) -> Array:
+    """Return a damper that acts about an axis: a cup and a piston, bent about it."""
+
+    def arc(part: float, *angles: float) -> Array:
+        angle = np.radians(np.linspace(angles[0], angles[-1], 9))
+        return np.asarray(centre + part * radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+    cup = np.concatenate([arc(1.0, 68.0, 110.0), arc(0.6, 110.0, 68.0)])
+    rods = np.concatenate([[centre], arc(0.8, 175.0, 110.0)]), np.concatenate([arc(0.8, 88.0, 5.0), [centre]])
+    piston = np.concatenate([arc(0.94, 88.0)[:1], arc(0.66, 88.0)[:1]])
+    return joined([rods[0], cup, piston, rods[1]])
+
+
+def about(kind: str, centre: Array, radius: float, beside: bool) -> Array:
+    """Return a spring or a damper that acts about an axis; the spring inside, the damper around it where both do."""
+    if kind == "spring":
+        return coil(centre, (0.62 if beside else 1.0) * radius)
+    return rotary_dashpot(centre, (1.25 if beside else 1.0) * radius)
+
+
+LARGE, LEAST = (
+    3.2,
+    2.5,
+)  # symbols about an axis, and the smallest ones that are drawn, over the radius of a joint
+PART = 0.3  # of the distance to the nearest other joint, which a symbol may take
+
+
 def arrow(tail: Array, vector: Array, head: float) -> tuple[Array, Array]:
     """Return shaft and head of an arrow; the head is at most half as long as the arrow."""
     along = direction(vector)
@@ -154,9 +181,25 @@ GREY = "#8a8a8a"
 SUPPORT = 11.0  # height of the triangle below a joint on the ground [pt]
 
 
+SLIDING = ("slide", "sleeve", "table")
+
+
+def _radius(view: View, width: float) -> float:
+    """Return the radius of a joint beside links of a width [pt]."""
+    return float(np.clip(0.36 * width + 0.9, 1.7, 4.0)) * view.pt
+
+
+def blocks(view: View, k: int, width: float, without: set[int]) -> list[Array]:
+    """Return the outlines (4, 2) of what slides at an instant, but for those at some vertices."""
+    pins = [pin for pin in view.drawing.pins if pin.kind in SLIDING and pin.vertex not in without]
+    places = [(pin, view.corners[k, pin.vertex, :2]) for pin in pins]
+    radius = _radius(view, width)
+    return [_mark(view, k, pin, at, radius)[0].points for pin, at in places if np.isfinite(at).all()]
+
+
 def pin_strokes(view: View, k: int, width: float, layer: int) -> list[Stroke]:
     """Return the strokes of all joints and closures at an instant; ``width`` of the links [pt]."""
-    radius = float(np.clip(0.36 * width + 0.9, 1.7, 4.0)) * view.pt
+    radius = _radius(view, width)
     drawn: list[Stroke] = []
     for pin in view.drawing.pins:
         at = view.corners[k, pin.vertex]
@@ -165,8 +208,10 @@ def pin_strokes(view: View, k: int, width: float, layer: int) -> list[Stroke]:
         depth = float(at[2]) + view.nearer
         if pin.grounded and view.flat:
             drawn += _on_ground(view, pin, at[:2], radius)
-        if pin.wound:
-            drawn.append(Stroke(coil(at[:2], 3.2 * radius), INK, 1.0, layer=layer, depth=depth))
+        reach = min(LARGE * radius, PART * pin.room)
+        for kind in pin.about if reach >= LEAST * radius else ():
+            points = about(kind, at[:2], reach, beside=len(pin.about) > 1)
+            drawn.append(Stroke(points, INK, 1.0, layer=layer, depth=depth))
         drawn += [stroke._replace(layer=layer, depth=depth) for stroke in _mark(view, k, pin, at[:2], radius)]
     return drawn
 

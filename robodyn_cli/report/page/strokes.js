@@ -125,6 +125,19 @@ function coil(centre, radius) {
   return path(found);
 }
 
+function rotaryDashpot(centre, radius) {
+  const arc = (part, first, last) => Array.from({ length: 9 }, (_, k) => {
+    const angle = Math.PI / 180 * (first + (last - first) * k / 8);
+    return [centre[0] + part * radius * Math.cos(angle), centre[1] - part * radius * Math.sin(angle)];
+  });
+  const middle = [centre[0], centre[1]];
+  return path([middle, ...arc(0.8, 175, 110)]) + path([...arc(1, 68, 110), ...arc(0.6, 110, 68)])
+    + path([arc(0.94, 88, 88)[0], arc(0.66, 88, 88)[0]]) + path([...arc(0.8, 88, 5), middle]);
+}
+
+const about = (kind, centre, radius, beside) => kind === "spring" ? coil(centre, (beside ? 0.62 : 1) * radius)
+  : rotaryDashpot(centre, (beside ? 1.25 : 1) * radius);
+
 function hatching(a, b, down, size) {
   const d = ahead(a, b);
   if (d === null) return path([a, b]);
@@ -242,13 +255,14 @@ class Strokes {
   /* What joins two places: a bar, a rail, a rope, a spring, a damper; of two that lie side by side each has its side. */
   connector(part, a, b, depth, name) {
     const d = ahead(a, b);
-    if (part.aside && d) [a, b] = [a, b].map((p) => along(p, leftOf(d), 6 * PT * part.aside));
+    if (part.aside && d && !["coil", "rotary_damper"].includes(part.kind)) [a, b] = [a, b].map((p) => along(p, leftOf(d), 6 * PT * part.aside));
     const line = { width: 1.4 };
     if (part.kind === "bar") this.body([a, b], "var(--grey)", 3.6 * PT, depth, name);
     else if (part.kind === "rail") this.add(path([a, b]), "body", depth - 1e-6, { colour: GREY, width: 1.4, dash: "5 4" }, name);
     else if (part.kind === "rope") this.add(path([a, b]), "body", depth, { ...line, dash: "5 4" }, name);
     else if (part.kind === "damper") this.add(dashpot(a, b, 8 * PT), "onTop", depth, line, name);
-    else if (part.kind === "coil") this.add(coil(b, 8 * PT), "onTop", depth, line, name);
+    else if (part.kind === "coil") this.add(about("spring", b, 8 * PT, part.aside !== 0), "onTop", depth, line, name);
+    else if (part.kind === "rotary_damper") this.add(about("damper", b, 8 * PT, part.aside !== 0), "onTop", depth, line, name);
     else if (part.kind === "bushing") {
       const centre = [(a[0] + b[0]) / 2, (a[1] + b[1]) / 2];
       this.add(path(block(centre, [1, 0], 9 * PT, 9 * PT), true), "onTop", depth, { ...line, fill: FAINT }, name);
@@ -288,7 +302,8 @@ class Strokes {
     const r = PT * Math.min(4, Math.max(1.7, 0.36 * this.width / PT + 0.9)), depth = at[2] + this.bias;
     if (pin.grounded && this.view.flat) this.support(pin, at, r);
     const mark = (d, look) => this.add(d, this.front, depth, { width: 1.3, ...look }, `joint ${pin.name}`);
-    if (pin.wound) mark(coil(at, 3.2 * r), {});
+    const reach = Math.min(3.2 * r, 0.3 * pin.room);  // no room, no symbol
+    if (reach >= 2.5 * r) for (const kind of pin.about) mark(about(kind, at, reach, pin.about.length > 1), {});
     if (pin.kind === "weld") mark(path(block(at, [1, 0], 2 * r, 2 * r), true), { fill: INK });
     else if (pin.kind === "table") mark(path(block(at, [1, 0], 4 * r, 4 * r), true), { fill: PAPER });
     else if (pin.kind === "slide" || pin.kind === "sleeve") {

@@ -11,7 +11,7 @@ from robodyn_cli.report.canvas import growth_times, loop_columns, sharing_note
 from robodyn_cli.report.curves import NOTHING, DrawnCurves, curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import labelled, number, positive_floor, unit
+from robodyn_cli.report.style import error_number, labelled, number, positive_floor, unit
 from robodyn_cli.report.time_sheet import TimeSheet, draw_map, panel_height
 from robodyn_cli.results import result as wrenches
 from robodyn_cli.results.moments import lock_time
@@ -67,7 +67,7 @@ def _worst(result: Result, kinds: dict[str, str]) -> str:
     texts = []
     for kind, word in kinds.items():
         variable = result.variables[f"constraints/{kind}"]
-        texts.append(f"{word} {number(largest(np.abs(finite(variable.data))))} {unit(variable.units)}")
+        texts.append(f"{word} {error_number(largest(np.abs(finite(variable.data))))} {unit(variable.units)}")
     return ", ".join(texts)
 
 

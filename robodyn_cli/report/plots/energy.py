@@ -9,7 +9,7 @@ import numpy as np
 from robodyn_cli.report.curves import curves, zero_note
 from robodyn_cli.report.lines import finite, largest, where_largest
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import number, positive_floor
+from robodyn_cli.report.style import error_number, number, positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
@@ -73,10 +73,10 @@ def energy_drift(result: Result) -> Any:
     worst = where_largest(error)
     name = "|E(t) − E(0) − work|" if worked else "|E(t) − E(0)|"
     subtitle = (
-        f"Energy {'balance error' if worked else 'drift'} {name}: largest {number(float(error[worst]))} J"
+        f"Energy {'balance error' if worked else 'drift'} {name}: largest {error_number(error[worst])} J"
     )
     if scale > 0.0 and error[worst] > 0.0:
-        share = number(float(error[worst]) / scale)
+        share = error_number(error[worst] / scale)
         subtitle += f" at {number(float(time[worst]), 4)} s, {share} of the energy exchanged"
     shown = curves(error[:, None], [name], ["J"], floor)
     sheet = TimeSheet(result, subtitle + zero_note(shown.data), nothing=shown.nothing)

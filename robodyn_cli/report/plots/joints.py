@@ -11,7 +11,7 @@ from robodyn_cli.report import style
 from robodyn_cli.report.curves import DrawnCurves, curves, curves_of, fit_axis
 from robodyn_cli.report.lines import envelope, finite
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import labelled, load_label, number
+from robodyn_cli.report.style import error_number, labelled, load_label, number, position_word
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height, time_plot
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_error
@@ -20,8 +20,7 @@ from robodyn_cli.results.stated_errors import meaningful_error
 @plot(lambda result: "q" in result and result["q"].shape[1] > 0)
 def joint_angles(result: Result) -> Any:
     """Joint angles (or displacements) over time."""
-    units = result.variables["q"].units
-    quantity = {"rad": "joint angle", "m": "joint displacement"}.get(units, "joint position")
+    quantity = position_word(result.variables["q"].units)
     return time_plot(result, "q", quantity, f"{quantity.capitalize()}s")
 
 
@@ -103,7 +102,9 @@ def tracking(result: Result) -> Any:
     motion, error = _followed(result)
     torque = curves_of(result, "control/torque")
     names, groups = list(error.names), _shown(error)
-    labels = [f"{names[k]}: error up to {number(error.top[k])} {units}" for units, ks in groups for k in ks]
+    labels = [
+        f"{names[k]}: error up to {error_number(error.top[k])} {units}" for units, ks in groups for k in ks
+    ]
     loads = torque.groups()
     panels = 2 * len(groups) + len(loads)
     note = "; those with the largest errors" if len(labels) < len(names) else ""

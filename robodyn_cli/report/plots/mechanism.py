@@ -21,7 +21,7 @@ from robodyn_cli.report.drawing.record import Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
 from robodyn_cli.report.lines import finite, largest, thin_path
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import FEW, GREY, TARGET, line_styles, number
+from robodyn_cli.report.style import FEW, GREY, TARGET, error_number, line_styles, number
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -143,7 +143,7 @@ def _subtitle_of_paths(
         gap = max(
             largest(np.linalg.norm(points[name] - finite(target), axis=1)) for name, target in targets.items()
         )
-        text += f"; largest distance from the target {number(gap)} m"
+        text += f"; largest distance from the target {error_number(gap)} m"
     return text
 
 

@@ -13,6 +13,7 @@ from robodyn_cli.report.analysis import STATUS
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import GREY, HANDLE_LENGTH, marked_style
 from robodyn_cli.results.result import Result
+from robodyn_cli.summaries.facts import rounded_up
 
 LIGHT = {
     "stable": "#CDEBE0",
@@ -29,7 +30,7 @@ def words(trial: Mapping[str, Any]) -> str:
         return "0"
     if trial["relative"] is not None:
         return (
-            f"{trial['relative']:.0e}".replace("e-0", "e-")
+            f"{rounded_up(trial['relative'], 1):.0e}".replace("e-0", "e-")
             .replace("e+0", "e")
             .replace("e+", "e")
             .replace("-", "−")

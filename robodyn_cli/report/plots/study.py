@@ -27,7 +27,6 @@ def study_response(result: Result) -> Any:
         handles = _curve(ax, x, y, failed, is_curve="sampler" not in result.summary)
         ax.set_xlabel(axis_label(result, key))
         ax.set_ylabel(axis_label(result, name, "outputs"))
-        ax.ticklabel_format(axis="y", useOffset=False)
         if _is_logarithmic(x):
             ax.set_xscale("log")
         ax.margins(x=0.03)
@@ -62,11 +61,8 @@ def _is_logarithmic(x: Array) -> bool:
 
 
 def _has_study_map(result: Result) -> bool:
-    """Tell whether two keys vary over a grid, each with three values or more."""
-    keys = inputs(result)
-    return "sampler" not in result.summary and len(keys) == 2 and bool(outputs(result)) and all(
-        len(np.unique(x)) > 2 for x in keys.values()
-    )  # fmt: skip
+    """Tell whether two keys vary over a grid."""
+    return "sampler" not in result.summary and len(inputs(result)) == 2 and bool(outputs(result))
 
 
 @plot(_has_study_map)
@@ -126,7 +122,6 @@ def study_histograms(result: Result) -> Any:
             handles.append(ax.axvline(nominal, color=style.ALARM, linestyle=style.DASHES[1], linewidth=1.4))
         ax.set_xlabel(axis_label(result, name, "outputs"))
         ax.set_ylabel("runs")
-        ax.ticklabel_format(axis="x", useOffset=False)
         ax.locator_params(axis="x", nbins=5)
     sheet.legend(handles, labels[: len(handles)])
     return sheet.figure

@@ -40,11 +40,7 @@ def torques(result: Result) -> Any:
     few = len(names) <= style.FEW
     zero = len(whole.names) - len(names)
     near = limits_near(result, "tau")
-    note = (
-        (f"; {zero} without any left out" if zero else "")
-        + (LIMIT_NOTE if near else "")
-        + torque_note(result)
-    )
+    note = _idle_note(zero) + (LIMIT_NOTE if near else "") + torque_note(result)
     labels, subtitle = names, _worst(result, names, data, rms, units) + note
     if len(names) > style.MANY:
         return draw_map(result, shown, "torque or force", subtitle, "tau")
@@ -108,6 +104,11 @@ def _panels(shown: DrawnCurves) -> list[tuple[str, list[int]]]:
     return [(units, sorted(columns)) for units, columns in panels]
 
 
+def _idle_note(count: int) -> str:
+    """Return the part of a subtitle about joints that are not drawn since they have no torque; empty where none is."""
+    return f"; not drawn: {count} joint{'s' if count > 1 else ''} without torque" if count else ""
+
+
 def _working(shown: DrawnCurves) -> list[int]:
     """Return the columns of joints with a torque, all of them where none has any."""
     return np.flatnonzero(shown.data.any(axis=0)).tolist() or list(range(len(shown.names)))
@@ -143,7 +144,7 @@ def torque_terms(result: Result) -> Any:
     if left_out > 0:
         subtitle += f"; the {len(joints)} of {len(names)} joints with the largest torque"
     elif len(joints) < len(names):
-        subtitle += f"; {len(names) - len(joints)} joints without any left out"
+        subtitle += _idle_note(len(names) - len(joints))
     labels = [*order, "total"]
     parts = []
     for joint in joints:

@@ -25,7 +25,7 @@ from robodyn_cli.summaries.deploy import (
     NormErrors,
     SingularValues,
 )  # fmt: skip
-from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.facts import ABSENT, Absent, rounded_up
 from robodyn_cli.works.deploy.growth import GRID, LatchImpact, Locked, close_latch, locked, multiplier_norm
 from robodyn_cli.works.deploy.scan import Scan, ScanEnd, fired, scan
 
@@ -160,8 +160,8 @@ def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
         return None
     event = "the latch closes" if lock.criterion == "latch" else "a dead point"
     return NumericalError(
-        f"{event} at t = {lock.time:.4g} s, but a second, tighter integration puts it {error:.2g} s away: the "
-        "motion is too sensitive to say when it locks",
+        f"{event} at t = {lock.time:.4g} s, but a second, tighter integration puts it {rounded_up(error):.2g} s away: "
+        "the motion is too sensitive to say when it locks",
         time=lock.time,
         time_error=error,
     )

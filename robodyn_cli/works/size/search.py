@@ -10,7 +10,7 @@ motion from the smallest price on, until no sum can be below the best that is kn
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -76,8 +76,8 @@ class DriveSearch:
         """
         return DriveSearch(responses, candidates_of(responses.scene, drives, catalogue), by, {}, {}, {})
 
-    def run(self) -> int:
-        """Choose for all joints, and return in how many sweeps.
+    def run(self, tell: Callable[[str], None]) -> int:
+        """Choose for all joints, telling how far it is, and return in how many sweeps.
 
         Raises
         ------
@@ -86,7 +86,8 @@ class DriveSearch:
         assumed = dict.fromkeys(self.candidates, 0.0)
         for sweep in range(1, MOST_SWEEPS + 1):
             before = dict(self.chosen), dict(assumed)
-            for name in reversed(list(self.candidates)):
+            for done, name in enumerate(reversed(list(self.candidates))):
+                tell(f"joint {done + 1} of {len(self.candidates)}, sweep {sweep} over the joints")
                 self.chosen[name] = self._best(name, assumed)
                 mass = self.figure(name, "masses")
                 assumed[name] = max(assumed[name], mass) if sweep > CALM else mass
@@ -222,6 +223,10 @@ def influences(responses: Responses, name: str) -> set[str]:
     return joints
 
 
+def _untold(text: str) -> None:
+    """Say nothing."""
+
+
 class Together:
     """The search; ``best`` and ``choice`` are the smallest price so far and its combination of each joint.
 
@@ -237,14 +242,18 @@ class Together:
         self.choice = dict(search.chosen) if search.all_pass else None
         chosen = [_price(self.prices[name], search.chosen[name]) for name in order]
         self.best = _sum(chosen) if search.all_pass else (np.inf, np.inf)
+        self._limit = limit
+        self._tell: Callable[[str], None] = _untold
         self._known: dict[tuple[str, tuple[float, ...]], list[int]] = {}
 
-    def run(self) -> None:
-        """Look for better ones than the search has found, where there is room for each joint once at least."""
+    def run(self, tell: Callable[[str], None]) -> None:
+        """Look for better ones than the search has found, where there is room for each joint once at least;
+        tell how far it is."""
         samples = len(self.search.responses.times)
         if sum(self.search.candidates[name].masses.size * samples for name in self.order) > self.left:
             self.done = False
             return
+        self._tell = tell
         self._extend({}, {}, (0.0, 0.0))
 
     def _extend(self, choice: dict[str, int], masses: dict[str, float], price: Price) -> None:
@@ -270,6 +279,8 @@ class Together:
         if key not in self._known:
             one, responses = self.search.candidates[name], self.search.responses
             self.left -= one.masses.size * len(responses.times)
+            part = 100.0 * (1.0 - max(self.left, 0.0) / self._limit)
+            self._tell(f"combinations of all joints, {part:.0f} % of the most that are tried")
             if self.left < 0.0:
                 self.done = False
                 return []

@@ -73,7 +73,7 @@ def size(
     with watch.stage("responses"):
         responses = Responses.of(scene, drives)
     with watch.stage("size"):
-        search, sweeps, proven = _search(responses, drives, scene.catalogue, asked)
+        search, sweeps, proven = _search(responses, drives, scene.catalogue, asked, watch)
     with watch.stage("load"):
         chosen = family.scene([*settings, *_chosen(scene, search)])
     result = inverse(chosen, progress=progress, watch=watch)
@@ -107,23 +107,23 @@ def to_size(scene: Scene, margin: float | None = None) -> tuple[Scene, dict[str,
 
 
 def _search(
-    responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, asked: Wanted
+    responses: Responses, drives: Mapping[str, Drive], catalogue: Catalogue, asked: Wanted, watch: Stopwatch
 ) -> tuple[DriveSearch, int, bool]:
     """Return the search with its choice, how many sweeps it took, and whether nothing else is cheaper (lighter)."""
     catalogue = _of_types(catalogue, asked.types)
     search = DriveSearch.of(responses, drives, catalogue, asked.by)
-    sweeps = search.run()
+    sweeps = search.run(watch.reach)
     # what is cheapest further out may be too heavy for what is further in
     if not search.all_pass and asked.by != "mass":
         light = DriveSearch.of(responses, drives, catalogue, "mass")
-        sweeps += light.run()
+        sweeps += light.run(watch.reach)
         if light.all_pass:
             search.take(light.chosen)
     order = order_of(responses)
     if order is None:
         return search, sweeps, False
     together = Together(search, order, MANY if asked.thorough else FEW)
-    together.run()
+    together.run(watch.reach)
     if together.choice is not None and together.choice != search.chosen:
         search.take(together.choice)
     return search, sweeps, together.done and together.choice is not None
