@@ -13,7 +13,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.over.batch.criteria import lookup_number
 from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.results.hdf5 import write
-from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.kinematics import kinematics
 from robodyn_cli.works.simulate import simulate
@@ -22,6 +22,7 @@ from tests.mechanisms import SLIDER
 from tests.unit.test_drive_figures import SINE
 from tests.unit.test_sensitivity import asked
 
+CONFIGS = Path(__file__).parents[2] / "configs"
 RUN: dict[str, Any] = {"inverse": inverse, "simulate": simulate, "kinematics": kinematics, "statics": statics}
 
 
@@ -233,3 +234,12 @@ def test_a_run_that_goes_on_is_left_to_differences(tmp_path: Path) -> None:
     question = asked(MASS, ["robot.links.body.mass"], ENDS, f"initial={{from: {tmp_path}, at: 0.5}}")
     found, why = exact_slopes(question)
     assert not found and "the run goes on from a stored one" in why[0]
+
+
+@pytest.mark.parametrize("samples", [5, 9, 40, 201])
+def test_the_slope_of_a_peak_between_samples(samples: int) -> None:
+    """Published: 274.8100 N m/m, found apart from this program; the error covers what the samples leave of it."""
+    text = load_scene(CONFIGS / "2r_circle.yaml", [f"inverse.samples={samples}"]).text
+    found, why = exact_slopes(asked(text, ["trajectory.radius"], ["peak_torque.theta1"]))
+    (slope,) = found.values()
+    assert not why and abs(slope.value - 274.8100) < slope.error + 1e-4

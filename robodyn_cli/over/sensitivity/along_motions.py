@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.motion import Planned
@@ -35,7 +36,7 @@ from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
 from robodyn_cli.summaries.mechanism import KinematicsSummary
-from robodyn_cli.torques.checks import Loaded, joint_figures
+from robodyn_cli.torques.checks import Loaded, between, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import at_rest, program_of
@@ -52,6 +53,12 @@ class InverseFigures:
     drives: dict[str, DriveFigures] | Absent = ABSENT
 
 
+def _samples(problem: Problem) -> int:
+    """Return how many samples the figures of ``inverse`` follow from."""
+    samples = problem.scene.inverse.samples
+    return (samples - 1) * between(problem, samples) + 1
+
+
 class InverseSlopes:
     """The samples of an inverse run, and their derivatives by some keys, which are named by their numbers.
 
@@ -66,7 +73,7 @@ class InverseSlopes:
         self.program = program_of(scene)
         self.problem = self.program.problem
         _refuse(self.program)
-        self.samples = scene.inverse.samples
+        self.samples = _samples(self.problem)
         self.loads = ReactionSamples(self.problem, self.samples) if scene.outputs.reactions else None
         self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
 
@@ -135,7 +142,7 @@ class InverseSlopes:
     def _course(scene: Scene) -> LedCourse:
         program = program_of(scene)
         lead = program.lead if isinstance(program, ClosedLoops) else None
-        return LedCourse.of(program.problem, program.times(scene.inverse.samples), lead)
+        return LedCourse.of(program.problem, program.times(_samples(program.problem)), lead)
 
     def _figures(self, k: int, step: float, every: int) -> InverseFigures:
         """Return the figures for a key changed by so much, along the derivatives of the samples."""
