@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robodyn_cli import sensitivity
-from robodyn_cli.over.sensitivity.differences import differences
+from robodyn_cli import inverse, sensitivity
+from robodyn_cli.over.sensitivity.differences import differences, is_time_of_sample
 from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import share, share_change
 from tests.mechanisms import SLIDER
 from tests.unit.test_sensitivity import asked
@@ -198,15 +199,20 @@ def test_kinematics_of_a_sweep_and_of_prescribed_joints() -> None:
           ["joints.rod.peak_acceleration", "joints.slide.largest", "singular_ratio.smallest"], "kinematics.samples=41")  # fmt: skip
 
 
-def test_times_of_samples_have_no_slope() -> None:
+def test_times_of_peaks_have_slopes_and_those_of_a_grid_have_none() -> None:
     text = "schema: 1\ncommand: inverse\n" + LED
-    found = sensitivity(
-        load_scene_text(text, overrides=["actuated=[crank]"]),
-        ["gravity.1"],
-        ["joints.crank.peak_torque_time"],
+    key, name, g, step = "gravity.1", "joints.crank.peak_torque_time", -9.81, 1e-3
+
+    def at(value: float) -> Scene:
+        return load_scene_text(text, overrides=["actuated=[crank]", f"gravity.1={value!r}"])
+
+    slope = sensitivity(at(g), [key], [name]).summary["sensitivities"][name][key]
+    above, below = (
+        inverse(at(g + way * step)).summary["joints"]["crank"]["peak_torque_time"] for way in (1, -1)
     )
-    slope = found.summary["sensitivities"]["joints.crank.peak_torque_time"]["gravity.1"]
-    assert slope["derivative"] is None and "samples" in slope["reason"]
+    assert slope["method"] == "exact"
+    assert abs(slope["derivative"] - (above - below) / (2.0 * step)) < slope["error"] + 1e-5
+    assert is_time_of_sample("deploy", "criteria.multipliers") and not is_time_of_sample("inverse", name)
 
 
 # -- statics ---------------------------------------------------------------------------------------------------

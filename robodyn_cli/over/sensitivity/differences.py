@@ -24,6 +24,7 @@ from robodyn_cli.over.study.rows import Points, Task
 from robodyn_cli.over.study.runs import run_points
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.keys import leaf_of
 
 EXACT, DIFFERENCES = "exact", "differences"
 
@@ -38,28 +39,20 @@ class Slope:
     reason: str = ""
 
 
-# outputs that follow the errors of a run, by the beginning or the end of their keys
-OF_ERRORS = ("error_estimate.", "round_trip", "ik_residual", "attitude_residual", "constraint_residual", "energy_drift",
-             "assembly.", "counters.")  # fmt: skip
-ERRORS = ("_error", "_residual", "energy_balance")
-# outputs that are the time of a sample: the largest or smallest one of a course
-TIMES = ("_time", "singular_ratio.time")
+GRID = "criteria.grid"  # states the error of times that are those of samples on a grid
 
 
-def is_time_of_sample(output: str) -> bool:
-    """Tell whether an output is the time of one of the samples, which stays or jumps when a key changes."""
-    figures = output.startswith("drives.") and output.endswith(".time")
-    return (
-        output.endswith(TIMES)
-        or figures
-        or (output.startswith("control.tracking.") and output.endswith(".at"))
-    )
+def is_time_of_sample(command: str, output: str) -> bool:
+    """Tell whether an output is the time of a sample on a grid, which stays or jumps when a key changes."""
+    leaf = leaf_of(command, output)
+    return leaf is not None and GRID in leaf.errors
 
 
-def why_not(output: str) -> str:
+def why_not(command: str, output: str) -> str:
     """Return why an output has no exact derivatives."""
-    if output.startswith(OF_ERRORS) or output.endswith(ERRORS):
-        return "this output tells of errors of the run, not of the mechanism"
+    leaf = leaf_of(command, output)
+    if leaf is not None and leaf.fact.about_run:
+        return "this output tells how the run went, not what the mechanism does"
     return "this output has no exact derivatives"
 
 

@@ -239,7 +239,12 @@ def sensitivities(asked: AskedSlopes, jobs: int = 1) -> Sensitivities:
     """
     exact, obstacles = exact_slopes(asked)
     outputs, count = asked.task.outputs, len(asked.keys)
-    exact |= {(name, k): JUMPS for name in outputs if is_time_of_sample(name) for k in range(count)}
+    exact |= {
+        (name, k): JUMPS
+        for name in outputs
+        if is_time_of_sample(asked.task.command, name)
+        for k in range(count)
+    }
     rest = [k for k in range(count) if any((name, k) not in exact for name in outputs)]
     others = differences(asked, rest, jobs)
     slopes = tuple(
@@ -308,7 +313,9 @@ def _ranked(derivatives: Sensitivities, output: int, slopes: Sequence[Slope]) ->
     keys = {}
     for k, (name, slope) in enumerate(zip(asked.task.keys, slopes)):
         reason = slope.reason or (
-            "" if slope.method == EXACT else derivatives.obstacles.get(k, why_not(name_of))
+            ""
+            if slope.method == EXACT
+            else derivatives.obstacles.get(k, why_not(asked.task.command, name_of))
         )
         keys[name] = SlopeKeys(
             derivative=_finite(slope.value),
