@@ -15,7 +15,7 @@ from robodyn_cli.threads import single_thread
 
 # as the command line does: before numpy is imported, and as graphs make many objects and hardly any garbage
 single_thread(os.environ)
-gc.set_threshold(200_000, 20, 20)
+gc.set_threshold(100_000, 10, 3)  # and what garbage there is does not fill the memory over all tests
 
 SLOW = frozenset(Path(__file__).with_name("slow.txt").read_text(encoding="utf-8").split())
 

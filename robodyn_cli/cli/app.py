@@ -99,7 +99,7 @@ def _outcome(group: Any, words: list[str]) -> int:
 def _message(error: Any, words: list[str]) -> str:
     """Return the parser's error as one line that names the page of help."""
     text = " ".join(str(error.format_message()).split())
-    if offered := getattr(error, "possibilities", None):  # the parser offers whatever shares a few letters
+    if offered := vars(error).get("possibilities"):  # the parser offers whatever shares a few letters
         option = str(error.option_name)
         near = nearest_word(option.lstrip("-"), [name.lstrip("-") for name in offered])
         text = f"No such option: {option}" + ("" if near is None else f" (did you mean --{near}?)")

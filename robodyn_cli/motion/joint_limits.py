@@ -45,7 +45,7 @@ def _inside(x: Scalar, limit: Span, name: str, place: str) -> Scalar:
 
 
 def _margin(bound: Scalar) -> Scalar:
-    return ROUNDING * sqrt(1.0 + bound * bound)
+    return ROUNDING * sqrt(bound * bound)
 
 
 class LimitWatcher(Watcher):

@@ -29,7 +29,7 @@ def rounded_up(error: float, digits: int = 2) -> float:
     """Return an error as it is printed with some digits, away from zero: the printed one is a bound too."""
     if not math.isfinite(error) or error == 0.0:
         return error
-    exact = Decimal(format(error, ".15g"))  # what rounding left of 0.3 is no more than 0.3
+    exact = Decimal(format(error, ".7g"))  # what rounding left of 0.3 is no more than 0.3
     return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), ROUND_UP))
 
 

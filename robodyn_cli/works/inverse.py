@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.places import FORCES, add_places
@@ -93,13 +94,9 @@ def inverse(
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
     summary = summarise(program, closer, looked, loaded, errors, loads)
-    records: list[Any] = [dataclasses.replace(summary, samples=count)]
-    if scene.drives:
-        from robodyn_cli.drives.report import with_drives
-
-        with watch.stage("drives"):
-            breaks = breaks_of(program.problem, sampled.times, sampled.motion)
-            records = with_drives(records, result, scene, program.problem, breaks)
+    records = [dataclasses.replace(summary, samples=count)]
+    with watch.stage("drives"):
+        records = _with_drives(records, result, program, sampled)
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -115,14 +112,28 @@ def program_of(scene: Scene) -> InverseProgram:
     return build_inverse(along(scene))
 
 
+def _with_drives(records: list[Any], result: Result, program: InverseProgram, sampled: Sampled) -> list[Any]:
+    """Return the records with those of the scene's drives, where it has any."""
+    if not program.problem.scene.drives:
+        return records
+    from robodyn_cli.drives.report import with_drives
+
+    breaks = breaks_of(program.problem, sampled.times, sampled.motion)
+    return with_drives(records, result, program.problem.scene, program.problem, breaks)
+
+
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:
-    """Return the motion with points between its samples, where these are too few for figures (see ``between``)."""
+    """Return the motion with points between its samples, where these are too few for figures (see ``between``) and the
+    motion has values there."""
     count = len(sampled.times)
     parts = between(program.problem, count)
     if parts == 1:
         return planned, sampled
-    closer = at_rest(program.problem, program.plan((count - 1) * parts + 1))
-    return closer, program.evaluate(closer, program.compile(len(closer.times)))
+    try:
+        closer = at_rest(program.problem, program.plan((count - 1) * parts + 1))
+        return closer, program.evaluate(closer, program.compile(len(closer.times)))
+    except NumericalError:
+        return planned, sampled
 
 
 def at_rest(problem: Problem, planned: Planned) -> Planned:

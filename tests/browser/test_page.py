@@ -73,7 +73,7 @@ def test_the_first_drawing_is_not_empty(planar: tuple[Result, Path], opened: Ope
     for name in ("crank", "coupler", "follower"):
         assert page.locator(f".scene [data-part='link {name}']").count() == 1
     assert page.get_by_role("heading", name="Four-bar linkage unfolding").count() == 1
-    assert "1.2·10⁻¹² rad" in page.locator(".motion").inner_text()
+    assert "1.3·10⁻¹² rad" in page.locator(".motion").inner_text()
     page.wait_for_timeout(300)
     assert page.locator(".scene").get_attribute("data-pose") == "0", "nothing plays before it is asked to"
 

@@ -105,6 +105,6 @@ def test_what_cannot_be_is_one_message(
 
 def test_what_rounding_makes_of_zero_is_shown_as_zero() -> None:
     summary = {"title": "arm", "frame": "tip", "error": 0.0, "singular_ratio": 1.0, "freedom": 0,
-               "configuration": {"a": -3e-19, "b": 0.5}}  # fmt: skip
+               "configuration": {"a": -3e-19, "b": 0.5}, "units": {"a": "rad", "b": "rad"}}  # fmt: skip
     lines = describe(summary).splitlines()
     assert [line.split() for line in lines if line.split()[0] in "ab"] == [["a", "0"], ["b", "0.5"]]

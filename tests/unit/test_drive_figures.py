@@ -152,8 +152,9 @@ def test_joints_in_the_order_in_which_their_drives_are_felt(monkeypatch: pytest.
 def test_temperatures_that_half_as_many_samples_do_not_have() -> None:
     """At the edge of where losses grow faster than the heat leaves: no error can be told."""
     known, unknown = (SimpleNamespace(_temperatures=lambda x=x: x) for x in ((50.0, 40.0, 30.0), None))
-    for own, half in ((known, unknown), (unknown, known)):
-        one: Any = SimpleNamespace(_temperatures=own._temperatures, half=half)
+    for own, half, quarter in ((known, unknown, known), (unknown, known, known), (known, known, unknown)):
+        fewer = SimpleNamespace(_temperatures=half._temperatures, half=quarter)
+        one: Any = SimpleNamespace(_temperatures=own._temperatures, half=fewer)
         assert Evaluated._winding(one) is ABSENT
 
 
@@ -164,7 +165,7 @@ def test_a_search_for_better_drives_begins_where_there_is_room() -> None:
         together.search = SimpleNamespace(responses=SimpleNamespace(times=np.zeros(3)), candidates=candidates)
         together.order, together.left, together.done, calls = ["j"], left, True, []
         together._extend = lambda *given, calls=calls: calls.append(given)
-        together.run()
+        together.run(lambda text: None)
         assert (together.done, bool(calls)) == (begun, begun)
 
 

@@ -112,7 +112,7 @@ def test_indices_of_a_sum_of_squares() -> None:
 
 def test_the_interval_of_a_share_is_that_of_clopper_and_pearson() -> None:
     for count, runs in [(0, 50), (7, 50), (50, 50)]:
-        found = share(count, runs, True)
+        found = share(count, runs, runs)
         known = stats.binomtest(count, runs).proportion_ci(0.95, method="exact")
         assert found.share == count / runs
         assert (found.low, found.high) == pytest.approx((known.low, known.high), rel=1e-9)

@@ -19,7 +19,7 @@ from robodyn_cli.motion.driver import Driver, Repeat
 from robodyn_cli.motion.joint_limits import LimitWatcher
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.second_run import FirstRun, estimate_error
+from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error
 from robodyn_cli.motion.self_check import residual_of
 from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.observe.recorder import Recorder
@@ -210,36 +210,38 @@ def follow_locked(
     estimate = None
     if s.error_estimate:
         with watch.stage("error_estimate"):
-            run = FirstRun.of(driver, begun, rest, recorder)
-            if (
-                again is not None
-                and again.lock is not None
-                and again.latch is not None
-                and again.lock.time < rest.start
-            ):
+            start = None
+            if again is not None and again.lock and again.latch and again.lock.time < rest.start:
                 start = _first_sample(motion, locked, again.lock, again.latch, rest.start)
-                run = dataclasses.replace(run, start=start)
+            run = dataclasses.replace(FirstRun.of(driver, begun, rest, recorder), start=start)
             estimate = estimate_error(locked, run, recorder)
-    jumps = [float(event["time"]) for event in driver.log]
     keys = dataclasses.replace(
         keys,
         samples=recorder.samples,
         until=driver.time,
-        error_estimate=None if estimate is None else estimate.errors,
         energy_drift=recorder.drift,
         constraint_residual=residual_of(recorder),
-        latch=_latch_load(recorder, latch.locked.name),
-        largest=recorder.largest_loads(jumps),
         counters=driver.counters,
     )
-    if estimate is not None and estimate.recorder is not None:
-        other = dataclasses.replace(
+    return FollowedLock(_with_loads(keys, driver, recorder, estimate), recorder)
+
+
+def _with_loads(keys: AfterLock, driver: Driver, recorder: Recorder, estimate: Estimate | None) -> AfterLock:
+    """Return the keys of the locked mechanism with its loads, and what the second run says of all of them."""
+    jumps = [float(event["time"]) for event in driver.log]
+
+    def loaded(run: Recorder) -> AfterLock:
+        return dataclasses.replace(
             keys,
-            latch=_latch_load(estimate.recorder, latch.locked.name),
-            largest=estimate.recorder.largest_loads(jumps),
+            error_estimate=None if estimate is None else estimate.errors,
+            latch=_latch_load(run, keys.closure),
+            largest=run.largest_loads(jumps),
         )
-        keys = with_second(keys, other, estimate.factor, ("after_lock",))
-    return FollowedLock(keys, recorder)
+
+    own = loaded(recorder)
+    if estimate is None or estimate.recorder is None:
+        return own
+    return with_second(own, loaded(estimate.recorder), estimate.factor, ("after_lock",))
 
 
 def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch, time: float) -> Array:
