@@ -175,7 +175,7 @@ def test_a_low_limit_of_speed_is_kept(speed: float, tmp_path: Path) -> None:
     """Between coarse points the squared speed went below zero, and the time law had no value."""
     tree = scene({"trajectory": "fastest"})
     tree["trajectory"] |= {"path": MADE["circle"](Draft()), "speed": {"a": speed, "b": 2}}
-    del tree["trajectory"]["points"], tree["trajectory"]["intervals"]
+    del tree["trajectory"]["points"], tree["trajectory"]["intervals"], tree["trajectory"]["path"]["ik"]
     done, found = judged(tree, "inverse", tmp_path / "scene")
     assert done.code == 0 and not found, f"{found} {done.err}"
 

@@ -303,12 +303,12 @@ def test_a_missing_directory_is_an_output_error(tmp_path: Path) -> None:
     assert caught.value.exit_code == 74
 
 
-DAMAGED = 120
+DAMAGED = 60
 
 
 def test_damage_anywhere_is_an_error_with_a_message(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Ten bytes at random places are spoilt: the result is read, or refused; the library's endless loops are ended."""
-    monkeypatch.setattr("robodyn_cli.results.hdf5.reader.SECONDS", 1.0)
+    monkeypatch.setattr("robodyn_cli.results.hdf5.reader.SECONDS", 0.4)
     good = write(inverse_result(), tmp_path / "good.h5").read_bytes()
     rng = np.random.default_rng(1)
     path = tmp_path / "damaged.h5"
