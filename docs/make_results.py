@@ -1,5 +1,5 @@
-"""Refresh the results in the README by running its three commands: what they print, the images, the movie; and the image
-of docs/drives.md.
+"""Refresh the results in the README by running its three commands: what they print, the images, the movie; and the
+image of docs/drives.md.
 
 python docs/make_results.py
 """

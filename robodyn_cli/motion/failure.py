@@ -82,8 +82,8 @@ def _too_long(driver: Driver, v: Array, a: Array, duration: float) -> str:
     if not (np.isfinite(rate) and step * rate > LONG and step > LONG * resolution(driver.time, driver.time)):
         return ""
     return (
-        f"; the motion changes within some {1.0 / rate:.1g} s there: simulate.duration ({duration:g} s) is so long that "
-        "no step, down from a part of it, becomes short enough; allowed: a duration of the order of the motion"
+        f"; the motion changes within some {1.0 / rate:.1g} s there: simulate.duration ({duration:g} s) is so long "
+        "that no step, down from a part of it, becomes short enough; allowed: a duration of the order of the motion"
     )
 
 

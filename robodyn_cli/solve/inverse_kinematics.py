@@ -305,7 +305,9 @@ def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
         if failure.worst_time != failure.time:
             message += f" (worst at t = {failure.worst_time:.3g} s: {failure.worst:.4g} m)"
     else:
-        message += f" and later: at worst, at t = {failure.worst_time:.3g} s, {nearest} {failure.worst:.4g} m away"
+        message += (
+            f" and later: at worst, at t = {failure.worst_time:.3g} s, {nearest} {failure.worst:.4g} m away"
+        )
     raise GeometryError(
         message,
         time=failure.time,

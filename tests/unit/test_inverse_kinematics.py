@@ -207,7 +207,9 @@ def test_a_target_out_of_reach_is_named(ik: str) -> None:
 @each_ik
 def test_a_target_out_of_reach_is_so_at_a_time_of_the_motion(ik: str) -> None:
     """Whatever samples are looked at: the same message; Newton's method says the same time."""
-    path = "{type: circle, point: tip, center: [1.3, 0.7], radius: 0.6, duration: 10, start: 180 deg, ik: {%s}}"
+    path = (
+        "{type: circle, point: tip, center: [1.3, 0.7], radius: 0.6, duration: 10, start: 180 deg, ik: {%s}}"
+    )
     told = set()
     for samples in (11, 97, 1001, 2500):
         with pytest.raises(GeometryError) as caught:

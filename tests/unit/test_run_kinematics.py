@@ -164,5 +164,9 @@ def test_an_open_chain_has_no_figures_of_loops_and_none_of_rounding() -> None:
     assert "-0 " not in describe(swept)
     straight = "trajectory={type: cartesian, point: tip, position: ['0.9 + 0.1*t', 0.2], duration: 3}"
     line = of(ARM, straight).summary
-    assert 0.0 < line["points"]["tip"]["peak_acceleration"] <= line["points"]["tip"]["errors"]["peak_acceleration"]
+    assert (
+        0.0
+        < line["points"]["tip"]["peak_acceleration"]
+        <= line["points"]["tip"]["errors"]["peak_acceleration"]
+    )
     assert describe(line).splitlines()[-1].split() == ["tip", "0.3", "0.1", "0"]

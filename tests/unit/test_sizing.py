@@ -302,7 +302,10 @@ def test_where_nothing_is_strong_enough(tmp_path: Path, capsys: pytest.CaptureFi
     capsys.readouterr()
     assert run(["size", str(path), "--no-plots", "--margin", "0.5", "--out", str(tmp_path / "out")]) == 1
     printed, best = capsys.readouterr().out, sized["best"]
-    assert f"joint 'a': none of {sized['combinations']} combinations bears its motion with a margin of 50 %" in printed
+    assert (
+        f"joint 'a': none of {sized['combinations']} combinations bears its motion with a margin of 50 %"
+        in printed
+    )
     factor, limit = (1.0 - best["margin"]) / 0.5, best["decides"].replace("_", " ")
     assert f"takes {factor:.3g} times what its limit {limit!r} allows" in printed
     assert "# not enough" in printed and "smallest cost" not in printed

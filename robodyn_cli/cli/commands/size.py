@@ -29,7 +29,9 @@ def describe(summary: Mapping[str, Any]) -> str:
     written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
     how = f"smallest {sized['by']} {'of all combinations' if sized['proven'] else 'joint by joint'}"
     enough = all(drive["passes"] for drive in drives.values())
-    total = f"cost {number(sized['cost'])}, mass {number(sized['mass'])} kg, {how if enough else 'not enough'}"
+    total = (
+        f"cost {number(sized['cost'])}, mass {number(sized['mass'])} kg, {how if enough else 'not enough'}"
+    )
     return "\n".join(
         [
             f"{summary['title']}",
@@ -54,8 +56,8 @@ def _remarks(joints: Mapping[str, Any], drives: Mapping[str, Any]) -> list[str]:
         limit, margin = best["decides"].replace("_", " "), f" with a margin of {number(100.0 * left, 3)} %"
         if not joint["passing"]:
             lines.append(
-                f"  joint {name!r}: none of {count} combinations bears its motion{margin if left else ''}; the nearest, "
-                f"{parts}, takes {number(use / most, 3)} times what its limit {limit!r} allows"
+                f"  joint {name!r}: none of {count} combinations bears its motion{margin if left else ''}; the "
+                f"nearest, {parts}, takes {number(use / most, 3)} times what its limit {limit!r} allows"
             )
         elif use == 0.0:
             lines.append(f"  joint {name!r} needs nothing: it neither moves nor bears a load in this motion")

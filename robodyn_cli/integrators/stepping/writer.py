@@ -15,7 +15,9 @@ from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Val
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs, is_inlined
 from robodyn_cli.kernels.program import NUMBERS, Program, off_by_rounding
 
-LONG = 24  # velocities, or states of a sampled controller, from which on what is done for each of them is a loop
+LONG = (
+    24  # velocities, or states of a sampled controller, from which on what is done for each of them is a loop
+)
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS, "updates")
 
@@ -82,8 +84,8 @@ class Tables:
 class Writer:
     """The function under construction, with the state and the programs of the system at hand.
 
-    ``nv``, ``nz``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code serves
-    systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
+    ``nv``, ``nz``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code
+    serves systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
     ``loops`` is False and the size is known). tables : of the numbers that the programs read. width : how many runs are
     made side by side.
     """
