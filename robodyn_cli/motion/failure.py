@@ -14,7 +14,7 @@ from robodyn_cli.integrators.runtime.stopped import rates_at
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.observe.formulas import Instant, formula_ending, formula_without_value
+from robodyn_cli.observe.formulas import TimedState, formula_ending, formula_without_value
 from robodyn_cli.ready.mass_matrix import nearly_singular
 from robodyn_cli.ready.singularity import driven_dead_point, is_dead_point, psi_at
 from robodyn_cli.solve.independent_rows import is_truss
@@ -57,7 +57,7 @@ def with_cause(error: NumericalError, problem: Problem, driver: Driver) -> Numer
     if status in BREAKDOWNS and (words := _too_long(driver, v, a, duration)):
         return NumericalError(error.message + words, **error.details)
     words, place = breakdown(problem, driver, status)
-    at = Instant(driver.time, q, v, z)
+    at = TimedState(driver.time, q, v, z)
     if status in BREAKDOWNS and (formula := _formula(problem, at, a, z_rate)):
         words = f"; {formula}"
     return NumericalError(
@@ -87,14 +87,14 @@ def _too_long(driver: Driver, v: Array, a: Array, duration: float) -> str:
     )
 
 
-def _formula(problem: Problem, at: Instant, a: Array, z_rate: Array) -> str | None:
+def _formula(problem: Problem, at: TimedState, a: Array, z_rate: Array) -> str | None:
     """Return in words the formula of the scene that has no finite value at an instant, or right after it."""
     if (words := formula_without_value(problem, at)) is not None or not np.all(np.isfinite(a)):
         return words
     soon = SOON * problem.scene.simulate.duration
     moved = Manifold(problem.model).integrate(at.q, soon * at.v)
     z = None if at.z is None else at.z + soon * z_rate
-    return formula_ending(problem, at, Instant(at.t + soon, moved, at.v + soon * a, z))
+    return formula_ending(problem, at, TimedState(at.t + soon, moved, at.v + soon * a, z))
 
 
 def breakdown(problem: Problem, driver: Driver, status: str) -> tuple[str, dict[str, Any]]:

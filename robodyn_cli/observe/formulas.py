@@ -21,7 +21,7 @@ AHEAD = 1e-6  # part of the duration after the start at which formulas must have
 
 
 @record
-class Instant:
+class TimedState:
     """A time [s] and a state: q (nq,), v (nv,), and the states z of a controller, None for those at the start."""
 
     t: float
@@ -37,7 +37,7 @@ def check_formulas(problem: Problem, q: Array, v: Array) -> None:
     ------
     SceneError : names the formula and what it depends on.
     """
-    fault = formula_without_value(problem, Instant(0.0, q, v))
+    fault = formula_without_value(problem, TimedState(0.0, q, v))
     if fault is not None:
         raise SceneError(f"{fault}, at the start (t = 0)", file=problem.scene.path)
 
@@ -52,18 +52,18 @@ def check_formulas_ahead(problem: Problem, q: Array, v: Array) -> None:
     ------
     SceneError : names the formula and what it depends on.
     """
-    if problem.contact_joints or not _at_an_edge(problem, Instant(0.0, q, v)):
+    if problem.contact_joints or not _at_an_edge(problem, TimedState(0.0, q, v)):
         return
     a = problem.numbers(problem.forward.qdd, q, v=v)
     soon = AHEAD * problem.scene.simulate.duration
     moved = Manifold(problem.model).integrate(q, soon * v + 0.5 * soon * soon * a)
-    there = Instant(soon, moved, v + soon * a)
+    there = TimedState(soon, moved, v + soon * a)
     fault = formula_without_value(problem, there) if np.isfinite(moved).all() else None
     if fault is not None:
         raise SceneError(f"{fault}, right after the start (t = {soon:.3g} s)", file=problem.scene.path)
 
 
-def _at_an_edge(problem: Problem, at: Instant) -> bool:
+def _at_an_edge(problem: Problem, at: TimedState) -> bool:
     """Tell whether a small change of what a formula depends on leaves it without a value."""
     for formula, env in _formulas(problem, at):
         for name, x in env.items():
@@ -73,12 +73,12 @@ def _at_an_edge(problem: Problem, at: Instant) -> bool:
     return False
 
 
-def formula_without_value(problem: Problem, at: Instant) -> str | None:
+def formula_without_value(problem: Problem, at: TimedState) -> str | None:
     """Return in words the first formula without a finite value at an instant, None if all have one."""
     return next((words for x in _formulas(problem, at) if (words := _without_value(*x))), None)
 
 
-def formula_ending(problem: Problem, at: Instant, to: Instant) -> str | None:
+def formula_ending(problem: Problem, at: TimedState, to: TimedState) -> str | None:
     """Return in words the first formula that has a finite value at one instant, and not all the way to another.
 
     On the way, what it depends on goes straight from the one to the other.
@@ -101,7 +101,7 @@ def formula_ending(problem: Problem, at: Instant, to: Instant) -> str | None:
     return None
 
 
-def _formulas(problem: Problem, at: Instant) -> Iterator[tuple[FormulaTree, dict[str, float]]]:
+def _formulas(problem: Problem, at: TimedState) -> Iterator[tuple[FormulaTree, dict[str, float]]]:
     """Yield the formulas of torques, motions, forces and the controller, each with the values of what it names."""
     scene = problem.scene
     for formula in formulas_in([scene.torques, scene.prescribed, scene.robot.points, scene.couplers]):
@@ -120,7 +120,7 @@ def _formulas(problem: Problem, at: Instant) -> Iterator[tuple[FormulaTree, dict
 
 
 def _values(
-    problem: Problem, formula: FormulaTree, names: Mapping[str, Scalar], at: Instant
+    problem: Problem, formula: FormulaTree, names: Mapping[str, Scalar], at: TimedState
 ) -> dict[str, float]:
     """Return the values of the names of a formula."""
     entries = {name: names[name] for name in sorted(formula.names) if name in names}

@@ -109,14 +109,14 @@ class Recorder:
         if np.isfinite(sum(float(block.sum()) for block in data.values())):
             return None
         from robodyn_cli.observe.evaluation import TOO_LARGE, first_fault, not_finite
-        from robodyn_cli.observe.formulas import Instant, formula_without_value
+        from robodyn_cli.observe.formulas import TimedState, formula_without_value
 
         fault = first_fault(data)
         if fault is None:
             return None
         path, (sample, *rest) = fault
         z = self.observer.system.split(x[sample])[2]
-        at = Instant(float(t[sample]), data["q"][sample], data["qd"][sample], z)
+        at = TimedState(float(t[sample]), data["q"][sample], data["qd"][sample], z)
         formula = formula_without_value(self.observer.problem, at)
         column = self.columns.get(path)
         name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
