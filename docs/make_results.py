@@ -1,4 +1,5 @@
-"""Refresh the results in the README by running its three commands: what they print, the images, the movie.
+"""Refresh the results in the README by running its three commands: what they print, the images, the movie; and the
+image of docs/drives.md.
 
 python docs/make_results.py
 """
@@ -22,6 +23,8 @@ RUNS = (
     ("double_pendulum", "simulate", ("joint_angles", "tip_path")),
     ("four_bar_deploy", "deploy", ("mechanism", "joint_angles", "multipliers", "singular_values")),
 )
+# images of other pages
+DRAWN = (("2r_drives", "inverse", ("drives",)),)
 # scene, words of animate: short and small, and yet no jerks
 MOVIE = ("four_bar_deploy", ("--speed", "3", "--fps", "10"))
 LEFT_OUT = ("  cost ", "results: ")
@@ -46,11 +49,12 @@ def main() -> None:
     IMAGES.mkdir(exist_ok=True)
     page = README.read_text(encoding="utf-8")
     with tempfile.TemporaryDirectory() as folder:
-        for scene, command, names in RUNS:
+        for scene, command, names in (*RUNS, *DRAWN):
             out = Path(folder) / scene
             printed = output("-m", "robodyn_cli", command, f"configs/{scene}.yaml", "--out", str(out))
-            lines = [line for line in printed.splitlines() if not line.startswith(LEFT_OUT)]
-            page = boxed(page, lines[0], "\n".join(lines) + "\n")
+            if (scene, command, names) in RUNS:
+                lines = [line for line in printed.splitlines() if not line.startswith(LEFT_OUT)]
+                page = boxed(page, lines[0], "\n".join(lines) + "\n")
             for name in names:
                 with Image.open(out / f"{name}.png") as image:
                     small = image.convert("RGB").quantize(COLOURS, dither=Image.Dither.NONE)

@@ -48,7 +48,8 @@ def figure_columns(
 ) -> list[list[str]]:
     """Return the columns of figures; units that differ between rows are printed beside each figure.
 
-    errors : stated ones, by key. What is nothing beside its error, or beside peers of the same unit, is shown as 0.
+    errors : stated ones, by key, beside those of each row. What is nothing beside its error, or beside peers of the
+    same unit, is shown as 0.
     """
     columns = []
     for heading, key, quantity, digits in figures:
@@ -57,7 +58,8 @@ def figure_columns(
         own = list(dict.fromkeys(unit for unit, known in zip(units, there) if known) or units[:1])
         sizes = [abs(row[key]) if isinstance(row.get(key), (int, float)) else 0.0 for row in rows]
         peers = {unit: max(x for x, u in zip(sizes, units) if u == unit) for unit in units}
-        least = [max((errors or {}).get(key, 0.0), NOTHING * peers[unit]) for unit in units]
+        off = [max((e or {}).get(key) or 0.0 for e in (errors, row.get("errors"))) for row in rows]
+        least = [max(own_error, NOTHING * peers[unit]) for own_error, unit in zip(off, units)]
         found = [
             number(0.0 if 0.0 < size <= nothing else row.get(key), digits)
             for row, size, nothing in zip(rows, sizes, least)
@@ -99,7 +101,7 @@ def number(x: Any, digits: int = 6) -> str:
     """Return a number for reading."""
     if x is None:
         return "-"
-    return f"{x:.{digits}g}" if isinstance(x, (int, float)) else str(x)
+    return f"{x + 0.0:.{digits}g}" if isinstance(x, (int, float)) else str(x)  # -0.0 is 0
 
 
 def error_text(error: float) -> str:

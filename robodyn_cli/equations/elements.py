@@ -19,7 +19,7 @@ from robodyn_cli.scene.types import Torque
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot, vector, zeros
 
 if TYPE_CHECKING:
-    from robodyn_cli.forces.element import Action, Effect, HalfTurn
+    from robodyn_cli.forces.element import Action, Effect, HalfTurn, LineOfAction
 
 
 class Elements:
@@ -62,6 +62,13 @@ class Elements:
     def effects(self) -> list[Effect]:
         """The effect of each element, in the order of the scene."""
         return [self._effect(force) for force in self.model.forces]
+
+    def line(self, force: Force) -> LineOfAction:
+        """Return the line between the two ends of a force."""
+        from robodyn_cli.forces.element import LineOfAction
+
+        kinematics = self._from(self.root(force))
+        return LineOfAction.of(tuple(kinematics.end(frame) for frame in force.ends))
 
     def _effect(self, force: Force) -> Effect:
         from robodyn_cli.forces.element import Setting  # few scenes have forces

@@ -60,7 +60,7 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
-    residuals = _residuals(conditions, places)
+    residuals = _residuals(conditions, places) if problem.model.closures else {}
     planned = Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
     if lead.led is None:
         return planned

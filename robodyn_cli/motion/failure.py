@@ -9,9 +9,12 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, resolution
 from robodyn_cli.integrators.runtime.stopped import rates_at
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Motion
+from robodyn_cli.observe.formulas import TimedState, formula_ending, formula_without_value
 from robodyn_cli.ready.mass_matrix import nearly_singular
 from robodyn_cli.ready.singularity import driven_dead_point, is_dead_point, psi_at
 from robodyn_cli.solve.independent_rows import is_truss
@@ -20,6 +23,8 @@ from robodyn_cli.trajectories.led import led_joints
 
 # kinds of failure that lie in the motion rather than in what the run may take
 BREAKDOWNS = ("step_too_small", "not_finite", "not_solved")
+LONG = 1e3  # times the time in which a motion changes that a step cannot be
+SOON = 1e-9  # part of the duration ahead of a failure within which a formula that ends is its cause
 
 
 def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynError:
@@ -38,10 +43,58 @@ def explained(error: RobodynError, motion: Motion, driver: Driver) -> RobodynErr
             "and the multipliers diverge",
             time=time, kind=kind, q=where.tolist(),
         )  # fmt: skip
-    words, place = breakdown(problem, driver, str(error.details.get("status")))
+    return with_cause(error, problem, driver)
+
+
+def with_cause(error: NumericalError, problem: Problem, driver: Driver) -> NumericalError:
+    """Return the error with the formula, the joint or the duration that stopped the run, where that can be told."""
+    status, duration = str(error.details.get("status")), problem.scene.simulate.duration
+    q, v, z = driver.system.split(driver.state)
+    if status == "max_steps":
+        part = f"; that is {100.0 * driver.time / duration:.3g} % of simulate.duration ({duration:g} s)"
+        return NumericalError(error.message + part, **error.details)
+    a, z_rate = _rates(driver)
+    if status in BREAKDOWNS and (words := _too_long(driver, v, a, duration)):
+        return NumericalError(error.message + words, **error.details)
+    words, place = breakdown(problem, driver, status)
+    at = TimedState(driver.time, q, v, z)
+    if status in BREAKDOWNS and (formula := _formula(problem, at, a, z_rate)):
+        words = f"; {formula}"
     return NumericalError(
         error.message + words + nearly_singular(problem, q, driver.time), **{**place, **error.details}
     )
+
+
+def _rates(driver: Driver) -> tuple[Array, Array]:
+    """Return the accelerations (nv,) and the rates of further states where a run has come to."""
+    system = driver.system
+    with np.errstate(all="ignore"):
+        rates = np.asarray(rates_at(system, driver.time, driver.state, driver.parameters), dtype=float)
+    _, a, z_rate = system.split(np.concatenate([np.zeros(system.nq), rates]))
+    return a, z_rate
+
+
+def _too_long(driver: Driver, v: Array, a: Array, duration: float) -> str:
+    """Return words where steps were given up that are still far longer than the motion takes to change."""
+    step = driver.integrator.w[DoubleSlot.H]
+    with np.errstate(all="ignore"):
+        rate = float(np.maximum(np.abs(v), np.sqrt(np.abs(a))).max(initial=0.0))  # of 1 rad or 1 m
+    if not (np.isfinite(rate) and step * rate > LONG and step > LONG * resolution(driver.time, driver.time)):
+        return ""
+    return (
+        f"; the motion changes within some {1.0 / rate:.1g} s there: simulate.duration ({duration:g} s) is so long "
+        "that no step, down from a part of it, becomes short enough; allowed: a duration of the order of the motion"
+    )
+
+
+def _formula(problem: Problem, at: TimedState, a: Array, z_rate: Array) -> str | None:
+    """Return in words the formula of the scene that has no finite value at an instant, or right after it."""
+    if (words := formula_without_value(problem, at)) is not None or not np.all(np.isfinite(a)):
+        return words
+    soon = SOON * problem.scene.simulate.duration
+    moved = Manifold(problem.model).integrate(at.q, soon * at.v)
+    z = None if at.z is None else at.z + soon * z_rate
+    return formula_ending(problem, at, TimedState(at.t + soon, moved, at.v + soon * a, z))
 
 
 def breakdown(problem: Problem, driver: Driver, status: str) -> tuple[str, dict[str, Any]]:
@@ -55,10 +108,7 @@ def breakdown(problem: Problem, driver: Driver, status: str) -> tuple[str, dict[
     model = problem.model
     system = driver.system
     q, v, _ = system.split(driver.state)
-    with np.errstate(all="ignore"):
-        rates = rates_at(system, driver.time, driver.state, driver.parameters)
-        rates = np.concatenate([np.zeros(system.nq), np.asarray(rates, dtype=float)])
-        a = system.split(rates)[1]
+    a, _ = _rates(driver)
     for quantity, values, names in (
         ("position", q, model.q_names), ("rate", v, model.v_names), ("acceleration", a, model.v_names),
     ):  # fmt: skip

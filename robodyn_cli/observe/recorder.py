@@ -69,7 +69,7 @@ class Recorder:
             self.judged.append(x[-self.seen % self.stride :: self.stride].copy())
         data = self.observer.observe(t, x, project)
         if self.not_finite is None:
-            self.not_finite = self._not_finite(t, data)
+            self.not_finite = self._not_finite(t, x, data)
         balance = data["energy/total"] - data.get("energy/work", 0.0)
         if self._start is None:
             self._start = float(balance[0])
@@ -104,19 +104,20 @@ class Recorder:
         if time > self.last_time and np.all(np.isfinite(state)):
             self.emit(np.array([time]), state[None, :], p, extra=True)
 
-    def _not_finite(self, t: Array, data: dict[str, Array]) -> NumericalError | None:
+    def _not_finite(self, t: Array, x: Array, data: dict[str, Array]) -> NumericalError | None:
         """Return the error of the first number of a block that is not finite, with its formula where there is one."""
         if np.isfinite(sum(float(block.sum()) for block in data.values())):
             return None
-        from robodyn_cli.observe.evaluation import TOO_LARGE, first_fault, formula_without_value, not_finite
+        from robodyn_cli.observe.evaluation import TOO_LARGE, first_fault, not_finite
+        from robodyn_cli.observe.formulas import TimedState, formula_without_value
 
         fault = first_fault(data)
         if fault is None:
             return None
         path, (sample, *rest) = fault
-        formula = formula_without_value(
-            self.observer.problem, float(t[sample]), data["q"][sample], data["qd"][sample]
-        )
+        z = self.observer.system.split(x[sample])[2]
+        at = TimedState(float(t[sample]), data["q"][sample], data["qd"][sample], z)
+        formula = formula_without_value(self.observer.problem, at)
         column = self.columns.get(path)
         name = f" of {column.names[rest[-1]]!r}" if column is not None and column.names and rest else ""
         return not_finite(path, float(t[sample]), formula or TOO_LARGE, name)

@@ -8,8 +8,10 @@ does not give.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import TypeVar
 
+from robodyn_cli.errors import RobodynError
 from robodyn_cli.formulations.rolled import Rolled
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.registry import methods
@@ -20,12 +22,24 @@ from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.types import Baumgarte, Scene
 from robodyn_cli.tools.progress import Stopwatch
 
-# at most so many samples of a motion are tried
-TRIED = 501
+# at most so many samples of a motion are tried; where it fails there, all are, up to a limit, as the command has them
+TRIED, MOST_TRIED = 1001, 100_000
+Tried = TypeVar("Tried")
 # gains that are not studied: no size of them is refused
 ANY_GAINS = Baumgarte(alpha=1.0, beta=1.0)
 
 Missing = Sequence[str]
+
+
+def _tried(plan: Callable[[int], Tried], samples: int) -> Tried:
+    """Return a motion at some of its samples; where it fails, its error is that of all of them."""
+    few = min(TRIED, samples)
+    try:
+        return plan(few)
+    except RobodynError:
+        if not few < samples <= MOST_TRIED:
+            raise
+    return plan(samples)
 
 
 def inverse(scene: Scene) -> Missing:
@@ -36,7 +50,7 @@ def inverse(scene: Scene) -> Missing:
     from robodyn_cli.works.inverse import program_of
 
     program = program_of(scene)
-    planned = program.plan(min(TRIED, scene.inverse.samples))
+    planned = _tried(program.plan, scene.inverse.samples)
     motion, times = planned.motion, planned.times
     refuse_indefinite(program.problem.scene, motion.q[few(len(times))])
     missing = unknown_among([x for term in program.terms.values() for x in term])
@@ -85,9 +99,11 @@ def kinematics(scene: Scene) -> Missing:
     """Find the motion, as far as it goes."""
     from robodyn_cli.works.kinematics import plan, problem_of
 
-    options = scene.kinematics
-    few = dataclasses.replace(options, samples=min(TRIED, options.samples))
-    plan(problem_of(dataclasses.replace(scene, kinematics=few)))
+    def planned(samples: int) -> object:
+        options = dataclasses.replace(scene.kinematics, samples=samples)
+        return plan(problem_of(dataclasses.replace(scene, kinematics=options)))
+
+    _tried(planned, scene.kinematics.samples)
     return ()
 
 

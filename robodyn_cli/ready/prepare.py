@@ -55,8 +55,8 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
             check_prescribed(problem)
         hold = [*held, *(n for n in position_columns(scene.prescribed) if n not in held)]
         assembled = assemble(problem, given, dict(scene.initial.qd), hold)
-        if scene.torques or scene.prescribed or problem.model.forces:
-            from robodyn_cli.observe.evaluation import check_formulas, check_formulas_ahead
+        if scene.torques or scene.prescribed or scene.couplers or problem.model.forces or scene.control:
+            from robodyn_cli.observe.formulas import check_formulas, check_formulas_ahead
 
             check_formulas(problem, assembled.q, assembled.v)
             if not assembled.redundant:

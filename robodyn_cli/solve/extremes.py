@@ -33,6 +33,7 @@ FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
 ROUNDED = 1e-12  # part of a value by which rounding makes equal ones differ
+FLAT = 1e-13  # part of the values that a polynomial goes through, by which its rounding changes it
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
 Hidden = Sequence[int]
 
@@ -159,7 +160,7 @@ def largest_magnitude(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
 def smallest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the smallest values of y (T, n), see ``largest``."""
     found = largest(times, -y, breaks)
-    return dataclasses.replace(found, value=-found.value)
+    return dataclasses.replace(found, value=0.0 - found.value)  # no -0.0
 
 
 def integral(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
@@ -370,7 +371,10 @@ def _refined(y: Array, j: Array, low: float, high: float) -> tuple[Array, Array,
         for _ in range(3):
             step = np.where(_value(bend, x) < 0.0, -_value(slope, x) / _value(bend, x), 0.0)
             x = np.clip(x + step, begin, end)
-    return _value(c, x), x + first, np.abs(_value(bend, x))
+    top, there = _value(c, x), y[j, np.arange(len(j))]
+    # what the polynomial adds by its own rounding is nothing
+    flat = np.abs(top - there) <= FLAT * np.abs(np.take_along_axis(y, rows, axis=0)).max(axis=0)
+    return np.where(flat, there, top), np.where(flat, j, x + first), np.abs(_value(bend, x))
 
 
 @lru_cache(maxsize=8)

@@ -293,13 +293,21 @@ def _branch(arm: Planar2R, ik: Ik, start: Array | None, point: str, where: str) 
     return ELBOW_UP if bend < 0.0 else ELBOW_DOWN
 
 
+GRAZING = 1e-3  # part of the largest distance: less is that of a target just beyond reach
+
+
 def _report_unreachable(failure: Unreachable, point: str) -> NoReturn:
     """Raise the error that says from when on, and how far, a target is out of reach."""
     nearest = "the nearest point it reaches is" if failure.nearest else "the nearest point found is"
-    message = f"{point} cannot reach its target at t = {failure.time:.6g} s: {nearest}"
-    message += f" {failure.distance:.4g} m away"
-    if failure.worst_time != failure.time:
-        message += f" (worst at t = {failure.worst_time:.6g} s: {failure.worst:.4g} m)"
+    message = f"{point} cannot reach its target at t = {failure.time:.6g} s"
+    if failure.distance > GRAZING * failure.worst:
+        message += f": {nearest} {failure.distance:.4g} m away"
+        if failure.worst_time != failure.time:
+            message += f" (worst at t = {failure.worst_time:.3g} s: {failure.worst:.4g} m)"
+    else:
+        message += (
+            f" and later: at worst, at t = {failure.worst_time:.3g} s, {nearest} {failure.worst:.4g} m away"
+        )
     raise GeometryError(
         message,
         time=failure.time,

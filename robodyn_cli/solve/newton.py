@@ -195,7 +195,7 @@ MISS = 0.1  # largest error of the extrapolation, rad or m: beyond it the branch
 FIRST_MISS = 1e-5  # the same for the first step of a redundant chain, which has only one state to start from
 SELF_MOTION_ERROR = 1e-10  # rad or m per step
 HALVINGS = 18
-LISTED = 200  # samples among which the worst target is sought
+LISTED = 65  # times among which the worst target is sought
 
 
 @record
@@ -339,7 +339,7 @@ class PathFollower:
         for ahead in range(k, min(k + 3, len(self.times))):
             there = self.solver.solve(self.at_samples[0][ahead], here.q)
             if not self.reached(there.residual):
-                return self.unreachable(ahead, here.q)
+                return self.unreachable(ahead, here.q, t)
         if self.reached(here.residual):
             return self.singular(now.t, now.q)
         return Unreachable(t, here.residual, t, here.residual, nearest=False)
@@ -350,16 +350,18 @@ class PathFollower:
         last = self.solver.rank - 1
         return Singular(t, float(s[last] / s[0]), int(np.argmax(np.abs(Vt[last]))))
 
-    def unreachable(self, first: int, q: Array) -> Unreachable:
-        """Return the error with the distances by which some targets from sample ``first`` on are missed."""
-        listed = np.unique(np.linspace(first, len(self.times) - 1, LISTED).round().astype(int))
+    def unreachable(self, first: int, q: Array, time: float | None = None) -> Unreachable:
+        """Return the error with the distances by which targets from sample ``first`` on are missed; time : since when,
+        by default that sample's [s]."""
+        since = float(self.times[first]) if time is None else time
+        times = np.linspace(since, float(self.times[-1]), LISTED)
         left = []
-        for k in listed:
-            solution = self.solver.solve(self.at_samples[0][k], q)
+        for t in times.tolist():
+            solution = self.solver.solve(self.between(t)[0], q)
             q = solution.q
             left.append(solution.residual)
         worst = int(np.argmax(left))
-        return Unreachable(self.times[first], left[0], self.times[listed[worst]], left[worst], nearest=False)
+        return Unreachable(since, left[0], float(times[worst]), left[worst], nearest=False)
 
 
 def extrapolate(before: PathState | None, now: PathState, h: float) -> tuple[Array, float | None]:

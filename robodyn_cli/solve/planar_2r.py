@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.record import record
-from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.solve.reach import Singular, Unreachable, farthest, leaving
 from robodyn_cli.spatial.algebra import PARALLEL, Array
 from robodyn_cli.trajectories.motion import JointMotion, PointMotion
 
@@ -212,7 +212,7 @@ def follow(
     for _ in range(LEVELS):
         plane = arm.in_plane(target(grid))
         assert plane is not None
-        _check_reach(arm, plane, grid, places, tolerance)
+        _check_reach(arm, target, plane, grid, tolerance)
         phi, beta = arm.angles(plane, branch)
         _check_regular(beta, grid)
         phi_d, beta_d, phi_dd, beta_dd = arm.rates(plane, phi, beta)
@@ -259,17 +259,24 @@ def _divide(
 
 
 def _check_reach(
-    arm: Planar2R, plane: PlaneMotion, grid: Array, places: NDArray[np.intp], tolerance: float
+    arm: Planar2R, target: Callable[[Array], PointMotion], plane: PlaneMotion, grid: Array, tolerance: float
 ) -> None:
-    """Raise if a target is out of reach, with the first such sample (or time between samples)."""
+    """Raise if a target is out of reach, with the time since when."""
     short = arm.shortfall(plane)
     limit = max(tolerance, 4.0 * np.finfo(float).eps * (arm.l1 + arm.l2))
     bad = np.flatnonzero(~(short <= limit))
-    if bad.size:
-        worst = int(np.argmax(short))
-        at_samples = np.intersect1d(bad, places)
-        first = int(at_samples[0] if at_samples.size else bad[0])
-        raise Unreachable(grid[first], float(short[first]), grid[worst], float(short[worst]))
+    if not bad.size:
+        return
+
+    def miss(times: Array) -> Array:
+        plane = arm.in_plane(target(times))
+        assert plane is not None
+        return arm.shortfall(plane)
+
+    first, worst = int(bad[0]), int(np.argmax(short))
+    time = leaving(miss, grid[first - 1], grid[first], limit) if first else grid[0]
+    far = farthest(miss, grid[max(worst - 1, 0)], grid[min(worst + 1, len(grid) - 1)])
+    raise Unreachable(time, float(miss(np.array([time]))[0]), *far)
 
 
 def _check_regular(beta: Array, grid: Array) -> None:

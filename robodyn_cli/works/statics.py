@@ -18,7 +18,8 @@ from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.given.loop_conditions import Lead, LoopConditions, nothing_led, velocity_places
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.model.model import unknown_among
-from robodyn_cli.observe.evaluation import cause, check_formulas, refuse_result, without_idle_unknowns
+from robodyn_cli.observe.evaluation import cause, refuse_result, without_idle_unknowns
+from robodyn_cli.observe.formulas import check_formulas
 from robodyn_cli.observe.observe import add_rows, add_sample
 from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns

@@ -128,6 +128,24 @@ def test_target_out_of_reach(tmp_path: Path) -> None:
     assert code == 5 and "trajectory: point 'tip' cannot reach" in output
 
 
+@pytest.mark.parametrize("samples", [5, 301, 1601])
+@pytest.mark.parametrize("ik", ["branch: elbow_up", "branch: elbow_up, method: newton"])
+def test_the_command_says_the_same_of_a_motion_whatever_its_samples(
+    tmp_path: Path, ik: str, samples: int
+) -> None:
+    """Where a path leaves the reach: one message, with one time, in ``validate`` and in the commands."""
+    path = changed(
+        tmp_path, "2r_circle", ("[1.2, 1.2]", "[1.3, 0.7]"), ("radius: 0.2", "radius: 0.6\n  start: 180 deg"),
+        ("branch: elbow_up", ik), ("samples: 1001}", f"samples: {samples}}}\nkinematics: {{samples: {samples}}}"),
+    )  # fmt: skip
+    code, output = validate(path)
+    for command in ("inverse", "kinematics"):
+        run = CliRunner().invoke(app, [command, str(path), "--no-plots", "--out", str(tmp_path / "out")])
+        told = run.stderr.partition("error: ")[2].strip()
+        assert code == run.exit_code == 5 and told in output, (output, run.stderr)
+        assert "cannot reach its target at t = " in told
+
+
 def test_missing_data_that_the_command_needs(tmp_path: Path) -> None:
     robot = (CONFIGS / "robots" / "two_link_arm.yaml").read_text()
     path = changed(tmp_path, "arm_in_plane", ((CONFIGS / "robots").as_posix(), "."))

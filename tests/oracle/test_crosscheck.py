@@ -145,6 +145,7 @@ def test_a_wrong_mass_is_found(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """An engine whose model is 1e-6 too heavy differs by far more than the errors, and the exit code says so."""
+    pytest.importorskip("pinocchio")
     right = module.translate
 
     def heavier(scene: object, simulated: bool) -> object:
@@ -194,6 +195,7 @@ def test_a_missing_engine_is_named(engine: str, monkeypatch: pytest.MonkeyPatch)
 
 def test_engines_agree_on_the_parts() -> None:
     """Mass matrix, torques, accelerations, and the frames of loops: each engine against the other."""
+    pytest.importorskip("pinocchio")
     scene = load_scene_text(chain(["spherical", "universal", "planar"]))
     asked = module.translate(scene, True)
     one, other = (module._engine(name)(asked.model) for name in ENGINES)

@@ -8,6 +8,9 @@ import pytest
 from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.ready.prepare import prepare
+
+pytest.importorskip("pinocchio")
+
 from tests.proof import amplified, extended, sensitivities
 from tests.proof.__main__ import BAD, words
 from tests.proof.equations import Equations, Modes

@@ -13,7 +13,11 @@ from scipy.linalg import expm, solve_continuous_are, solve_discrete_are
 
 from robodyn_cli import Mechanism, simulate
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.integrators.registry import methods
+from robodyn_cli.integrators.stepping import writer
+from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.cache import REPORT
+from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.scene import load_scene_text
@@ -101,6 +105,22 @@ def test_a_sampled_pd_on_a_linear_plant_is_its_discrete_closed_form(delay: float
             x = F @ x + G * u
         acts = new
     assert result.summary["control"]["updates"] == 101
+
+
+def test_a_long_delay_compiles_as_fast_as_a_short_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its torques on the way are looped over, which changes no figure but by rounding."""
+
+    def written(delay: float) -> int:
+        scene = made(CART, f"control={{type: pd, period: 0.01, delay: {delay}, gains: {{kp: 9, kd: 1}}}}")
+        return len(write_run(build_motion(scene).system, methods["gauss"], Programs(True)))
+
+    assert written(2.0) < 2.0 * written(0.1)
+    delayed = "{type: pd, period: 0.01, delay: 0.4, gains: {kp: 9, kd: 1}}"
+    looped = simulate(cart(delayed))
+    monkeypatch.setattr(writer, "LONG", 1000)
+    unrolled = simulate(cart(delayed))
+    assert_close(looped["q"], unrolled["q"], 1e-13)
+    assert_close(looped["control/torque"], unrolled["control/torque"], 1e-12)
 
 
 def test_samples_at_an_update_show_what_it_sets() -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 
 from robodyn_cli.drives.cycle import CycleSamples, Duty, gear_limits
 from robodyn_cli.drives.figures import Evaluated
@@ -86,7 +86,7 @@ def test_temperatures_of_a_winding() -> None:
 
     end = solve_ivp(rates, (0.0, 2.0), [0.0, 0.0], max_step=0.01, rtol=1e-8).y[0, -1]
     assert winding["after_one_cycle"] == pytest.approx(30.0 + end, rel=1e-5)
-    mean = 0.5 * float(np.trapezoid(copper, t))
+    mean = 0.5 * float(trapezoid(copper, t))
     assert winding["mean"] == pytest.approx(30.0 + 5.0 * mean, rel=1e-6)
     steady = solve_ivp(rates, (0.0, 2.0), [0.0, 0.0], max_step=0.01, rtol=1e-8)
     ripple = np.ptp(found["drives/winding_temperature"])

@@ -142,7 +142,7 @@ def sides(good: list[bool], told: float = 1e-9, scale: float = 1.0) -> Sides:
     """Return runs of y = 3 x^3 at both sides of 1, of which some levels failed."""
     steps = 1e-2 / NARROWER ** np.arange(LEVELS)
     values = 1.0 + np.outer(steps, (1.0, -1.0))
-    rows = np.zeros((LEVELS, 2), dtype=[("code", int), ("outputs", float, 1), ("errors", float, 1)])
+    rows = np.zeros((LEVELS, 2), dtype=[("code", int), ("outputs", float, (1,)), ("errors", float, (1,))])
     rows["outputs"][..., 0], rows["errors"][..., 0] = scale * 3.0 * values**3, told
     rows["code"][~np.array(good), 0] = 3
     return Sides(values, rows, "failed")

@@ -12,8 +12,6 @@ from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
-from tests.proof.families import make
-from tests.proof.judge import truth
 from tests.unit.test_mechanism import PENDULUM, SCENES, around, own_scene, varied
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -85,6 +83,10 @@ def test_samples_that_are_asked_for_leave_the_errors(name: str, samples: int) ->
 def test_random_mechanisms_state_the_same_errors_which_are_true(
     seed: int, setting: list[str], within: float
 ) -> None:
+    pytest.importorskip("pinocchio")
+    from tests.proof.families import make
+    from tests.proof.judge import truth
+
     _, m, _ = make(seed)
     own = [f"simulate.step={m.duration / 300:.4g}" if "parts" in s else s for s in setting]
     # with fewer samples than 17 many runs are judged by more than a run alone

@@ -97,3 +97,12 @@ def test_uneven_samples() -> None:
     (value,), (error,) = integral(t, y)
     assert abs(value - (1.0 - np.cos(t[-1]))) <= error < 3e-4
     assert abs(largest(t, y).value[0] - 1.0) < 1e-12
+
+
+def test_what_does_not_change_is_its_own_extreme() -> None:
+    """Exactly: its error is 0, and the polynomial between the samples has rounding of its own."""
+    t = np.linspace(0.0, 3.0, 101)
+    for value in (0.5, -1.0 / 3.0, 1e-7, 0.0):
+        for found in (largest(t, np.full((101, 1), value)), smallest(t, np.full((101, 1), value))):
+            assert found.value[0] == value and found.error[0] == 0.0
+            assert not np.signbit(found.value[0]) or value < 0.0

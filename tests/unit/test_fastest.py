@@ -6,6 +6,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, GeometryError, SceneError
@@ -79,7 +80,7 @@ def test_viscous_friction() -> None:
     def way_and_time(top: float) -> tuple[float, float]:
         v = np.linspace(0.0, top, 20001)
         up, down = m / (F - d * v), m / (F + d * v)
-        return float(np.trapezoid(v * (up + down), v)), float(np.trapezoid(up + down, v))
+        return float(trapezoid(v * (up + down), v)), float(trapezoid(up + down, v))
 
     low, high = 0.0, F / d * (1.0 - 1e-9)
     for _ in range(80):

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_ivp, trapezoid
 
 from robodyn_cli.drives.cycle import CycleSamples, ShaftDuty, motor_cycle
 from robodyn_cli.errors import SceneError
@@ -330,17 +330,17 @@ def test_figures_of_random_motions_are_within_their_errors(seed: int) -> None:
         w = n * qd
         current = (torque + 0.01 * np.sign(w) + 2e-5 * w) / 0.2
         cold = 0.9 * current**2
-        mean = (25.0 + (np.trapezoid(cold, t) / 3.0) * (1.0 - 0.00393 * 25.0)) / (
-            1.0 - (np.trapezoid(cold, t) / 3.0) * 0.00393
+        mean = (25.0 + (trapezoid(cold, t) / 3.0) * (1.0 - 0.00393 * 25.0)) / (
+            1.0 - (trapezoid(cold, t) / 3.0) * 0.00393
         )
         copper = cold * (1.0 + 0.00393 * (mean - 25.0))
         power = torque * w
         electrical = power + 0.2 * current * w - power + copper
         found = {
-            "rms_torque": (drive["shaft"]["rms_torque"], np.sqrt(np.trapezoid(torque**2, t) / 3.0)),
-            "mean_torque": (drive["shaft"]["mean_torque"], np.trapezoid(np.abs(torque), t) / 3.0),
+            "rms_torque": (drive["shaft"]["rms_torque"], np.sqrt(trapezoid(torque**2, t) / 3.0)),
+            "mean_torque": (drive["shaft"]["mean_torque"], trapezoid(np.abs(torque), t) / 3.0),
             "peak_torque": (drive["shaft"]["peak_torque"], np.abs(torque).max()),
-            "rms_current": (drive["electrical"]["rms_current"], np.sqrt(np.trapezoid(current**2, t) / 3.0)),
+            "rms_current": (drive["electrical"]["rms_current"], np.sqrt(trapezoid(current**2, t) / 3.0)),
         }
         energies = {
             "driving_energy": (drive["shaft"], power),
@@ -354,7 +354,7 @@ def test_figures_of_random_motions_are_within_their_errors(seed: int) -> None:
             # the largest torque may be at a jump of the gear's losses
             assert errors[key] < (0.1 if key == "peak_torque" else 0.02) * true
         for key, (side, flow) in energies.items():
-            true, whole = np.trapezoid(np.maximum(flow, 0.0), t), np.trapezoid(np.abs(flow), t)
+            true, whole = trapezoid(np.maximum(flow, 0.0), t), trapezoid(np.abs(flow), t)
             assert side[key] == pytest.approx(true, abs=10.0 * side["errors"]["energy"] + 1e-4 * whole), (
                 name,
                 key,

@@ -225,3 +225,67 @@ def test_energies_that_overflow_are_no_drift_of_nothing(command: Any, value: str
         command(scene)
     assert isinstance(caught.value.result, Result)
     assert np.isnan(caught.value.result.summary["energy_drift"])
+
+
+SLIDE = """\
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: x, type: prismatic, axis: [1, 0, 0]}]
+  links: [{name: m, mass: 1, com: [0, 0, 0], inertia: {xx: 1, yy: 1, zz: 1}}]
+simulate: {duration: 2, samples: 11}
+"""
+AWAY, BACK = "initial: {q: {x: 0.5}, qd: {x: 1}}\n", "initial: {q: {x: 1}, qd: {x: -1}}\n"
+TORQUE = "torques: {x: '%s'}\n"
+LAW = "control: {type: formulas, joints: [x], law: {x: '%s'}, state: {u: {start: 1, rate: -1}}}\n"
+SPRING = "forces: [{name: k, type: nonlinear_spring, between: [base.origin, m.origin], tension: '%s'}]\n"
+PUSH = "forces: [{name: k, type: force, at: m.origin, force: ['%s', 0, 0]}]\n"
+LED = "prescribed: {x: '%s'}\n"
+
+
+@pytest.mark.parametrize(
+    "start, written, formula, key",
+    [
+        (BACK, TORQUE, "log(q.x)", "torques.x"),
+        (BACK, TORQUE, "-0.5*sqrt(q.x - 0.5)", "torques.x"),
+        (AWAY, TORQUE, "asin(q.x)", "torques.x"),
+        (AWAY, TORQUE, "acos(q.x)", "torques.x"),
+        (BACK, TORQUE, "-1/q.x", "torques.x"),
+        (AWAY, TORQUE, "tan(q.x)", "torques.x"),
+        (BACK, TORQUE, "-(q.x - 0.5)^0.5", "torques.x"),
+        (BACK, TORQUE, "-q.x^-1.5", "torques.x"),
+        (BACK, TORQUE, "log(1 - t)", "torques.x"),
+        (BACK, TORQUE, "1/(1 - t)", "torques.x"),
+        (BACK, LAW, "log(q.x)", "control.law.x"),
+        (BACK, LAW, "log(s.u)", "control.law.x"),
+        (BACK, SPRING, "sqrt(length - 0.5)", "forces.0.tension"),
+        (BACK, PUSH, "sqrt(q.x - 0.3)", "forces.0.force.0"),
+        ("", LED, "sqrt(1 - t)", "prescribed.x"),
+    ],
+)
+def test_a_formula_that_ends_on_the_way_is_named(start: str, written: str, formula: str, key: str) -> None:
+    """With its key, the time, and its value where it ends: not the step that got too small, alone."""
+    with pytest.raises(NumericalError) as caught:
+        simulate(load_scene_text(SLIDE + start + written % formula))
+    told = caught.value.message
+    assert f"{key}: formula {formula!r} " in told and " at t = " in told, told
+    assert "has no finite value next to it" in told or "has no value at " in told, told
+
+
+def test_a_run_that_only_gets_too_fast_names_no_formula() -> None:
+    with pytest.raises(NumericalError, match="the largest acceleration there") as caught:
+        simulate(load_scene_text(SLIDE + AWAY + TORQUE % "5*q.x^3"))
+    assert "formula" not in caught.value.message
+
+
+@pytest.mark.parametrize("command, name", [(simulate, "double_pendulum"), (deploy, "four_bar_deploy")])
+def test_a_duration_beyond_the_motion_is_told(command: Any, name: str) -> None:
+    for duration, said in (("1e300", "is so long that no step"), ("1e40", "% of simulate.duration")):
+        more = ["simulate.max_steps=1000", "deploy.criterion=multipliers"][: 1 + (command is deploy)]
+        scene = load_scene(CONFIGS / f"{name}.yaml", [f"simulate.duration={duration}", *more])
+        try:
+            command(scene)
+        except NumericalError as error:
+            assert said in error.message and "simulate.duration" in error.message, error.message
+        else:
+            assert command is deploy and duration == "1e40"  # it ends before

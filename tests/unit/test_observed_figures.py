@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from scipy.integrate import trapezoid
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError, NumericalError
@@ -100,7 +101,7 @@ def test_the_balance_of_energy_is_what_the_samples_leave_of_the_work() -> None:
     assert balance == pytest.approx(work - true, rel=1e-3)
     assert coarse.summary["error_estimate"]["energy_quadrature"] >= abs(work - true)
     # relative to the work that is turned over, as there is more of it than change of energy
-    over = np.trapezoid(np.abs((coarse["tau"] * coarse["qd"]).sum(axis=1)), coarse.time)
+    over = trapezoid(np.abs((coarse["tau"] * coarse["qd"]).sum(axis=1)), coarse.time)
     change = np.ptp(coarse["energy/kinetic"] + coarse["energy/potential"])
     relative = coarse.summary["error_estimate"]["energy_balance_relative"]
     assert relative == pytest.approx(balance / max(over, change), rel=0.5, abs=0.0)
@@ -308,14 +309,14 @@ def test_figures_of_a_controller() -> None:
             one = told["tracking"][name]
             assert one["peak"] == pytest.approx(np.abs(found["control/error"][:, k]).max(), rel=1e-3)
             assert one["rms"] == pytest.approx(
-                np.sqrt(np.trapezoid(found["control/error"][:, k] ** 2, t) / 2.0), rel=1e-3
+                np.sqrt(trapezoid(found["control/error"][:, k] ** 2, t) / 2.0), rel=1e-3
             )
         at = np.abs(found["control/torque"][:, 0]) > 30.0 * (1.0 - 1e-9)
         assert 2 < at.sum() < 399
         assert told["saturated"] == {"a": pytest.approx(at.sum() * 0.005, abs=0.01)}
         power = found["control/torque"] * found["qd"]
         assert told["energy"]["driving"] == pytest.approx(
-            np.trapezoid(np.maximum(power, 0.0), t, axis=0).sum(), rel=1e-2
+            trapezoid(np.maximum(power, 0.0), t, axis=0).sum(), rel=1e-2
         )
         assert (told.get("delay"), told.get("period"), told.get("updates")) == (
             (0.01, 0.02, 101) if period else (None,) * 3

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from scipy.integrate import trapezoid
 from scipy.interpolate import CubicSpline
 
 from robodyn_cli import deploy, inverse, load_scene_text, simulate, statics
@@ -364,7 +365,7 @@ def test_integrals_of_a_given_motion_end_at_the_jumps() -> None:
         carried = ((t > times[0]) & (t <= times[1]))[:, None]
         tau = np.where(carried, heavy["tau"], light["tau"])
         rms, energy, net = (
-            np.trapezoid(y, t, axis=0) for y in (tau**2, np.maximum(tau * qd, 0.0), tau * qd)
+            trapezoid(y, t, axis=0) for y in (tau**2, np.maximum(tau * qd, 0.0), tau * qd)
         )  # off by the jumps times a step of 5e-5 s
         errors = summary["error_estimate"]
         off = [1e-4 * np.abs(x).max(axis=0) for x in (tau, tau * qd)]

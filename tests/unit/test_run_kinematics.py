@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene, load_scene_text
+from robodyn_cli.cli.commands.kinematics import describe
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError, SingularConfigurationError
 from robodyn_cli.report.registry import draw
 from robodyn_cli.results.result import Result
@@ -141,3 +142,31 @@ def test_bifurcations_are_told_from_dead_points() -> None:
         kinematics(load_scene(CONFIGS / "parallelogram.yaml", [sweep, q]))
     assert caught.value.details["kind"] == "bifurcation" and caught.value.details["loop"] == "pin"
     assert caught.value.details["time"] == pytest.approx(np.pi / 3, abs=1e-3)
+
+
+ARM = """\
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1]}
+    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}
+  links: [{name: l}, {name: m}]
+  points: {tip: {link: m, at: [0.8, 0, 0]}}
+initial: {q: {a: 0, b: 0.5}}
+"""
+
+
+def test_an_open_chain_has_no_figures_of_loops_and_none_of_rounding() -> None:
+    swept = of(ARM, "kinematics={sweep: {joint: a, start: 0, stop: 3.1, rate: 1}}").summary
+    assert "error_estimate" not in swept and "closure" not in describe(swept)
+    # a joint that rests is where it rests, a rate that is constant is that
+    assert swept["joints"]["b"]["largest"] == 0.5 and swept["joints"]["a"]["peak_speed"] == 1.0
+    assert "-0 " not in describe(swept)
+    straight = "trajectory={type: cartesian, point: tip, position: ['0.9 + 0.1*t', 0.2], duration: 3}"
+    line = of(ARM, straight).summary
+    assert (
+        0.0
+        < line["points"]["tip"]["peak_acceleration"]
+        <= line["points"]["tip"]["errors"]["peak_acceleration"]
+    )
+    assert describe(line).splitlines()[-1].split() == ["tip", "0.3", "0.1", "0"]

@@ -289,7 +289,7 @@ def test_heavier_motors_further_out_make_the_inner_ones_bear_more() -> None:
     assert np.allclose(more, mass * (9.81 * np.cos(q) + qdd), rtol=0, atol=1e-9)
 
 
-def test_where_nothing_is_strong_enough(tmp_path: Path) -> None:
+def test_where_nothing_is_strong_enough(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     text = ARM.replace("mass: 1.0", "mass: 400.0")
     result = size(load_scene_text(text))
     assert result.status == "undersized"
@@ -299,6 +299,28 @@ def test_where_nothing_is_strong_enough(tmp_path: Path) -> None:
     path = tmp_path / "heavy.yaml"
     path.write_text(text, encoding="utf-8")
     assert run(["size", str(path), "--no-plots", "--quiet", "--out", str(tmp_path / "out")]) == 1
+    capsys.readouterr()
+    assert run(["size", str(path), "--no-plots", "--margin", "0.5", "--out", str(tmp_path / "out")]) == 1
+    printed, best = capsys.readouterr().out, sized["best"]
+    assert (
+        f"joint 'a': none of {sized['combinations']} combinations bears its motion with a margin of 50 %"
+        in printed
+    )
+    factor, limit = (1.0 - best["margin"]) / 0.5, best["decides"].replace("_", " ")
+    assert f"takes {factor:.3g} times what its limit {limit!r} allows" in printed
+    assert "# not enough" in printed and "smallest cost" not in printed
+
+
+def test_a_joint_that_needs_nothing_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    path = tmp_path / "still.yaml"
+    path.write_text(
+        "schema: 1\nrobot:\n  joints: [{name: a, type: revolute, axis: [0, 0, 1]}]\n"
+        "  links: [{name: l, mass: 3, com: [0.5, 0, 0], inertia: {zz: 0.1}}]\ngravity: [0, 0, 0]\n"
+        "trajectory: {type: joint, duration: 2, q: {a: 0.3}}\n"
+    )
+    assert run(["size", str(path), "--no-plots", "--out", str(tmp_path / "out")]) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith("size\n") and "joint 'a' needs nothing" in printed
 
 
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

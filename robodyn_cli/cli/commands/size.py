@@ -27,19 +27,41 @@ def describe(summary: Mapping[str, Any]) -> str:
         rows.append([name, *counts, margin_text(best["margin"]), limit])
     drives = summary["drives"]
     written = [f"    {name}: {_written(drive)}" for name, drive in drives.items()]
-    how = "of all combinations" if sized["proven"] else "joint by joint"
-    total = f"cost {number(sized['cost'])}, mass {number(sized['mass'])} kg, smallest {sized['by']} {how}"
+    how = f"smallest {sized['by']} {'of all combinations' if sized['proven'] else 'joint by joint'}"
+    enough = all(drive["passes"] for drive in drives.values())
+    total = (
+        f"cost {number(sized['cost'])}, mass {number(sized['mass'])} kg, {how if enough else 'not enough'}"
+    )
     return "\n".join(
         [
             f"{summary['title']}",
             table(rows),
             *drive_lines(summary),
             f"  all drives         {total}; {sized['sweeps']} sweeps over the joints",
-            "  in the scene       drives:",
+            *_remarks(sized["joints"], drives),
+            f"  in the scene       drives:{'' if enough else '  # not enough'}",
             *written,
             cost_line(summary),
         ]
     )
+
+
+def _remarks(joints: Mapping[str, Any], drives: Mapping[str, Any]) -> list[str]:
+    """Return a line for each joint whose motion nothing bears, with what lacks, and for each that needs nothing."""
+    lines = []
+    for name, joint in joints.items():
+        best, left = joint["best"], drives[name]["least_margin"]
+        count, use, most = joint["combinations"], 1.0 - best["margin"], 1.0 - left
+        parts = " + ".join(best[key] for key in ("motor", "gear") if best[key] is not None)
+        limit, margin = best["decides"].replace("_", " "), f" with a margin of {number(100.0 * left, 3)} %"
+        if not joint["passing"]:
+            lines.append(
+                f"  joint {name!r}: none of {count} combinations bears its motion{margin if left else ''}; the "
+                f"nearest, {parts}, takes {number(use / most, 3)} times what its limit {limit!r} allows"
+            )
+        elif use == 0.0:
+            lines.append(f"  joint {name!r} needs nothing: it neither moves nor bears a load in this motion")
+    return lines
 
 
 def _written(drive: Mapping[str, Any]) -> str:

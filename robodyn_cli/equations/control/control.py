@@ -284,10 +284,15 @@ class Control:
 
     def before_start(self, q: Array, v: Array, p: Array, noise: Array) -> Array:
         """Return the states (nc,) before the first update at t = 0: what was measured last is what is there."""
-        z = np.array([*self._starts, *([0.0] * (len(self.names) - len(self.own)))])
+        z = self.starts
         if self.last:
             z[self.last] = [float(x) for x in evaluate(self.measured.q, self._inputs(q, v, z, p, noise))]
         return z
+
+    @property
+    def starts(self) -> Array:
+        """The states (nc,) before anything is measured."""
+        return np.array([*self._starts, *([0.0] * (len(self.names) - len(self.own)))])
 
     @property
     def last(self) -> list[int]:

@@ -199,7 +199,7 @@ class GaussStepper(GaussOutput):
             old = self._spread(j)
             self.x[j] = self._combine(old, T.A2, wide_h2, self.drift[j])
             self.x[w.nv + j] = self._combine(old, T.A, wide_h, f.splat(w.state[w.nv + j], self.lanes))
-        for j in range(w.system.nz):
+        for j in w.each(w.nz):
             start = f.splat(w.state[w.nv * 2 + j], self.lanes)
             self.x[w.nv * 2 + j] = self._combine(self._spread(w.nv + j), T.A, wide_h, start)
 
@@ -272,7 +272,7 @@ class GaussStepper(GaussOutput):
             for j in w.each(w.nv):
                 one, other = weight(j), h * h / f.muladd(f.abs(w.state[j]), rtol, atol)
                 self.weight[j] = f.select(f.compare("ogt", other, one), other, one)
-            for j in range(w.system.nz):
+            for j in w.each(w.nz):
                 self.weight[w.nv + j] = weight(w.nv + j)
 
     def _predict(self, t: Value, h: Value) -> None:
@@ -299,7 +299,7 @@ class GaussStepper(GaussOutput):
             rate, v = self.guess[j], w.state[w.nv + j]
             w.new[j] = f.muladd(h * h, f.reduce("add", rate * b_bar), f.muladd(h, v, w.state[j]))
             w.new[w.nv + j] = f.muladd(h, f.reduce("add", rate * b), v)
-        for j in range(w.system.nz):
+        for j in w.each(w.nz):
             place = w.nv * 2 + j
             w.new[place] = f.muladd(h, f.reduce("add", self.guess[w.nv + j] * b), w.state[place])
 

@@ -161,7 +161,7 @@ class GaussOutput(Stepper[StageRates]):
                 products = correct(j, 3)
                 q, v = f.splat(w.state[j], m), f.splat(w.state[w.nv + j], m)
                 self.x[j] = f.muladd(wide_h2, products[2], f.muladd(wide_h * c, v, q))
-            for j in range(w.system.nz):
+            for j in w.each(w.nz):
                 correct(w.nv + j, 2)
             times = f.muladd(wide_h, c, f.splat(t, m))
             self.factorise(times)
@@ -189,7 +189,7 @@ class GaussOutput(Stepper[StageRates]):
 
         for j in w.each(w.nv):
             store(j, [once, twice])
-        for j in range(w.system.nz):
+        for j in w.each(w.nz):
             store(w.nv + j, [once])
 
     # -- dense output ---------------------------------------------------------------------------------

@@ -15,7 +15,9 @@ from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Val
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs, is_inlined
 from robodyn_cli.kernels.program import NUMBERS, Program, off_by_rounding
 
-LONG = 24  # velocities from which on what is done for each of them is a loop
+LONG = (
+    24  # velocities, or states of a sampled controller, from which on what is done for each of them is a loop
+)
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS, "updates")
 
@@ -82,8 +84,8 @@ class Tables:
 class Writer:
     """The function under construction, with the state and the programs of the system at hand.
 
-    ``nv``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code serves
-    systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
+    ``nv``, ``nz``, ``rates`` (nv + nz) and ``size`` are Python ints, or Ints for a long system and where the code
+    serves systems of any size: then rows of vectors live in memory of the caller, and ``each`` makes a loop (unless
     ``loops`` is False and the size is known). tables : of the numbers that the programs read. width : how many runs are
     made side by side.
     """
@@ -100,15 +102,17 @@ class Writer:
         self._taken = [0, 0]
         self.nv: Int | int = system.nv
         long = LONG_INTERPRETED if programs.interpreted else LONG
-        if system.dynamics.any_size or (loops and system.nv == system.nq > long):
+        held = system.updates is not None and system.updates.count > LONG
+        if system.dynamics.any_size or (loops and system.nv == system.nq and (held or system.nv > long)):
             with f.entry():
                 self.nv = f.load_int(self.integer_at(IntegerSlot.VELOCITIES))
                 # a multiple of the lanes, so that every row starts aligned
                 self._padded = (self.nv + (LANES - 1)) & -LANES
-                self.rates: Int | int = self.nv + system.nz
-                self.size: Int | int = self.nv * 2 + system.nz
+                self.nz: Int | int = f.integer(system.nz) if held else system.nz
+                self.rates: Int | int = self.nv + self.nz
+                self.size: Int | int = self.nv * 2 + self.nz
         else:
-            self.rates, self.size = system.nv + system.nz, system.size
+            self.nz, self.rates, self.size = system.nz, system.nv + system.nz, system.size
         self.state = self.array(2, 1)
         self.new = self.array(2, 1)
 

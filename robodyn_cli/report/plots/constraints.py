@@ -91,7 +91,7 @@ def singular_values(result: Result) -> Any:
         path = f"singularity/{kind}"
         if path not in result or not result[path].size:
             continue
-        data = np.sort(finite(result[path]), axis=1)[:, :MOST_VALUES]
+        data = nothing_is_zero(np.sort(finite(result[path]), axis=1))[:, :MOST_VALUES]
         columns += [data[:, column] for column in range(data.shape[1])]
         # The smallest one decides; the others fade.
         styles += [
@@ -216,7 +216,8 @@ def _mark_growth(
 ) -> list[Any]:
     """Mark on axes where the norm passed each factor; the factors are written in the last panel of each unit only."""
     handles: list[Any] = []
-    look = {"color": "white", "markeredgecolor": style.ALARM, "markeredgewidth": 1.4, "linestyle": "none"}
+    look: dict[str, Any] = {"color": "white", "markeredgecolor": style.ALARM, "markeredgewidth": 1.4}
+    look |= {"linestyle": "none", "clip_on": False}  # the last one is often at the edge
     for factor, at in growth:
         for place, (ax, norm) in enumerate(norms.items()):
             value = float(np.interp(at, time, norm))

@@ -19,6 +19,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.build import contact_watchers, limit_watchers
 from robodyn_cli.motion.driver import Driver, MethodChange
+from robodyn_cli.motion.failure import with_cause
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.motion.singular.rank_loss import Passage, PosesAhead
@@ -182,6 +183,9 @@ def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]
 
 
 # -- the scan -----------------------------------------------------------------------------------------------
+MOST_SAMPLES = 2.0**62  # that are counted
+
+
 @record
 class Scan:
     """What the whole motion met.
@@ -227,13 +231,14 @@ def scan(
 
     driver.tick = lambda time: progress(time, duration)
     driver.start(0.0, motion.start)
-    grid = Grid(0.0, GRID, int(duration / GRID * (1 + 1e-12)) + 1)
+    grid = Grid(0.0, GRID, int(min(duration / GRID * (1 + 1e-12), MOST_SAMPLES)) + 1)
     stopped: NumericalError | None = None
     pose: tuple[float, Array, str] | None = None
     try:
         driver.run(duration, grid, judge, block=BLOCK)
     except NumericalError as error:
-        stopped, pose = error, _driven_pose(motion, driver)
+        pose = _driven_pose(motion, driver)
+        stopped = error if pose is not None else with_cause(error, motion.problem, driver)
     bifurcation, dead_points = rank.found if rank else None, list(dead.found) if dead else []
     if pose is not None and pose[2] == "bifurcation":
         bifurcation = pose[:2]

@@ -77,7 +77,7 @@ def size(
     with watch.stage("load"):
         chosen = family.scene([*settings, *_chosen(scene, search)])
     result = inverse(chosen, progress=progress, watch=watch)
-    result.command = "size"
+    result.command, result.title = "size", scene.title or "size"
     _add_tables(result, search)
     sizing = _sizing(search, sweeps, proven, result.summary["drives"])
     result.summary = {
