@@ -179,21 +179,21 @@ class Evaluated:
             error = max(error, self.by_fewer(lambda x: x.uses[name].part))
         if use.at is None:
             return UsedLimit(float(use.part), error, ABSENT, ABSENT)
-        off = float(self.duty.samples.step * use.off)
+        off = float(use.off)
         if name == "winding":
             off = max(off, self.by_fewer(lambda x: x._time_of(name)))
         return UsedLimit(float(use.part), error, self._time_of(name), off)
 
     def _time_of(self, name: str) -> float:
         """Return when most of a limit is used [s]."""
-        return float(self.duty.times[0] + self.duty.samples.step * np.float64(self.uses[name].at))
+        return float(np.float64(self.uses[name].at))
 
     def _temperatures(self) -> tuple[float, float, float] | None:
         """Return peak, mean and the end of a first cycle [degC]; None where they are not known, or not steady."""
         cycle, samples, thermal = self.cycle, self.duty.samples, self.train.motor.thermal
         if thermal is None or cycle.temperature is None or cycle.copper is None or not cycle.settles:
             return None
-        first = thermal.warming(cycle.copper, samples.step, periodic=False)[-1]
+        first = thermal.warming(cycle.copper, samples.times, periodic=False)[-1]
         peak = largest(self.duty.times, cycle.temperature[:, None]).value[0]
         return float(peak), float(samples.mean(cycle.temperature)), self.train.supply.ambient + float(first)
 

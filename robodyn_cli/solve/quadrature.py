@@ -5,7 +5,8 @@ h^7 y^(6) an interval); where the samples change sign, the positive part is take
 its root. With fewer than six samples the degree is that of all of them.
 
 Functions that jump are integrated in pieces: to the jump and from it the polynomials of both sides are continued.
-``breaks`` says where, in steps from the first sample; a sample at a break is that of before.
+``breaks`` says where, in steps from the first sample; a sample at a break is that of before. Errors are explained in
+``extremes``.
 """
 
 from __future__ import annotations
@@ -24,6 +25,8 @@ Breaks = Sequence[float]
 SPACED = 3  # samples between breaks, at least
 AT = 1e-9  # samples from a break that a sample is at
 BESIDE = 1e-15  # of its place: as near to that sample pieces end
+OUTSIDE = 10.0  # times the bound of errors: beyond samples, and for a jump beside the first or the last one
+INTEGRAL = 10.0 / 64.0  # of an integral over that of values
 
 
 def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
@@ -89,8 +92,49 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
 
 def breaks_at(times: Array, instants: Iterable[float]) -> list[float]:
     """Return breaks from the times [s] of what makes functions jump, for samples at times (T,), see ``spaced``."""
-    places = np.interp(list(instants), times, np.arange(float(len(times))), left=-1.0, right=-1.0)
-    return spaced(places.tolist(), len(times))
+    return spaced(places_of(instants, times), len(times))
+
+
+def places_of(instants: Iterable[float], times: Array) -> list[float]:
+    """Return where instants [s] lie among samples at times (T,), in steps from the first; -1 beyond them."""
+    steps = np.arange(float(len(times)))
+    places: list[float] = np.interp(list(instants), times, steps, left=-1.0, right=-1.0).tolist()
+    return places
+
+
+def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
+    """Return how far integrals (n,) of y (T, n), or of its positive part, may be off; samples a time h apart."""
+    found = np.zeros(y.shape[1])
+    for piece, low, high in pieces(len(y), breaks):
+        rough = roughness(y[piece])
+        if piece.stop - piece.start == 1:
+            found += 0.5 * h * (low**2 + high**2) * steps_beside(y, piece)
+            if low + high < 3.0 * AT:  # of a sample at a break it is not known of which side it is
+                sides = np.abs(np.diff(y[max(piece.start - 1, 0) : piece.stop + 1], axis=0))
+                found += h * (low + high) * sides.sum(axis=0)
+        found += h * rough.sum(axis=0) * INTEGRAL
+        # a jump in the first or the last interval appears in one difference alone
+        found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
+    return found
+
+
+def steps_beside(y: Array, piece: slice) -> Array:
+    """Return twice the larger change (n,) from sample to sample on both sides of a piece of one sample: where a
+    function goes from there until its jump is taken to be of this size."""
+    found = np.zeros(y.shape[1])
+    for first in (piece.start - 2, piece.stop):
+        if 0 <= first < len(y) - 1:
+            found = np.maximum(found, 2.0 * np.abs(y[first + 1] - y[first]))
+    return found
+
+
+def roughness(y: Array) -> Array:
+    """Return |D| (T - order, n), over its largest part in a jump; a row of zeros for one sample."""
+    order = min(POINTS, len(y) - 1)
+    if not order:
+        return np.zeros_like(y)
+    found: Array = np.abs(np.diff(y, order, axis=0)) / math.comb(order - 1, (order - 1) // 2)
+    return found
 
 
 def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:

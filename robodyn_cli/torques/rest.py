@@ -43,7 +43,7 @@ def explained_rate(planned: Planned, force: JointForce) -> float:
     position = ROUNDING * float(np.abs(q if solved else q[:, force.q]).max())
     position += planned.residuals.get("position", 0.0)
     fastest = float(np.abs(qd if solved else qd[:, force.v]).max())
-    return ROUNDING * fastest + position / float(planned.times[1] - planned.times[0])
+    return ROUNDING * fastest + position / float(np.diff(planned.times).max())
 
 
 def rest_warnings(problem: Problem, planned: Planned) -> list[str]:

@@ -35,7 +35,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.checks import breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.works.inverse import at_rest, program_of
+from robodyn_cli.works.inverse import evaluated_at, program_of
 
 # a drive of 1 kg that reflects 1 kg m^2 or 1 kg
 UNIT = Catalogue(
@@ -98,15 +98,13 @@ class Responses:
         """
         unit = with_unit_drives(scene, drives)
         program = program_of(unit)
-        samples = scene.inverse.samples
-        planned = at_rest(program.problem, program.plan(samples))
-        sampled = program.evaluate(planned, program.compile(samples))
+        planned, sampled = evaluated_at(program, program.looked_at(scene.inverse.samples))
         variants = _Variants.of(program, unit, tuple(drives))
         hold = variants.loads(program, sampled, still=True)
         R = None
         if hold is not None:
             loops = sampled.loops
-            psi = np.zeros((samples, 0, program.problem.model.nv)) if loops is None else loops.psi
+            psi = np.zeros((len(planned.times), 0, program.problem.model.nv)) if loops is None else loops.psi
             R = following(program.problem, psi)
         names = program.problem.model.v_names
         tau = variants.loads(program, sampled)
