@@ -42,8 +42,8 @@ def with_drives(
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
-    moved : the motion where figures are looked at; by default at the samples, with breaks at its events. again : samples
-        of a second integration, and times the difference of figures is their error.
+    moved : the motion where figures are looked at; by default at the samples, with breaks at its events. again :
+        samples of a second integration, and times the difference of figures is their error.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """

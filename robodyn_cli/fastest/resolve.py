@@ -77,7 +77,9 @@ def figures(scaling: Scaling, model: Model, sampled: Sampled) -> FastestFigures:
     names, use = use_of_limits(scaling, model, sampled)
     binding = _binding(use)
     duration, steps = scaling.law.duration, np.diff(sampled.times)
-    share = np.append(steps, 0.0) + np.append(0.0, steps)  # half of the time to the samples on both sides, twice
+    share = np.append(steps, 0.0) + np.append(
+        0.0, steps
+    )  # half of the time to the samples on both sides, twice
     parts = {name: float(share[binding == k].sum()) / (2.0 * duration) for k, name in enumerate(names)}
     unlike = np.where(binding[1:] != binding[:-1], 0.5 * steps, 0.0)
     off = [unlike[(binding[1:] == k) | (binding[:-1] == k)].sum() for k in range(len(names))]

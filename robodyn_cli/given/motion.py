@@ -89,7 +89,10 @@ def knot_places(scene: Scene, times: Array) -> list[float]:
     return (gaps + 0.5).tolist() if gaps.size else places_of(knots_of(scene), times)
 
 
-FEW, CLOSE = 8, 64  # intervals of each of many pieces of a motion, and of each of few, at which figures are looked at
+FEW, CLOSE = (
+    8,
+    64,
+)  # intervals of each of many pieces of a motion, and of each of few, at which figures are looked at
 MANY = 1024  # intervals of all pieces together that are shared out
 SAMPLED = 16  # intervals of a motion in one piece that suffice
 SIDE = 1e-6  # of the shorter piece beside a knot: so far from it are the samples on both of its sides
@@ -97,8 +100,9 @@ SHORT = 1e-9  # of a motion: a piece no longer is none
 
 
 def looked_at(times: Array, knots: Sequence[float]) -> Array:
-    """Return the times at which figures of a motion are looked at, whatever the samples at times (T,) are: in each piece
-    from knot to knot, to both of its ends, as many, and no fewer in all than there are samples.
+    """Return the times at which figures of a motion are looked at, whatever its samples at times (T,) are.
+
+    In each piece from knot to knot, to both of its ends, they are as many, and no fewer in all than the samples.
 
     A piece has 4 n intervals, so that the parts of its samples are uniform too.
     """

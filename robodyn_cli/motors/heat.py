@@ -165,8 +165,8 @@ class Thermal:
 
 
 def _weights(rate: float, steps: Array) -> tuple[Array, Array, Array]:
-    """Return exp(-rate step), and the integrals of exp(-rate (step - s)) (1 - s / step) and of exp(..) s / step, of each
-    of steps (T - 1,)."""
+    """Return exp(-rate step), and the integrals of exp(-rate (step - s)) (1 - s / step) and of exp(..) s / step, of
+    each of steps (T - 1,)."""
     x = rate * steps
     whole = -np.expm1(-x) / rate
     # of s / step: (x - 1 + exp(-x)) / x^2 step; as a series where that cancels

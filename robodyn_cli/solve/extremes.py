@@ -77,7 +77,9 @@ class Extreme:
 
 def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the largest values of y (T, n) at times (T,), which are best uniform; breaks : see ``quadrature``."""
-    return _gathered([_largest(times, y[:, own], breaks, hidden) for own, hidden in _hidden(times, y, breaks)])
+    return _gathered(
+        [_largest(times, y[:, own], breaks, hidden) for own, hidden in _hidden(times, y, breaks)]
+    )
 
 
 def _largest(times: Array, y: Array, breaks: Breaks, hidden: Hidden) -> Extreme:
@@ -109,13 +111,15 @@ def _over_stretches(found: Extreme, n: int) -> Extreme:
         one, two = ({name: x[k : len(x) - len(x) % 2 : 2] for name, x in fields.items()} for k in (0, 1))
         both = Extreme(**one).or_larger(Extreme(**two))
         odd = len(fields["value"]) % 2
-        fields = {name: np.concatenate([getattr(both, name), x[len(x) - odd :]]) for name, x in fields.items()}
+        fields = {
+            name: np.concatenate([getattr(both, name), x[len(x) - odd :]]) for name, x in fields.items()
+        }
     return Extreme(**{name: x[0] for name, x in fields.items()})
 
 
 def _beyond(found: Extreme, y: Array, sides: Sequence[Array]) -> Extreme:
-    """Return the extremes of a piece with errors for how far its functions go on until a jump that nobody stated, in the
-    columns that have one at either of its sides."""
+    """Return the extremes of a piece with errors for how far its functions go on until a jump that nobody stated, in
+    the columns that have one at either of its sides."""
     for here, end, last in zip(sides, (y[::-1], y), (0, len(y) - 1)):
         if here.any():
             steps = [np.diff(end[-4:], k, axis=0)[-1] for k in range(min(len(end), 4))]
@@ -271,7 +275,7 @@ def _of_piece(y: Array, piece: slice, low: Array, high: Array) -> Extreme:
 
 
 def _largest_of_piece(y: Array, low: Array, high: Array) -> Extreme:
-    """Return the largest values of a piece, with times in samples; low, high (n,) : how far it reaches beyond its ends."""
+    """Return the largest values of a piece, with times in samples; low, high (n,) : how far it goes beyond its ends."""
     near = _near(roughness(y), len(y))
     bound = _tops(y, low, high)
     columns = np.arange(y.shape[1])

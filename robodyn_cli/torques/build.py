@@ -17,7 +17,6 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.program import InverseProgram, Sampled, expressions_of
 
 

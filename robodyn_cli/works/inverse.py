@@ -126,7 +126,7 @@ def _with_drives(records: list[Any], result: Result, program: InverseProgram, lo
 
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:
-    """Return the motion where figures are looked at (see ``looked_at``), if it has values there; else at its samples."""
+    """Return the motion where figures are looked at (see ``looked_at``), if it has values there, else its samples."""
     times = program.looked_at(len(sampled.times))
     if np.array_equal(times, sampled.times):
         return planned, sampled

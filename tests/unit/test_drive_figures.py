@@ -70,7 +70,9 @@ def test_half_as_many_samples() -> None:
             (duty.inertia, 2, 1),
         ):
             assert own is not None and np.allclose(own, factor * duty.times + more, rtol=1e-14)
-        assert np.interp(duty.breaks[0], np.arange(len(duty.times)), duty.times) == pytest.approx(1.5, rel=1e-14)
+        assert np.interp(duty.breaks[0], np.arange(len(duty.times)), duty.times) == pytest.approx(
+            1.5, rel=1e-14
+        )
 
 
 def test_temperatures_of_a_winding() -> None:

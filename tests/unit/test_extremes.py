@@ -75,8 +75,7 @@ def test_a_smooth_function_is_known_far_better_than_its_samples() -> None:
     assert top.error.max() < 1e-5 and abs(top.time[0] - np.pi / 2) < 1e-6
     value, time = tops(t, y)
     assert (
-        np.abs(value - largest(t, y).value).max() < 1e-12
-        and np.abs(time - largest(t, y).time).max() < 1e-9
+        np.abs(value - largest(t, y).value).max() < 1e-12 and np.abs(time - largest(t, y).time).max() < 1e-9
     )
 
 

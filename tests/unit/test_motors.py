@@ -123,7 +123,9 @@ def test_a_step_of_losses_warms_the_winding_as_the_network_does() -> None:
         network, (0.0, 900.0), [0.0, 0.0], args=(lambda t: 9.0,), t_eval=times, rtol=1e-11, atol=1e-11
     )
     assert np.allclose(found, exact.y[0], rtol=0.0, atol=1e-7)
-    assert np.allclose(THERMAL.warming(np.full((2, 11), 9.0), 3.0 * np.arange(11.0), periodic=True), 9.0 * 7.4, rtol=1e-12)
+    assert np.allclose(
+        THERMAL.warming(np.full((2, 11), 9.0), 3.0 * np.arange(11.0), periodic=True), 9.0 * 7.4, rtol=1e-12
+    )
 
 
 def test_after_many_cycles_the_temperature_is_periodic() -> None:

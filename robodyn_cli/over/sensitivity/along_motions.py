@@ -73,7 +73,9 @@ class InverseSlopes:
         self.program = program_of(scene)
         self.problem = self.program.problem
         _refuse(self.program)
-        self.loads = ReactionSamples(self.problem, len(self.led.course.times)) if scene.outputs.reactions else None
+        self.loads = (
+            ReactionSamples(self.problem, len(self.led.course.times)) if scene.outputs.reactions else None
+        )
         self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
 
     def _outputs(self) -> dict[str, Sequence[Scalar]]:
@@ -153,13 +155,16 @@ class InverseSlopes:
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
         loaded = Loaded.of(self.problem, sampled)
         figures = InverseFigures(
-            Termination("end of the trajectory", float(times[-1])), joint_figures(self.problem, sampled, loaded)
+            Termination("end of the trajectory", float(times[-1])),
+            joint_figures(self.problem, sampled, loaded),
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
             figures = dataclasses.replace(
                 figures,
-                reactions=PeakLoads(ABSENT, ABSENT, largest_loads(times, data, self.loads.names, loaded.breaks)),
+                reactions=PeakLoads(
+                    ABSENT, ABSENT, largest_loads(times, data, self.loads.names, loaded.breaks)
+                ),
             )
         if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
             figures = dataclasses.replace(figures, drives=self._drives(sampled, step, k))

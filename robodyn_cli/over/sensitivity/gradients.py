@@ -228,11 +228,14 @@ def _slopes(outputs: Sequence[str], give: Callable[[float, int], Any], step: flo
 
 
 def every_second(times: Array, every: int) -> NDArray[np.int_]:
-    """Return which samples at times (T,) to take: all, or, of an odd number in each stretch of uniform ones, each (-1) or
-    every second one (2)."""
+    """Return which samples at times (T,) to take: all, or, of an odd number in each stretch of uniform ones, each (-1)
+    or every second one (2)."""
     if every == ALL or len(times) < 3:
         return np.arange(len(times))
-    parts = [(part, np.arange((part.samples + 1) % 2, part.samples, 1 if every == ODD[0] else 2)) for part in stretches(times)]
+    parts = [
+        (part, np.arange((part.samples + 1) % 2, part.samples, 1 if every == ODD[0] else 2))
+        for part in stretches(times)
+    ]
     return np.unique(np.concatenate([(part.first[:, None] + own).ravel() for part, own in parts]))
 
 
