@@ -13,8 +13,7 @@ from robodyn_cli.motors.gear import Transmission
 from robodyn_cli.motors.kinds import StepperMotor
 from robodyn_cli.record import record
 from robodyn_cli.solve.extremes import largest, tops
-from robodyn_cli.solve.quadrature import integrate
-from robodyn_cli.solve.stretches import stretches, summed
+from robodyn_cli.solve.quadrature import integrate, stretches, summed
 from robodyn_cli.spatial.algebra import Array
 
 

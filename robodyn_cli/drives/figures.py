@@ -172,11 +172,17 @@ class Evaluated:
             },
         )
 
-    def _limit(self, name: str, use: Use) -> UsedLimit:
-        """Return the use of a limit; of one that no instant decides, or heat, the error is by fewer samples."""
+    def use_error(self, name: str) -> float:
+        """Return the error of the use of a limit; of one that no instant decides, or heat, by fewer samples."""
+        use = self.uses[name]
         error = 0.0 if use.error is None else float(use.error)
         if use.error is None or name == "winding":
             error = max(error, self.by_fewer(lambda x: x.uses[name].part))
+        return error
+
+    def _limit(self, name: str, use: Use) -> UsedLimit:
+        """Return the use of a limit."""
+        error = self.use_error(name)
         if use.at is None:
             return UsedLimit(float(use.part), error, ABSENT, ABSENT)
         off = float(use.off)

@@ -15,8 +15,7 @@ from robodyn_cli.observe.places import in_world
 from robodyn_cli.record import record
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Ready, Scene
-from robodyn_cli.solve.quadrature import places_of
-from robodyn_cli.solve.stretches import gaps_between
+from robodyn_cli.solve.quadrature import gaps_between, places_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import given_by_formulas, position_columns

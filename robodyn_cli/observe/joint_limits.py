@@ -12,8 +12,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.spans import sides
 from robodyn_cli.solve.extremes import largest
-from robodyn_cli.solve.quadrature import Breaks
-from robodyn_cli.solve.stretches import gaps_between
+from robodyn_cli.solve.quadrature import Breaks, gaps_between
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ sixth differences D of the samples bound what that leaves out,
 which covers smooth functions many times, and those that jump by J between two samples, where D = J, -5 J, 10 J, ...:
 off by no more than J and h J / 2. With fewer than seven samples the differences are of the highest order there is.
 Functions that jump at known places are taken in pieces, as in ``quadrature``. Samples need not be uniform (see
-``stretches``).
+``quadrature``).
 """
 
 from __future__ import annotations
@@ -25,14 +25,17 @@ from robodyn_cli.solve.quadrature import (
     OUTSIDE,
     POINTS,
     Breaks,
+    Figure,
+    gaps_between,
     integrate,
     integrate_positive,
     pieces,
     roughness,
     sampling_error,
     steps_beside,
+    stretches,
+    summed,
 )
-from robodyn_cli.solve.stretches import Figure, gaps_between, stretches, summed
 from robodyn_cli.spatial.algebra import Array
 
 TRIES = 3  # places of the largest samples that are looked at

@@ -21,8 +21,7 @@ from robodyn_cli.solve.extremes import (
     positive_integral,
     root_mean_square,
 )
-from robodyn_cli.solve.quadrature import integrate, spaced
-from robodyn_cli.solve.stretches import summed
+from robodyn_cli.solve.quadrature import integrate, spaced, summed
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual
 from robodyn_cli.summaries.inverse import InverseErrors, JointErrors, JointFigures

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -232,16 +233,17 @@ def summarise(
     """Return the summary of a run."""
     times, stopped = planned.times, planned.stopped
     breaks = spaced(knot_places(problem.scene, times), len(times))
+    closed = CLOSED if planned.residuals else 0.0  # how far positions may be off
     whole = Termination("end of the motion", float(times[-1]))
     return KinematicsSummary(
         termination=whole if stopped is None else stopped.termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
         warnings=_beyond_limits(problem, planned) or ABSENT,
-        joints=_joint_ranges(result, breaks, CLOSED if planned.residuals else 0.0),
+        joints=_joint_ranges(result, breaks, closed),
         points=_point_paths(result, breaks),
-        singular_ratio=_singular_ratio(result, breaks),
-        transmission_angle=_transmission(result, breaks),
+        singular_ratio=_singular_ratio(result, breaks, closed),
+        transmission_angle=_transmission(result, breaks, closed),
         error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
         counters=planned.counters,
     )
@@ -287,24 +289,26 @@ def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath
     return paths
 
 
-def _singular_ratio(result: Result, breaks: Sequence[float]) -> SingularRatio | Absent:
+def _singular_ratio(result: Result, breaks: Sequence[float], closed: float) -> SingularRatio | Absent:
     if "singularity/passive" not in result:
         return ABSENT
     ratio = result["singularity/passive"][:, -1:] / result["singularity/psi"][:, :1]
     least = smallest(result.time, ratio, breaks)
     # singular values are no less than 0, where they have kinks that a polynomial cuts off
     return SingularRatio(
-        max(0.0, float(least.value[0])), *(float(x[0]) for x in (least.error, least.time, least.time_error))
+        max(0.0, float(least.value[0])),
+        *(float(x[0]) for x in (least.error + closed, least.time, least.time_error)),
     )
 
 
-def _transmission(result: Result, breaks: Sequence[float]) -> TransmissionAngle | Absent:
+def _transmission(result: Result, breaks: Sequence[float], closed: float) -> TransmissionAngle | Absent:
     if "transmission_angle" not in result:
         return ABSENT
     angle = np.degrees(result["transmission_angle"])[:, None]
     low, high = (extreme(result.time, angle, breaks) for extreme in (smallest, largest))
     ends = (low, high)
-    errors = TransmissionErrors(*(float(x[0]) for end in ends for x in (end.error, end.time_error)))
+    off = math.degrees(closed)
+    errors = TransmissionErrors(*(float(x[0]) for end in ends for x in (end.error + off, end.time_error)))
     smallest_deg, smallest_time, largest_deg, largest_time = (
         float(x[0]) for end in ends for x in (end.value, end.time)
     )

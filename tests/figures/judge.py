@@ -80,6 +80,8 @@ def _at(tree: Any, steps: Sequence[str]) -> float | None:
     """Return the number at some steps, whose names may have dots in them; None where there is none."""
     if not steps:
         return tree if isinstance(tree, float) else None
+    if isinstance(tree, list):
+        tree = {str(k): x for k, x in enumerate(tree)}
     for k in range(1, len(steps) + 1):
         name = ".".join(steps[:k])
         if isinstance(tree, Mapping) and name in tree:

@@ -28,7 +28,7 @@ from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import EXACT, NARROWER, Slope, extrapolated
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import as_keys
-from robodyn_cli.solve.stretches import stretches
+from robodyn_cli.solve.quadrature import stretches
 from robodyn_cli.spatial.algebra import Array
 
 
