@@ -15,7 +15,7 @@ from robodyn_cli.observe.places import in_world
 from robodyn_cli.record import record
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Ready, Scene
-from robodyn_cli.solve.quadrature import gaps_between, places_of
+from robodyn_cli.solve.quadrature import GAP, gaps_between, places_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import given_by_formulas, position_columns
@@ -95,6 +95,7 @@ FEW, CLOSE = (
 MANY = 1024  # intervals of all pieces together that are shared out
 SAMPLED = 16  # intervals of a motion in one piece that suffice
 SIDE = 1e-6  # of the shorter piece beside a knot: so far from it are the samples on both of its sides
+BESIDE = 0.2 * GAP  # of the time between samples: no further than that
 SHORT = 1e-9  # of a motion: a piece no longer is none
 
 
@@ -114,10 +115,10 @@ def looked_at(times: Array, knots: Sequence[float]) -> Array:
     if samples < 1 or (count == 1 and samples >= SAMPLED):
         return times
     length = np.diff([*ends, last])
-    side = SIDE * np.minimum(length[1:], length[:-1])
+    intervals = 4 * -(-max(FEW, min(CLOSE, MANY // count), -(-samples // count)) // 4)
+    side = min(SIDE, BESIDE / intervals) * np.minimum(length[1:], length[:-1])
     begin, end = (np.array(ends) + np.append(0.0, side), np.append(ends[1:], last) - np.append(side, 0.0))
-    intervals = max(FEW, min(CLOSE, MANY // count), -(-samples // count))
-    return np.linspace(begin, end, 4 * -(-intervals // 4) + 1, axis=1).ravel()
+    return np.linspace(begin, end, intervals + 1, axis=1).ravel()
 
 
 def plan_motion(problem: Problem, times: Array) -> Planned:

@@ -242,7 +242,10 @@ def tops(times: Array, y: Array) -> tuple[Array, Array]:
     value, time = np.full(y.shape[1], -np.inf), np.zeros(y.shape[1])
     for part in stretches(times):
         columns = np.arange(y.shape[1])
-        top, at = (x.reshape(len(part.first), -1) for x in _uniform_tops(part.of(y)))
+        top, at = (
+            x.reshape(len(part.first), -1)
+            for x in _uniform_tops(part.of(y), *(np.repeat(x, y.shape[1]) for x in (part.low, part.high)))
+        )
         k = np.argmax(top, axis=0)
         better = top[k, columns] > value
         value = np.where(better, top[k, columns], value)
@@ -250,18 +253,17 @@ def tops(times: Array, y: Array) -> tuple[Array, Array]:
     return value, time
 
 
-def _uniform_tops(y: Array) -> tuple[Array, Array]:
+def _uniform_tops(y: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Return the largest values (n,) of many columns y (T, n), and their places in samples, without their errors."""
     columns, window = np.arange(y.shape[1]), min(len(y), 2 * POINTS + 1)
-    none = np.zeros(1)
-    j = np.argmax(_tops(y, none, none), axis=0)
+    j = np.argmax(_tops(y, low, high), axis=0)
     first = np.clip(j - POINTS, 0, len(y) - window)
     near = np.take_along_axis(y, first + np.arange(window)[:, None], axis=0)
     rough = roughness(near)
     k = np.arange(len(rough))[:, None] + first
     error = np.where((k <= j) & (k >= j - POINTS), rough, 0.0).max(axis=0)
     error = np.where((j < 2) | (j > len(y) - 3), OUTSIDE * error, error)
-    top, at, bend = _refined(y, j, none, none)
+    top, at, bend = _refined(y, j, low, high)
     trusted = (top - y[j, columns] > error) | (error < SMOOTH * bend)
     return np.where(trusted, top, y[j, columns]), np.where(trusted, at, j)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from robodyn_cli.given.motion import looked_at
 from robodyn_cli.solve.extremes import (
     integral,
     largest,
@@ -14,6 +15,7 @@ from robodyn_cli.solve.extremes import (
     smallest,
     tops,
 )
+from robodyn_cli.solve.quadrature import gaps_between
 
 FINE = 200_001
 
@@ -96,3 +98,41 @@ def test_uneven_samples() -> None:
     (value,), (error,) = integral(t, y)
     assert abs(value - (1.0 - np.cos(t[-1]))) <= error < 3e-4
     assert abs(largest(t, y).value[0] - 1.0) < 1e-12
+
+
+def test_pieces_between_known_jumps_are_known_however_short_they_are() -> None:
+    """Parabolas between jumps, of pieces of which the shortest is 1e-4 of the longest: from samples on both sides."""
+    rng = np.random.default_rng(5)
+    knots = np.cumsum(np.concatenate([10.0 ** rng.uniform(-4.0, 0.0, 40), [0.5]]))
+    ends = np.concatenate([[0.0], knots])
+    c, middle = rng.normal(size=(3, 41)), 0.5 * (ends[1:] + ends[:-1])
+
+    def value(t: np.ndarray) -> np.ndarray:
+        k = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, 40)
+        return c[0, k] + c[1, k] * (t - middle[k]) + c[2, k] * (t - middle[k]) ** 2
+
+    half = 0.5 * np.diff(ends)
+    exact = np.sum(2.0 * half * c[0] + c[2] * half**3 / 1.5)
+    tops_of_pieces = [c[0] + way * c[1] * half + c[2] * half**2 for way in (-1.0, 1.0)]
+    inner = np.abs(c[1]) < -2.0 * c[2] * half
+    highest = max(np.max(tops_of_pieces), np.max((c[0] - c[1] ** 2 / (4.0 * c[2]))[inner], initial=-np.inf))
+    for samples in (2, 31, 2000):
+        t = looked_at(np.linspace(0.0, ends[-1], samples), knots[:-1].tolist())
+        y = value(t)[:, None]
+        peak, (area,), (off,) = largest(t, y), *integral(t, y)
+        assert (
+            abs(peak.value[0] - highest) <= peak.error[0] + 1e-12 < 1e-5
+            and abs(area - exact) <= off + 1e-12 < 1e-3
+        )
+        assert tops(t, y)[0][0] == pytest.approx(highest, abs=1e-9)
+
+
+def test_where_figures_are_looked_at() -> None:
+    """Nowhere else where the samples suffice; else from knot to knot, in 4 n intervals each, with both ends."""
+    for samples, knots, count in ((17, (), 17), (16, (), 65), (11, (0.5,), 2 * 65), (2001, (0.5,), 2 * 1001)):
+        t = looked_at(np.linspace(0.0, 1.0, samples), knots)
+        assert len(t) == count and t[0] == 0.0 and t[-1] == 1.0 and np.all(np.diff(t) > 0.0)
+        assert gaps_between(t).tolist() == ([count // 2 - 1] if knots else [])
+    many = looked_at(np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 1001)[1:-1].tolist())
+    assert len(many) == 1000 * 9
+    assert len(looked_at(np.linspace(0.0, 1.0, 2), [0.5, 0.5 + 1e-12])) == 2 * 65
