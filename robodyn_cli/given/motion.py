@@ -93,7 +93,6 @@ FEW, CLOSE = (
     64,
 )  # intervals of each of many pieces of a motion, and of each of few, at which figures are looked at
 MANY = 1024  # intervals of all pieces together that are shared out
-SAMPLED = 16  # intervals of a motion in one piece that suffice
 SIDE = 1e-6  # of the shorter piece beside a knot: so far from it are the samples on both of its sides
 BESIDE = 0.2 * GAP  # of the time between samples: no further than that
 SHORT = 1e-9  # of a motion: a piece no longer is none
@@ -112,7 +111,7 @@ def looked_at(times: Array, knots: Sequence[float]) -> Array:
         if knot - ends[-1] > SHORT * (last - first) and last - knot > SHORT * (last - first):
             ends.append(knot)
     count, samples = len(ends), len(times) - 1
-    if samples < 1 or (count == 1 and samples >= SAMPLED):
+    if samples < 1 or (count == 1 and samples >= CLOSE):
         return times
     length = np.diff([*ends, last])
     intervals = 4 * -(-max(FEW, min(CLOSE, MANY // count), -(-samples // count)) // 4)

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from robodyn_cli import load_scene_text
+from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.ready.doors import along
@@ -237,9 +237,7 @@ def test_a_trajectory_may_only_narrow_the_limits_of_a_joint() -> None:
 def test_figures_of_the_least_time_do_not_depend_on_samples(tmp_path: Path) -> None:
     """Torques jump at hundreds of knots: peaks and means of few samples beside those of very many in each piece, along
     the path and along the table that it gives."""
-    scene = load_scene_text(
-        HEAD + "".join((TRAJECTORIES / "fastest_2r.yaml").read_text().partition("trajectory:")[1:])
-    )
+    scene = load_scene(TRAJECTORIES / "fastest_2r.yaml")
     found = inverse(scene)
     write(found, tmp_path / "result.h5")
     law = along(scene).trajectory.scaling.law
