@@ -94,7 +94,7 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
     found = list(known)
     for x in places:
         inside = SPACED < x < samples - 1 - SPACED
-        if inside and all(abs(x - other) >= SPACED for other in found):
+        if inside and all(abs(math.floor(x) - math.floor(other)) >= SPACED for other in found):
             # a sample at a break may be that of either side, or of none: it stands alone
             found += [round(x) * (1.0 - BESIDE), round(x) * (1.0 + BESIDE)] if abs(x - round(x)) < AT else [x]
     return sorted(found)
