@@ -49,7 +49,7 @@ def random_path(seed: int) -> Scene:
 def _needed(scene: Scene) -> np.ndarray:
     """Return the torques (n,) that a slow motion on the path, half a unit of it a second, needs at most."""
     program = build_inverse(along(dataclasses.replace(scene, trajectory=scene.trajectory.way)))
-    way = program.plan(301).motion
+    way = program.plan(program.times(301)).motion
     torques = InverseDynamics(program.problem)
     slow = np.abs(torques(way.q, 0.5 * way.qd, 0.25 * way.qdd)).max(axis=0)
     moving = np.abs(torques(way.q, 0.5 * way.qd, 0.25 * way.qdd + 0.5 * way.qd)).max(axis=0)

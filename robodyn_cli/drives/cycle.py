@@ -13,24 +13,25 @@ from robodyn_cli.motors.gear import Transmission
 from robodyn_cli.motors.kinds import StepperMotor
 from robodyn_cli.record import record
 from robodyn_cli.solve.extremes import largest, tops
-from robodyn_cli.solve.quadrature import integrate
+from robodyn_cli.solve.quadrature import integrate, stretches, summed
 from robodyn_cli.spatial.algebra import Array
 
 
 @record
 class CycleSamples:
-    """Uniform samples in time, and integrals of what they are of.
+    """Samples in time, and integrals of what they are of.
 
-    step : time between them [s]. breaks : where functions jump, in steps from the first sample (see ``quadrature``).
+    times : of the samples (T,) [s]. breaks : where functions jump, in steps from the first sample (see ``quadrature``).
     """
 
-    step: float
+    times: Array
     breaks: tuple[float, ...] = ()
 
     def mean(self, y: Array) -> Array:
         """Return the time averages (...,) of y (..., T)."""
         flat = y.reshape(-1, y.shape[-1]).T
-        means: Array = integrate(flat, 1.0 / (len(flat) - 1), self.breaks).reshape(y.shape[:-1])
+        duration = self.times[-1] - self.times[0]
+        means: Array = summed(integrate, self.times, flat, self.breaks).reshape(y.shape[:-1]) / duration
         return means
 
     def rms(self, y: Array) -> Array:
@@ -40,7 +41,7 @@ class CycleSamples:
 
 @record
 class Duty:
-    """The motion of a joint and what its drives must bear, at T uniform samples.
+    """The motion of a joint and what its drives must bear, at T samples.
 
     speed, acceleration : (T,) of its coordinate [rad or m, per s and s^2]. load : (T,) torque or force that the gears
     give the mechanism [N m or N], that of rotors and gears left out. hold : (T,) what holds the pose at rest. inertia :
@@ -58,18 +59,23 @@ class Duty:
     @property
     def samples(self) -> CycleSamples:
         """Its samples."""
-        return CycleSamples(float(self.times[1] - self.times[0]), self.breaks)
+        return CycleSamples(self.times, self.breaks)
 
     def thinned(self) -> Duty:
-        """Return half as many samples: every second one, or, of an even number, those that lie on straight lines."""
-        count = max((len(self.times) + 1) // 2, 2)
-        times = np.linspace(self.times[0], self.times[-1], count)
+        """Return half as many samples of each uniform stretch: every second one, or, of an even number, those that lie
+        on straight lines."""
+        parts = []
+        for part in stretches(self.times):
+            ends = self.times[part.first], self.times[part.first + part.samples - 1]
+            parts.append(np.linspace(*ends, max((part.samples + 1) // 2, 2)).ravel())
+        times = np.unique(np.concatenate(parts))
         arrays = {x: getattr(self, x) for x in ("speed", "acceleration", "load", "hold", "inertia")}
         half: dict[str, Any] = {
             name: None if x is None else np.interp(times, self.times, x) for name, x in arrays.items()
         }
-        shorter = (count - 1) / (len(self.times) - 1)
-        return dataclasses.replace(self, times=times, **half, breaks=tuple(shorter * x for x in self.breaks))
+        places = np.interp(times, self.times, np.arange(float(len(self.times))))
+        breaks = np.interp(self.breaks, places, np.arange(float(len(times))))
+        return dataclasses.replace(self, times=times, **half, breaks=tuple(breaks.tolist()))
 
 
 @record
@@ -165,15 +171,15 @@ def _heated(
     settles = np.isfinite(mean)
     growth = thermal.growth(np.where(settles, mean, thermal.max_temperature))
     copper = cold * growth[..., None]
-    warm = supply.ambient + thermal.warming(copper, samples.step, periodic=True)
+    warm = supply.ambient + thermal.warming(copper, samples.times, periodic=True)
     return MotorCycle(*parts, copper, warm, settles)
 
 
 # -- limits ------------------------------------------------------------------------------------------------
 @record
 class Use:
-    """How much of a limit a cycle uses (...,), 1 : all of it; at : the place that decides, in samples, None for a mean;
-    error, off : of the use and of the place, of one cycle."""
+    """How much of a limit a cycle uses (...,), 1 : all of it; at : the time that decides [s], None for a mean; error,
+    off : of the use and of the time, of one cycle."""
 
     part: Array
     at: Array | None = None
@@ -181,13 +187,13 @@ class Use:
     off: Any = None
 
     @staticmethod
-    def most(part: Array) -> Use:
+    def most(part: Array, times: Array) -> Use:
         """Return the largest use of samples (..., T): of one cycle between the samples too, see ``extremes``."""
-        value, at = (x.reshape(part.shape[:-1]) for x in tops(part.reshape(-1, part.shape[-1]).T))
+        value, at = (x.reshape(part.shape[:-1]) for x in tops(times, part.reshape(-1, part.shape[-1]).T))
         if part.ndim > 1:
             return Use(value, at)
-        top = largest(np.arange(float(len(part))), part[:, None])
-        error, off = top.error[0] + abs(top.value[0] - value), top.time_error[0] + abs(top.at[0] - at)
+        top = largest(times, part[:, None])
+        error, off = top.error[0] + abs(top.value[0] - value), top.time_error[0] + abs(top.time[0] - at)
         return Use(value, at, error, off)
 
 
@@ -209,7 +215,7 @@ def motor_limits(
     ``peak`` : of its envelope. ``continuous`` : of its rated current, or of its continuous envelope at the rms
     speed. ``winding`` : of the warming that its winding bears.
     """
-    uses = {"peak": Use.most(peak_use(curves, cycle))}
+    uses = {"peak": Use.most(peak_use(curves, cycle), samples.times)}
     thermal = motor.thermal
     if isinstance(motor, Electric) and motor.rated_current is not None:
         assert cycle.current is not None
@@ -220,7 +226,7 @@ def motor_limits(
         bears = thermal.max_temperature - supply.ambient
         part = (cycle.temperature - supply.ambient) / bears
         # the losses of a stepper are always the same
-        uses["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part)
+        uses["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part, samples.times)
     return uses
 
 
@@ -239,7 +245,7 @@ def gear_limits(
     uses: dict[str, Use] = {}
     size, rate = np.abs(load), np.abs(speed)
     if gear.peak_torque is not None:
-        uses["gear_peak"] = Use.most(size / gear.peak_torque)
+        uses["gear_peak"] = Use.most(size / gear.peak_torque, samples.times)
     if gear.rated_torque is not None:
         turned = samples.mean(rate)
         cube = samples.mean(rate * size**3)
@@ -247,7 +253,7 @@ def gear_limits(
             mean = np.cbrt(np.maximum(cube, 0.0) / turned)
         uses["gear_rated"] = Use(np.where(turned > 0.0, mean, size.max(axis=-1)) / gear.rated_torque)
     if gear.max_speed is not None:
-        uses["gear_speed"] = Use.most(rate * turns / gear.max_speed)
+        uses["gear_speed"] = Use.most(rate * turns / gear.max_speed, samples.times)
     return uses
 
 
@@ -259,5 +265,5 @@ def other_limits(train: Train, duty: Duty) -> dict[str, Use]:
         uses |= gear_limits(train.gear, share, duty.speed, train.turns, duty.samples)
     if train.brake is not None and duty.hold is not None:
         held = train.brake.holding_torque * train.turns * train.drive.count
-        uses["brake"] = Use.most(np.abs(duty.hold) / held)
+        uses["brake"] = Use.most(np.abs(duty.hold) / held, duty.times)
     return uses

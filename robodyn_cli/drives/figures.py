@@ -172,28 +172,34 @@ class Evaluated:
             },
         )
 
-    def _limit(self, name: str, use: Use) -> UsedLimit:
-        """Return the use of a limit; of one that no instant decides, or heat, the error is by fewer samples."""
+    def use_error(self, name: str) -> float:
+        """Return the error of the use of a limit; of one that no instant decides, or heat, by fewer samples."""
+        use = self.uses[name]
         error = 0.0 if use.error is None else float(use.error)
         if use.error is None or name == "winding":
             error = max(error, self.by_fewer(lambda x: x.uses[name].part))
+        return error
+
+    def _limit(self, name: str, use: Use) -> UsedLimit:
+        """Return the use of a limit."""
+        error = self.use_error(name)
         if use.at is None:
             return UsedLimit(float(use.part), error, ABSENT, ABSENT)
-        off = float(self.duty.samples.step * use.off)
+        off = float(use.off)
         if name == "winding":
             off = max(off, self.by_fewer(lambda x: x._time_of(name)))
         return UsedLimit(float(use.part), error, self._time_of(name), off)
 
     def _time_of(self, name: str) -> float:
         """Return when most of a limit is used [s]."""
-        return float(self.duty.times[0] + self.duty.samples.step * np.float64(self.uses[name].at))
+        return float(np.float64(self.uses[name].at))
 
     def _temperatures(self) -> tuple[float, float, float] | None:
         """Return peak, mean and the end of a first cycle [degC]; None where they are not known, or not steady."""
         cycle, samples, thermal = self.cycle, self.duty.samples, self.train.motor.thermal
         if thermal is None or cycle.temperature is None or cycle.copper is None or not cycle.settles:
             return None
-        first = thermal.warming(cycle.copper, samples.step, periodic=False)[-1]
+        first = thermal.warming(cycle.copper, samples.times, periodic=False)[-1]
         peak = largest(self.duty.times, cycle.temperature[:, None]).value[0]
         return float(peak), float(samples.mean(cycle.temperature)), self.train.supply.ambient + float(first)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
@@ -36,13 +36,13 @@ def with_drives(
     result: Result,
     scene: Scene,
     problem: Problem,
-    breaks: Sequence[float] | None = None,
+    moved: Moved | None = None,
     again: tuple[Recorder, float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
-    breaks : where torques jump or bend, in steps from the first sample; by default at the events of the motion. again :
+    moved : the motion where figures are looked at; by default at the samples, with breaks at its events. again :
         samples of a second integration, and times the difference of figures is their error.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
@@ -52,11 +52,11 @@ def with_drives(
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
-    breaks = tuple(
-        breaks_at(times, (float(event["time"]) for event in result.events)) if breaks is None else breaks
-    )
-    drives = Drives.of(scene, problem, Moved.of(result.__getitem__, breaks))
-    drives.add_to(result)
+    breaks = tuple(breaks_at(times, (float(event["time"]) for event in result.events)))
+    at_samples = drives = Drives.of(scene, problem, Moved.of(result.__getitem__, breaks))
+    if moved is not None:
+        drives = Drives.of(scene, problem, moved)
+    at_samples.add_to(result)
     figures = drives.figures()
     if again is not None:
         recorder, factor = again
@@ -92,7 +92,7 @@ def _warned(summary: Any, more: list[str]) -> Any:
 
 @record
 class Moved:
-    """A motion at uniform times (T,): q (T, nq), and rates, accelerations and actuator torques (T, nv). breaks : where
+    """A motion at times (T,): q (T, nq), and rates, accelerations and actuator torques (T, nv). breaks : where
     these jump, in steps from the first sample."""
 
     times: Array

@@ -76,15 +76,19 @@ def figures(scaling: Scaling, model: Model, sampled: Sampled) -> FastestFigures:
     """Return the figures of a motion."""
     names, use = use_of_limits(scaling, model, sampled)
     binding = _binding(use)
-    parts = {name: float(np.mean(binding == k)) for k, name in enumerate(names)}
-    ends = binding[1:] != binding[:-1]
-    changes = [np.count_nonzero(ends & ((binding[1:] == k) | (binding[:-1] == k))) for k in range(len(names))]
+    duration, steps = scaling.law.duration, np.diff(sampled.times)
+    share = np.append(steps, 0.0) + np.append(
+        0.0, steps
+    )  # half of the time to the samples on both sides, twice
+    parts = {name: float(share[binding == k].sum()) / (2.0 * duration) for k, name in enumerate(names)}
+    unlike = np.where(binding[1:] != binding[:-1], 0.5 * steps, 0.0)
+    off = [unlike[(binding[1:] == k) | (binding[:-1] == k)].sum() for k in range(len(names))]
     return FastestFigures(
-        duration=scaling.law.duration,
+        duration=duration,
         duration_error=scaling.error,
         largest_use=float(use.max()),
         binding={name: x for name, x in parts.items() if x > 0.0},
-        binding_error=(max(changes) + 1) / len(binding),
+        binding_error=float(max(off) + 0.5 * steps.max()) / duration,
         intervals=scaling.intervals,
     )
 

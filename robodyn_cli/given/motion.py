@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from robodyn_cli.observe.places import in_world
 from robodyn_cli.record import record
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Ready, Scene
+from robodyn_cli.solve.quadrature import GAP, gaps_between, places_of
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.led import given_by_formulas, position_columns
@@ -73,12 +75,49 @@ def motion_duration(scene: Scene) -> float:
     return float(scene.trajectory.duration if scene.trajectory is not None else scene.simulate.duration)
 
 
-def knots_of(scene: Scene, times: Array) -> list[float]:
-    """Return where the trajectory of a scene has knots, in steps from the first of uniform times (T,)."""
+def knots_of(scene: Scene) -> list[float]:
+    """Return the times [s] at which the trajectory of a scene has knots, as far as it knows them."""
     trajectory = scene.trajectory
-    knots = () if trajectory is None or trajectory.knots is None else trajectory.knots
-    step = float(times[-1] - times[0]) / max(len(times) - 1, 1)
-    return [(float(knot) - float(times[0])) / step for knot in knots] if step > 0.0 else []
+    return [] if trajectory is None or trajectory.knots is None else [float(x) for x in trajectory.knots]
+
+
+def knot_places(scene: Scene, times: Array) -> list[float]:
+    """Return where the trajectory of a scene has knots among times (T,), in steps from the first: where samples lie on
+    both sides of some, these."""
+    gaps = gaps_between(times)
+    return (gaps + 0.5).tolist() if gaps.size else places_of(knots_of(scene), times)
+
+
+FEW, CLOSE = (
+    8,
+    64,
+)  # intervals of each of many pieces of a motion, and of each of few, at which figures are looked at
+MANY = 1024  # intervals of all pieces together that are shared out
+SIDE = 1e-6  # of the shorter piece beside a knot: so far from it are the samples on both of its sides
+BESIDE = 0.2 * GAP  # of the time between samples: no further than that
+SHORT = 1e-9  # of a motion: a piece no longer is none
+
+
+def looked_at(times: Array, knots: Sequence[float]) -> Array:
+    """Return the times at which figures of a motion are looked at, whatever its samples at times (T,) are.
+
+    In each piece from knot to knot, to both of its ends, they are as many, and no fewer in all than the samples.
+
+    A piece has 4 n intervals, so that the parts of its samples are uniform too.
+    """
+    first, last = float(times[0]), float(times[-1])
+    ends = [first]
+    for knot in sorted(knots):
+        if knot - ends[-1] > SHORT * (last - first) and last - knot > SHORT * (last - first):
+            ends.append(knot)
+    count, samples = len(ends), len(times) - 1
+    if samples < 1 or (count == 1 and samples >= CLOSE):
+        return times
+    length = np.diff([*ends, last])
+    intervals = 4 * -(-max(FEW, min(CLOSE, MANY // count), -(-samples // count)) // 4)
+    side = min(SIDE, BESIDE / intervals) * np.minimum(length[1:], length[:-1])
+    begin, end = (np.array(ends) + np.append(0.0, side), np.append(ends[1:], last) - np.append(side, 0.0))
+    return np.linspace(begin, end, intervals + 1, axis=1).ravel()
 
 
 def plan_motion(problem: Problem, times: Array) -> Planned:

@@ -134,22 +134,22 @@ class Thermal:
             mean = ambient + heat * self.growth(np.asarray(ambient)) / rest
         return np.where(rest > 0.0, mean, np.inf)
 
-    def warming(self, losses: Array, step: float, periodic: bool) -> Array:
+    def warming(self, losses: Array, times: Array, periodic: bool) -> Array:
         """Return by how much the winding is warmer than the surroundings (..., T) [K] over a cycle.
 
-        The exact solution for losses (..., T) [W] that are linear between samples ``step`` apart [s]: in the steady
+        The exact solution for losses (..., T) [W] that are linear between samples at times (T,) [s]: in the steady
         periodic state, or beginning with all at the temperature of the surroundings.
         """
         total: Array = np.zeros(np.shape(losses))
         for rate, part in self._modes():
-            a, first, second = _weights(rate, step)
+            a, first, second = _weights(rate, np.diff(times))
             given = np.zeros(np.shape(losses))
             given[..., 1:] = first * losses[..., :-1] + second * losses[..., 1:]
             warmth = _accumulated(given, a)
             if periodic:
-                samples = np.arange(warmth.shape[-1])
-                start = warmth[..., -1:] / -math.expm1(-rate * step * samples[-1])
-                warmth = warmth + start * np.exp(-rate * step * samples)
+                since = times - times[0]
+                start = warmth[..., -1:] / -math.expm1(-rate * since[-1])
+                warmth = warmth + start * np.exp(-rate * since)
             total += part * warmth
         return total
 
@@ -164,28 +164,33 @@ class Thermal:
         return [(fast, (fast - d) / (fast - slow) / C1), (slow, (d - slow) / (fast - slow) / C1)]
 
 
-def _weights(rate: float, step: float) -> tuple[float, float, float]:
-    """Return exp(-rate step), and the integrals of exp(-rate (step - s)) (1 - s / step) and of exp(..) s / step."""
-    x = rate * step
-    whole = -math.expm1(-x) / rate
+def _weights(rate: float, steps: Array) -> tuple[Array, Array, Array]:
+    """Return exp(-rate step), and the integrals of exp(-rate (step - s)) (1 - s / step) and of exp(..) s / step, of
+    each of steps (T - 1,)."""
+    x = rate * steps
+    whole = -np.expm1(-x) / rate
     # of s / step: (x - 1 + exp(-x)) / x^2 step; as a series where that cancels
-    second = step * (0.5 - x / 6.0 + x * x / 24.0 if x < 1e-4 else (x + math.expm1(-x)) / (x * x))
-    return math.exp(-x), whole - second, second
+    small, large = x < 1e-4, np.maximum(x, 1e-4)
+    second = steps * np.where(small, 0.5 - x / 6.0 + x * x / 24.0, (large + np.expm1(-large)) / large**2)
+    return np.exp(-x), whole - second, second
 
 
-def _accumulated(given: Array, a: float) -> Array:
-    """Return x (..., T) with x_k = a x_(k-1) + given_k: within blocks side by side, then from block to block."""
+def _accumulated(given: Array, a: Array) -> Array:
+    """Return x (..., T) with x_k = a_(k-1) x_(k-1) + given_k: within blocks side by side, then from block to block."""
     samples = given.shape[-1]
     length = math.isqrt(samples - 1) + 1
     blocks = -(-samples // length)
     padded = np.zeros((*given.shape[:-1], blocks * length))
     padded[..., :samples] = given
     x = np.moveaxis(padded.reshape(*given.shape[:-1], blocks, length), -1, 0).copy()  # (length, ..., blocks)
+    factors = np.ones(blocks * length)
+    factors[1:samples] = a
+    factors = factors.reshape(blocks, length).T  # (length, blocks)
     for k in range(1, length):
-        x[k] += a * x[k - 1]
+        x[k] += factors[k].reshape(*[1] * (x.ndim - 2), blocks) * x[k - 1]
+    since = np.cumprod(factors, axis=0)
     before = np.zeros(x.shape[1:])  # the last entry of the block before
     for block in range(1, blocks):
-        before[..., block] = x[-1][..., block - 1] + a**length * before[..., block - 1]
-    powers = a ** np.arange(1, length + 1)
-    x += powers.reshape(-1, *[1] * before.ndim) * before
+        before[..., block] = x[-1][..., block - 1] + since[-1, block - 1] * before[..., block - 1]
+    x += since.reshape(length, *[1] * (x.ndim - 2), blocks) * before
     return np.moveaxis(x, 0, -1).reshape(padded.shape)[..., :samples]

@@ -12,7 +12,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.spans import sides
 from robodyn_cli.solve.extremes import largest
-from robodyn_cli.solve.quadrature import Breaks
+from robodyn_cli.solve.quadrature import Breaks, gaps_between
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
@@ -112,8 +112,11 @@ def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -
     """
     unit = joint.unit
     columns = {name: values[:, joint.velocity] for name, values in rates.items()}
+    own = np.delete(
+        np.arange(len(times)), gaps_between(times)
+    )  # between both sides of a jump there is no mean
     if "qdd" in columns:
-        columns["jerk"] = np.diff(columns["qdd"]) / np.diff(times)
+        columns["jerk"] = np.diff(columns["qdd"][own]) / np.diff(times[own])
     for name, column, limit_unit in (
         ("speed", "qd", f"{unit}/s"),
         ("acceleration", "qdd", f"{unit}/s^2"),
@@ -124,12 +127,13 @@ def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -
         if limit is None or column not in columns:
             continue
         values = columns[column]
+        at = times[own] if name == "jerk" else times
         if isinstance(limit, tuple):
             low, high = sides(limit)
-            yield Bound(name, low, values, low - values, limit_unit, times)
-            yield Bound(name, high, values, values - high, limit_unit, times)
+            yield Bound(name, low, values, low - values, limit_unit, at)
+            yield Bound(name, high, values, values - high, limit_unit, at)
         else:
-            yield Bound(name, limit, values, np.abs(values) - limit, limit_unit, times)
+            yield Bound(name, limit, values, np.abs(values) - limit, limit_unit, at)
 
 
 def limit_warnings(

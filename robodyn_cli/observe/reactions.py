@@ -123,9 +123,9 @@ class Loads:
         """Add them to a result."""
         self.samples.add(result, self.data)
 
-    def summary(self) -> PeakLoads:
-        """Return what the summary says."""
-        return self.samples.described(figures(self.times, self.data, self.samples.names))
+    def summary(self, breaks: Breaks) -> PeakLoads:
+        """Return what the summary says. breaks : where loads jump, in steps from the first sample."""
+        return self.samples.described(self.samples.largest(self.times, self.data, breaks))
 
 
 def loads_along(

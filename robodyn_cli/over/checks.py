@@ -50,7 +50,7 @@ def inverse(scene: Scene) -> Missing:
     from robodyn_cli.works.inverse import program_of
 
     program = program_of(scene)
-    planned = _tried(program.plan, scene.inverse.samples)
+    planned = _tried(lambda samples: program.plan(program.times(samples)), scene.inverse.samples)
     motion, times = planned.motion, planned.times
     refuse_indefinite(program.problem.scene, motion.q[few(len(times))])
     missing = unknown_among([x for term in program.terms.values() for x in term])

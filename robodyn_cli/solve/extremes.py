@@ -7,27 +7,39 @@ sixth differences D of the samples bound what that leaves out,
 
 which covers smooth functions many times, and those that jump by J between two samples, where D = J, -5 J, 10 J, ...:
 off by no more than J and h J / 2. With fewer than seven samples the differences are of the highest order there is.
-Functions that jump at known places are taken in pieces, as in ``quadrature``.
+Functions that jump at known places are taken in pieces, as in ``quadrature``. Samples need not be uniform (see
+``quadrature``).
 """
 
 from __future__ import annotations
 
 import dataclasses
-import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.quadrature import AT, POINTS, Breaks, integrate, integrate_positive, pieces
+from robodyn_cli.solve.quadrature import (
+    OUTSIDE,
+    POINTS,
+    Breaks,
+    Figure,
+    gaps_between,
+    integrate,
+    integrate_positive,
+    pieces,
+    roughness,
+    sampling_error,
+    steps_beside,
+    stretches,
+    summed,
+)
 from robodyn_cli.spatial.algebra import Array
 
 TRIES = 3  # places of the largest samples that are looked at
-OUTSIDE = 10.0  # times the bound: beyond samples, and for a jump beside the first or the last one
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
-INTEGRAL = 10.0 / 64.0  # of an integral over that of values
 LOOKED = 17  # points between neighbours at which a polynomial is evaluated first
 FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
@@ -69,37 +81,58 @@ class Extreme:
 
 def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the largest values of y (T, n) at times (T,), which are best uniform; breaks : see ``quadrature``."""
-    return _gathered([_largest(times, y[:, own], breaks, hidden) for own, hidden in _hidden(y, breaks)])
+    return _gathered(
+        [_largest(times, y[:, own], breaks, hidden) for own, hidden in _hidden(times, y, breaks)]
+    )
 
 
 def _largest(times: Array, y: Array, breaks: Breaks, hidden: Hidden) -> Extreme:
     """Return the largest values of columns whose hidden jumps lie between the same samples."""
     found: Extreme | None = None
-    for part, step in _uniform(times):
-        inside = [x - part.start for x in (*breaks, *hidden)]
-        for piece, low, high in pieces(part.stop - part.start, inside):
-            sides = (piece.start + part.start - 1 in hidden, piece.stop + part.start - 1 in hidden)
-            own = _of_piece(y[part], piece, 0.0 if sides[0] else low, 0.0 if sides[1] else high)
-            own = _beyond(own, y[part][piece], sides)
-            at, first = own.at + piece.start, times[part.start]
+    n = y.shape[1]
+    for part in stretches(times, [*breaks, *hidden]):
+        block, starts = part.of(y), np.repeat(part.first, n)
+        for piece, low, high in pieces(part.samples, part.breaks):
+            sides = [np.isin(starts + k - 1, hidden) for k in (piece.start, piece.stop)]
+            reach = [np.repeat(x, n) for x in part.reach(piece, low, high)]
+            own = _of_piece(block, piece, *(np.where(jump, 0.0, x) for jump, x in zip(sides, reach)))
+            own = _beyond(own, block[piece], sides)
+            at, step = own.at + piece.start, np.repeat(part.step, n)
             there = dataclasses.replace(
-                own, at=at + part.start, time=first + step * at, time_error=step * own.time_error
+                own, at=at + starts, time=times[starts] + step * at, time_error=step * own.time_error
             )
+            there = _over_stretches(there, n)
             found = there if found is None else found.or_larger(there)
     assert found is not None
     # samples that follow no smooth function say no more than their range
     return dataclasses.replace(found, error=np.minimum(found.error, 2.0 * np.ptp(y, axis=0)))
 
 
-def _beyond(found: Extreme, y: Array, sides: tuple[bool, bool]) -> Extreme:
-    """Return the extremes of a piece with errors for how far its functions go on until a jump that nobody stated."""
+def _over_stretches(found: Extreme, n: int) -> Extreme:
+    """Return the extremes of n columns over all stretches from those of each stretch (P n,)."""
+    fields = {f.name: getattr(found, f.name).reshape(-1, n) for f in dataclasses.fields(Extreme)}
+    while len(fields["value"]) > 1:
+        one, two = ({name: x[k : len(x) - len(x) % 2 : 2] for name, x in fields.items()} for k in (0, 1))
+        both = Extreme(**one).or_larger(Extreme(**two))
+        odd = len(fields["value"]) % 2
+        fields = {
+            name: np.concatenate([getattr(both, name), x[len(x) - odd :]]) for name, x in fields.items()
+        }
+    return Extreme(**{name: x[0] for name, x in fields.items()})
+
+
+def _beyond(found: Extreme, y: Array, sides: Sequence[Array]) -> Extreme:
+    """Return the extremes of a piece with errors for how far its functions go on until a jump that nobody stated, in
+    the columns that have one at either of its sides."""
     for here, end, last in zip(sides, (y[::-1], y), (0, len(y) - 1)):
-        if here:
+        if here.any():
             steps = [np.diff(end[-4:], k, axis=0)[-1] for k in range(min(len(end), 4))]
             more = sum(steps[:3]) + abs(steps[3] if len(steps) > 3 else 0.0) - found.value
             away = np.where(more > 0.0, np.abs(found.at - last) + 1.0, 0.0)
             found = dataclasses.replace(
-                found, error=np.maximum(found.error, more), time_error=np.maximum(found.time_error, away)
+                found,
+                error=np.where(here, np.maximum(found.error, more), found.error),
+                time_error=np.where(here, np.maximum(found.time_error, away), found.time_error),
             )
     return found
 
@@ -114,12 +147,12 @@ def _gathered(parts: Sequence[Extreme]) -> Extreme:
     return Extreme(**fields)
 
 
-def _hidden(y: Array, breaks: Breaks) -> Sequence[tuple[slice, Hidden]]:
+def _hidden(times: Array, y: Array, breaks: Breaks) -> Sequence[tuple[slice, Hidden]]:
     """Return columns of y (T, n) with the samples behind which they jump or bend where nobody stated it."""
     if len(y) < 2 * POINTS:
         return [(slice(None), ())]
     rough = np.abs(np.diff(y, POINTS, axis=0))
-    for x in breaks:
+    for x in [*breaks, *gaps_between(times)]:
         rough[max(math.floor(x) - POINTS + 1, 0) : math.floor(x) + 1] = 0.0
     doubtful = rough.max(axis=0) > HIDDEN * np.ptp(y, axis=0)
     jumps = {k: _jumps(rough[:, k], float(np.ptp(y[:, k]))) for k in np.flatnonzero(doubtful).tolist()}
@@ -191,98 +224,65 @@ def root_mean_square(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array
     return root, np.maximum(np.sqrt(square + off) - root, root - np.sqrt(np.maximum(square - off, 0.0)))
 
 
-def _summed(
-    figure: Callable[[Array, float, Breaks], Array], times: Array, y: Array, breaks: Breaks
-) -> tuple[Array, Array]:
+def _summed(figure: Figure, times: Array, y: Array, breaks: Breaks) -> tuple[Array, Array]:
     """Return the sum of a figure (n,) over the stretches of time in which samples are uniform, and its error."""
     values, errors = np.zeros(y.shape[1]), np.zeros(y.shape[1])
-    for own, hidden in _hidden(y, breaks):
+    for own, hidden in _hidden(times, y, breaks):
         # where the jump is between its two samples is not known: in the middle
         places = [*breaks, *(k + 0.5 for k in hidden)]
-        for part, step in _uniform(times):
-            inside = [x - part.start for x in places]
-            values[own] += figure(y[part, own], step, inside)
-            errors[own] += sampling_error(y[part, own], step, inside)
+        values[own] = summed(figure, times, y[:, own], places)
+        errors[own] = summed(sampling_error, times, y[:, own], places)
         for k in hidden:
             gap = np.abs(y[k + 1, own] - y[k, own]) + np.abs(y[k, own] - y[k - 1, own])
             errors[own] += 0.5 * (times[k + 1] - times[k]) * gap
     return values, errors
 
 
-def _uniform(times: Array) -> list[tuple[slice, float]]:
-    """Return the stretches of uniform samples, of which one ends where the next begins, and their steps [s]."""
-    steps = np.diff(times)
-    if not len(steps):
-        return [(slice(0, 1), 0.0)]
-    cuts = np.flatnonzero(np.abs(np.diff(steps)) > ALIKE * float(np.abs(steps).max())) + 1
-    ends = [0, *cuts.tolist(), len(steps)]
-    return [(slice(a, b + 1), float(times[b] - times[a]) / (b - a)) for a, b in itertools.pairwise(ends)]
+def tops(times: Array, y: Array) -> tuple[Array, Array]:
+    """Return the largest values (n,) of many columns y (T, n), and their times, without their errors."""
+    value, time = np.full(y.shape[1], -np.inf), np.zeros(y.shape[1])
+    for part in stretches(times):
+        columns = np.arange(y.shape[1])
+        top, at = (
+            x.reshape(len(part.first), -1)
+            for x in _uniform_tops(part.of(y), *(np.repeat(x, y.shape[1]) for x in (part.low, part.high)))
+        )
+        k = np.argmax(top, axis=0)
+        better = top[k, columns] > value
+        value = np.where(better, top[k, columns], value)
+        time = np.where(better, times[part.first[k]] + part.step[k] * at[k, columns], time)
+    return value, time
 
 
-def tops(y: Array) -> tuple[Array, Array]:
+def _uniform_tops(y: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Return the largest values (n,) of many columns y (T, n), and their places in samples, without their errors."""
     columns, window = np.arange(y.shape[1]), min(len(y), 2 * POINTS + 1)
-    j = np.argmax(_tops(y, 0.0, 0.0), axis=0)
+    j = np.argmax(_tops(y, low, high), axis=0)
     first = np.clip(j - POINTS, 0, len(y) - window)
     near = np.take_along_axis(y, first + np.arange(window)[:, None], axis=0)
-    rough = _roughness(near)
+    rough = roughness(near)
     k = np.arange(len(rough))[:, None] + first
     error = np.where((k <= j) & (k >= j - POINTS), rough, 0.0).max(axis=0)
     error = np.where((j < 2) | (j > len(y) - 3), OUTSIDE * error, error)
-    top, at, bend = _refined(y, j, 0.0, 0.0)
+    top, at, bend = _refined(y, j, low, high)
     trusted = (top - y[j, columns] > error) | (error < SMOOTH * bend)
     return np.where(trusted, top, y[j, columns]), np.where(trusted, at, j)
 
 
-def _of_piece(y: Array, piece: slice, low: float, high: float) -> Extreme:
+def _of_piece(y: Array, piece: slice, low: Array, high: Array) -> Extreme:
     """Return the largest values of a piece of samples, with times in samples from its first."""
     found = _largest_of_piece(y[piece], low, high)
     if piece.stop - piece.start > 1 or len(y) == 1:
         return found
     # of a single sample between two jumps it is not known where it leads
-    beside = _steps_beside(y, piece)
-    reach = min(1.0, low + high)
-    return dataclasses.replace(found, error=reach * beside, time_error=np.full_like(beside, reach))
+    beside = steps_beside(y, piece)
+    reach = np.minimum(1.0, low + high)
+    return dataclasses.replace(found, error=reach * beside, time_error=reach)
 
 
-def _steps_beside(y: Array, piece: slice) -> Array:
-    """Return twice the larger change (n,) from sample to sample on both sides of a piece of one sample: where a
-    function goes from there until its jump is taken to be of this size."""
-    found = np.zeros(y.shape[1])
-    for first in (piece.start - 2, piece.stop):
-        if 0 <= first < len(y) - 1:
-            found = np.maximum(found, 2.0 * np.abs(y[first + 1] - y[first]))
-    return found
-
-
-def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
-    """Return how far integrals (n,) of y (T, n), or of its positive part, may be off; samples a time h apart."""
-    found = np.zeros(y.shape[1])
-    for piece, low, high in pieces(len(y), breaks):
-        rough = _roughness(y[piece])
-        if piece.stop - piece.start == 1:
-            found += 0.5 * h * (low**2 + high**2) * _steps_beside(y, piece)
-            if low + high < 3.0 * AT:  # of a sample at a break it is not known of which side it is
-                sides = np.abs(np.diff(y[max(piece.start - 1, 0) : piece.stop + 1], axis=0))
-                found += h * (low + high) * sides.sum(axis=0)
-        found += h * rough.sum(axis=0) * INTEGRAL
-        # a jump in the first or the last interval appears in one difference alone
-        found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
-    return found
-
-
-def _roughness(y: Array) -> Array:
-    """Return |D| (T - order, n), over its largest part in a jump; a row of zeros for one sample."""
-    order = min(POINTS, len(y) - 1)
-    if not order:
-        return np.zeros_like(y)
-    found: Array = np.abs(np.diff(y, order, axis=0)) / math.comb(order - 1, (order - 1) // 2)
-    return found
-
-
-def _largest_of_piece(y: Array, low: float, high: float) -> Extreme:
-    """Return the largest values of a piece, with times in samples; low, high : how far it reaches beyond its ends."""
-    near = _near(_roughness(y), len(y))
+def _largest_of_piece(y: Array, low: Array, high: Array) -> Extreme:
+    """Return the largest values of a piece, with times in samples; low, high (n,) : how far it goes beyond its ends."""
+    near = _near(roughness(y), len(y))
     bound = _tops(y, low, high)
     columns = np.arange(y.shape[1])
     found: Extreme | None = None
@@ -334,7 +334,7 @@ def _near(rough: Array, samples: int) -> Array:
     return found
 
 
-def _tops(y: Array, low: float, high: float) -> Array:
+def _tops(y: Array, low: Array, high: Array) -> Array:
     """Return the tops (T, n) of parabolas through samples that are larger than their neighbours; else the samples."""
     found = y.copy()
     if len(y) > 2:
@@ -349,7 +349,7 @@ def _tops(y: Array, low: float, high: float) -> Array:
     return found
 
 
-def _refined(y: Array, j: Array, low: float, high: float) -> tuple[Array, Array, Array]:
+def _refined(y: Array, j: Array, low: Array, high: Array) -> tuple[Array, Array, Array]:
     """Return the largest values (n,) between the neighbours of samples j (n,), their places, and |y''| there."""
     points = min(POINTS, len(y))
     first = np.clip(

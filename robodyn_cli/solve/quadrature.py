@@ -5,25 +5,38 @@ h^7 y^(6) an interval); where the samples change sign, the positive part is take
 its root. With fewer than six samples the degree is that of all of them.
 
 Functions that jump are integrated in pieces: to the jump and from it the polynomials of both sides are continued.
-``breaks`` says where, in steps from the first sample; a sample at a break is that of before.
+``breaks`` says where, in steps from the first sample; a sample at a break is that of before. Errors are explained in
+``extremes``.
+
+Samples that are not uniform come in uniform stretches: one ends where the next begins. Two samples that lie much closer
+than those around them stand for both sides of a jump: a stretch ends at the first, the next begins at the second, and
+each reaches half of the way to the other.
 """
 
 from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 POINTS = 6
 Breaks = Sequence[float]
+Figure = Callable[[Array, float, Breaks], Array]
 SPACED = 3  # samples between breaks, at least
 AT = 1e-9  # samples from a break that a sample is at
 BESIDE = 1e-15  # of its place: as near to that sample pieces end
+ALIKE = 1e-9  # of the longest step, by which equal ones differ
+GAP = 1e-3  # of the steps around it: a step no longer stands for a jump
+OUTSIDE = 10.0  # times the bound of errors: beyond samples, and for a jump beside the first or the last one
+INTEGRAL = 10.0 / 64.0  # of an integral over that of values
 
 
 def integrate(y: Array, h: float, breaks: Breaks = ()) -> Array:
@@ -81,7 +94,7 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
     found = list(known)
     for x in places:
         inside = SPACED < x < samples - 1 - SPACED
-        if inside and all(abs(x - other) >= SPACED for other in found):
+        if inside and all(abs(math.floor(x) - math.floor(other)) >= SPACED for other in found):
             # a sample at a break may be that of either side, or of none: it stands alone
             found += [round(x) * (1.0 - BESIDE), round(x) * (1.0 + BESIDE)] if abs(x - round(x)) < AT else [x]
     return sorted(found)
@@ -89,8 +102,124 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
 
 def breaks_at(times: Array, instants: Iterable[float]) -> list[float]:
     """Return breaks from the times [s] of what makes functions jump, for samples at times (T,), see ``spaced``."""
-    places = np.interp(list(instants), times, np.arange(float(len(times))), left=-1.0, right=-1.0)
-    return spaced(places.tolist(), len(times))
+    return spaced(places_of(instants, times), len(times))
+
+
+def places_of(instants: Iterable[float], times: Array) -> list[float]:
+    """Return where instants [s] lie among samples at times (T,), in steps from the first; -1 beyond them."""
+    steps = np.arange(float(len(times)))
+    places: list[float] = np.interp(list(instants), times, steps, left=-1.0, right=-1.0).tolist()
+    return places
+
+
+def sampling_error(y: Array, h: float, breaks: Breaks = ()) -> Array:
+    """Return how far integrals (n,) of y (T, n), or of its positive part, may be off; samples a time h apart."""
+    found = np.zeros(y.shape[1])
+    for piece, low, high in pieces(len(y), breaks):
+        rough = roughness(y[piece])
+        if piece.stop - piece.start == 1:
+            found += 0.5 * h * (low**2 + high**2) * steps_beside(y, piece)
+            if low + high < 3.0 * AT:  # of a sample at a break it is not known of which side it is
+                sides = np.abs(np.diff(y[max(piece.start - 1, 0) : piece.stop + 1], axis=0))
+                found += h * (low + high) * sides.sum(axis=0)
+        found += h * rough.sum(axis=0) * INTEGRAL
+        # a jump in the first or the last interval appears in one difference alone
+        found += h * (rough[0] + rough[-1]) * OUTSIDE * (1.0 + low + high)
+    return found
+
+
+def steps_beside(y: Array, piece: slice) -> Array:
+    """Return twice the larger change (n,) from sample to sample on both sides of a piece of one sample: where a
+    function goes from there until its jump is taken to be of this size."""
+    found = np.zeros(y.shape[1])
+    for first in (piece.start - 2, piece.stop):
+        if 0 <= first < len(y) - 1:
+            found = np.maximum(found, 2.0 * np.abs(y[first + 1] - y[first]))
+    return found
+
+
+def roughness(y: Array) -> Array:
+    """Return |D| (T - order, n), over its largest part in a jump; a row of zeros for one sample."""
+    order = min(POINTS, len(y) - 1)
+    if not order:
+        return np.zeros_like(y)
+    found: Array = np.abs(np.diff(y, order, axis=0)) / math.comb(order - 1, (order - 1) // 2)
+    return found
+
+
+@record
+class Stretches:
+    """Stretches of as many uniform samples each.
+
+    first : their first samples (P,). step : between their samples (P,) [s]. low, high : how far functions reach beyond
+    the first and the last sample (P,), in steps. breaks : inside a single stretch, in steps from its first sample.
+    """
+
+    first: NDArray[np.int_]
+    samples: int
+    step: Array
+    low: Array
+    high: Array
+    breaks: Breaks = ()
+
+    def of(self, y: Array) -> Array:
+        """Return the samples of functions y (T, n) as columns (samples, P n)."""
+        block: Array = y[self.first + np.arange(self.samples)[:, None]].reshape(self.samples, -1)
+        return block
+
+    def reach(self, piece: slice, low: float, high: float) -> tuple[Array, Array]:
+        """Return how far functions reach beyond a piece of each stretch (P,), in steps."""
+        before = self.low if piece.start == 0 else np.full_like(self.low, low)
+        return before, self.high if piece.stop == self.samples else np.full_like(self.high, high)
+
+
+def gaps_between(times: Array) -> NDArray[np.int_]:
+    """Return the samples behind which a step stands for a jump."""
+    steps = np.diff(times)
+    return 1 + np.flatnonzero(steps[1:-1] < GAP * np.minimum(steps[:-2], steps[2:]))
+
+
+def stretches(times: Array, breaks: Breaks = ()) -> list[Stretches]:
+    """Return the stretches of uniform samples, of which one ends where the next begins, or at a jump before it: those
+    with breaks one by one, others with all that have as many samples."""
+    steps = np.diff(times)
+    if not len(steps):
+        return [Stretches(np.zeros(1, dtype=int), 1, *np.zeros((3, 1)))]
+    gaps = gaps_between(times)
+    cuts = np.flatnonzero(np.abs(np.diff(steps)) > ALIKE * float(np.abs(steps).max())) + 1
+    ends = np.unique([0, *cuts, *gaps, *(gaps + 1), len(steps)])
+    first, last = (np.setdiff1d(x, jumps) for x, jumps in ((ends[:-1], gaps), (ends[1:], gaps + 1)))
+    step = (times[last] - times[first]) / (last - first)
+    beyond = np.zeros(len(times) + 1)  # half of each gap, at the samples on both sides of it
+    beyond[gaps] = beyond[gaps + 1] = 0.5 * steps[gaps]
+    low, high = beyond[first] / step, beyond[last] / step
+    inside: dict[int, list[float]] = {}
+    for x in breaks:
+        k = int(np.searchsorted(first, x, side="right")) - 1
+        if k >= 0 and x < last[k]:
+            inside.setdefault(k, []).append(x - int(first[k]))
+    alike: dict[Any, list[int]] = {}
+    for k, count in enumerate((last - first + 1).tolist()):
+        alike.setdefault((count, k if k in inside else None), []).append(k)
+    return [
+        Stretches(first[own], count, step[own], low[own], high[own], inside.get(own[0], ()))
+        for (count, _), own in alike.items()
+    ]
+
+
+def summed(figure: Figure, times: Array, y: Array, breaks: Breaks = ()) -> Array:
+    """Return the sum of a figure (n,) of y (T, n), such as ``integrate``, over the stretches of uniform samples."""
+    total = np.zeros(y.shape[1])
+    for part in stretches(times, breaks):
+        block = part.of(y)
+        own = figure(block, 1.0, part.breaks)
+        for end, reach in ((block[:2], part.low), (block[:-3:-1], part.high)):
+            if reach.any():
+                far = np.repeat(reach, y.shape[1])
+                middle = end[0] + 0.5 * far * (end[0] - end[1])
+                own = own + far * figure(np.array([middle, middle]), 1.0, ())
+        total += (part.step[:, None] * own.reshape(len(part.step), -1)).sum(axis=0)
+    return total
 
 
 def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:

@@ -176,8 +176,9 @@ class MotorAndGear:
     mass: float = fact("of all motors, gears and brakes of the joint", "kg")
     margin: float = fact(
         "part of the limit that is left which decides",
-        errors=("size.margin_difference", "drives.JOINT.errors.margin"),
+        errors=("size.margin_difference", ".margin_error"),
     )
+    margin_error: float = fact("of the margin")
     decides: str = fact("the limit that decides")
 
 

@@ -53,8 +53,8 @@ def _problem_along(scene: sc.Scene) -> Problem:
 class OpenChain(InverseProgram):
     """Inverse dynamics of a robot without loops: every joint has an actuator, whose torque is the sum of the terms."""
 
-    def plan(self, samples: int) -> Planned:
-        return plan_motion(self.problem, self.times(samples))
+    def plan(self, times: Array) -> Planned:
+        return plan_motion(self.problem, times)
 
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
         p = self.parameters(planned.times)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.given.motion import Planned, knots_of
+from robodyn_cli.given.motion import Planned, knot_places
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.rounding import largest_difference
 from robodyn_cli.record import record
@@ -21,7 +21,7 @@ from robodyn_cli.solve.extremes import (
     positive_integral,
     root_mean_square,
 )
-from robodyn_cli.solve.quadrature import integrate, spaced
+from robodyn_cli.solve.quadrature import integrate, spaced, summed
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual
 from robodyn_cli.summaries.inverse import InverseErrors, JointErrors, JointFigures
@@ -76,18 +76,6 @@ class Loaded:
         return root_mean_square(self.times, self.tau, self.breaks)
 
 
-FEW = 16  # intervals between samples for each piece of a motion: fewer say little of what is between them
-CLOSE = 64  # intervals of a piece at which figures are looked at instead
-
-
-def between(problem: Problem, samples: int) -> int:
-    """Return into how many parts the intervals between samples are cut for figures, so that few samples, which may all
-    lie where torques are zero, do not decide them."""
-    trajectory = problem.scene.trajectory
-    knots = () if trajectory is None or trajectory.knots is None else trajectory.knots
-    return -(-CLOSE * (1 + len(knots)) // (samples - 1)) if (samples - 1) < FEW * (1 + len(knots)) else 1
-
-
 # figures (n,) that size an actuator, with their errors, by key below that of its joint in the summary
 FIGURES: dict[str, Callable[[Loaded], tuple[Array, Array]]] = {
     "peak_torque": lambda x: (x.peak.value, x.peak.error),
@@ -107,20 +95,19 @@ def breaks_of(problem: Problem, times: Array, motion: JointMotion) -> list[float
 
     Payloads come and go, the trajectory has knots, and joints that lose energy turn back.
     """
-    step = float(times[1] - times[0])
     losing = sorted({place for place, _ in problem.losses(smooth=False)})
-    turns = [x for k in losing for x in turns_of(step, motion.qd[:, k], motion.qdd[:, k])]
-    return spaced([*knots_of(problem.scene, times), *turns], len(times), jumps(problem, times))
+    turns = [x for k in losing for x in turns_of(times, motion.qd[:, k], motion.qdd[:, k])]
+    return spaced([*knot_places(problem.scene, times), *turns], len(times), jumps(problem, times))
 
 
-def turns_of(step: float, v: Array, a: Array) -> list[float]:
+def turns_of(times: Array, v: Array, a: Array) -> list[float]:
     """Return where rates v (T,) change their sign, in steps from the first sample, by cubic polynomials with their
     slopes a (T,)."""
     found: list[float] = []
-    a = step * a
     for n in np.flatnonzero(v[:-1] * v[1:] < 0.0):
-        rise = v[n + 1] - v[n]
-        roots = np.roots([a[n] + a[n + 1] - 2.0 * rise, 3.0 * rise - 2.0 * a[n] - a[n + 1], a[n], v[n]])
+        rise, step = v[n + 1] - v[n], times[n + 1] - times[n]
+        low, high = step * a[n], step * a[n + 1]
+        roots = np.roots([low + high - 2.0 * rise, 3.0 * rise - 2.0 * low - high, low, v[n]])
         found += [float(n + x.real) for x in roots if abs(x.imag) < 1e-9 and 0.0 <= x.real <= 1.0]
     return found
 
@@ -128,7 +115,7 @@ def turns_of(step: float, v: Array, a: Array) -> list[float]:
 def breaks_of_joint(times: Array, v: Array, a: Array, breaks: Sequence[float]) -> tuple[float, ...]:
     """Return the breaks of a motion with those of one joint, (T,), whose gears and bearings lose otherwise where it
     turns back."""
-    return tuple(spaced(turns_of(float(times[1] - times[0]), v, a), len(times), breaks))
+    return tuple(spaced(turns_of(times, v, a), len(times), breaks))
 
 
 def jumps(problem: Problem, times: Array) -> list[float]:
@@ -217,8 +204,8 @@ def error_estimate(
     """
     power = np.column_stack([sampled.power, sampled.arrays["dissipation"]])
     total = sampled.arrays["energy/kinetic"][:, 0] + sampled.arrays["energy/potential"][:, 0]
-    balance = energy_balance(power, total, sampled.step, cuts(sampled.p))
-    turned = max(float(np.ptp(total)), float(integrate(np.abs(power), sampled.step).max()), 1e-300)
+    balance = energy_balance(power, total, sampled.times, cuts(sampled.p))
+    turned = max(float(np.ptp(total)), float(summed(integrate, sampled.times, np.abs(power)).max()), 1e-300)
     loops = sampled.loops
     return InverseErrors(
         ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
@@ -234,11 +221,12 @@ def error_estimate(
     )
 
 
-def energy_balance(power: Array, total: Array, h: float, at: Sequence[int]) -> float:
+def energy_balance(power: Array, total: Array, times: Array, at: Sequence[int]) -> float:
     """Return the work of power (T, n) less the change of the energy (T,) [J], over the pieces between cuts."""
     ends = [0, *at, len(total)]
     pieces = [slice(a, b) for a, b in itertools.pairwise(ends) if b - a > 1]
-    return sum(float(integrate(power[x], h).sum() - (total[x][-1] - total[x][0])) for x in pieces)
+    work = (summed(integrate, times[x], power[x]).sum() for x in pieces)
+    return sum(float(done - (total[x][-1] - total[x][0])) for x, done in zip(pieces, work))
 
 
 def cuts(p: Array) -> list[int]:

@@ -144,8 +144,8 @@ class ClosedLoops(InverseProgram):
     actuated: tuple[str, ...]
     rows: tuple[Row, ...]
 
-    def plan(self, samples: int) -> Planned:
-        guided = guided_motion(self.problem, self.lead, self.times(samples))
+    def plan(self, times: Array) -> Planned:
+        guided = guided_motion(self.problem, self.lead, times)
         if guided.stopped is not None:
             raise guided.stopped
         return guided

@@ -64,15 +64,14 @@ def events_of(scene: Scene, times: Array) -> list[dict[str, Any]]:
 
 
 def breaks(events: Iterable[Any], times: Array) -> list[float]:
-    """Return where torques jump among uniform times (T,) by events at which payloads come and go, in steps from the
-    first; a sample at the time of a change is that of before."""
-    step = float(times[-1] - times[0]) / (len(times) - 1)
+    """Return where torques jump among times (T,) by events at which payloads come and go, in steps from the first; a
+    sample at the time of a change is that of before."""
     places = []
     for event in events:
         if event["kind"] not in KINDS.values():
             continue
         after = int(np.searchsorted(times, (1.0 + SAME_TIME) * event["time"], side="right"))
         if 0 < after < len(times):
-            place = (event["time"] - times[0]) / step
+            place = np.interp(event["time"], times, np.arange(float(len(times))))
             places.append(float(np.clip(place, after - 1, np.nextafter(after, 0.0))))
     return places

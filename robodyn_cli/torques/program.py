@@ -13,7 +13,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Outputs, torque_terms
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.many import ManyNumbers
-from robodyn_cli.given.motion import Planned
+from robodyn_cli.given.motion import Planned, knots_of, looked_at
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction, without_idle_unknowns
 from robodyn_cli.observe.places import place_outputs
@@ -93,11 +93,6 @@ class Sampled:
             "p": self.p[places],
         }
 
-    @property
-    def step(self) -> float:
-        """Time between samples [s]."""
-        return float(self.times[1] - self.times[0])
-
 
 @record
 class InverseProgram(ABC):
@@ -144,6 +139,12 @@ class InverseProgram(ABC):
         """Return the uniform times (T,) of the samples [s]."""
         return np.linspace(0.0, self.duration, samples)
 
+    def looked_at(self, samples: int) -> Array:
+        """Return the times (T,) at which figures are looked at [s]: between payloads that come and go, too."""
+        instants = [x.time for one in self.problem.scene.payloads for x in one.instants.values()]
+        knots = [*knots_of(self.problem.scene), *(float(x) for x in instants if x is not None)]
+        return looked_at(self.times(samples), [x for x in knots if 0.0 < x < self.duration])
+
     def parameters(self, times: Array) -> Array:
         """Return p (T, n) at times (T,): which payloads are carried."""
         if not self.problem.model.switched:
@@ -153,8 +154,8 @@ class InverseProgram(ABC):
         return carried_at(changing(self.problem.model), times)
 
     @abstractmethod
-    def plan(self, samples: int) -> Planned:
-        """Return the motion of all joints at so many samples."""
+    def plan(self, times: Array) -> Planned:
+        """Return the motion of all joints at times (T,)."""
 
     @abstractmethod
     def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:

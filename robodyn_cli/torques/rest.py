@@ -15,9 +15,11 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.forces.friction import Friction, Gear
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.model.model import TORQUE, JointForce, Model
+from robodyn_cli.solve.quadrature import gaps_between
 from robodyn_cli.spatial.algebra import Array
 
 MOST_PERIODS = 3  # that a warning lists for one joint
+LEAST = 1e-100  # rad/s or m/s: a rate of which only the sign counts
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
 
 
@@ -29,7 +31,19 @@ def with_rest(problem: Problem, planned: Planned) -> Planned:
     qd = planned.motion.qd.copy(order="F")
     for k, (force, *_) in dry.items():
         qd[np.abs(qd[:, k]) <= explained_rate(planned, force), k] = 0.0
+        _begin_as_they_go_on(qd[:, k], planned.times)
     return dataclasses.replace(planned, motion=dataclasses.replace(planned.motion, qd=qd))
+
+
+def _begin_as_they_go_on(rates: Array, times: Array) -> None:
+    """Give rates (T,) of zero at either end of a piece between knots, where samples lie at both of its ends, the sign
+    that they have inside: friction there is that of the piece."""
+    gaps = gaps_between(times)
+    if not gaps.size:
+        return
+    for ends, inside in ((np.append(0, gaps + 1), 1), (np.append(gaps, len(times) - 1), -1)):
+        ends = ends[rates[ends] == 0.0]
+        rates[ends] = LEAST * np.sign(rates[ends + inside])
 
 
 def explained_rate(planned: Planned, force: JointForce) -> float:
@@ -43,7 +57,7 @@ def explained_rate(planned: Planned, force: JointForce) -> float:
     position = ROUNDING * float(np.abs(q if solved else q[:, force.q]).max())
     position += planned.residuals.get("position", 0.0)
     fastest = float(np.abs(qd if solved else qd[:, force.v]).max())
-    return ROUNDING * fastest + position / float(planned.times[1] - planned.times[0])
+    return ROUNDING * fastest + position / float(np.diff(planned.times).max())
 
 
 def rest_warnings(problem: Problem, planned: Planned) -> list[str]:

@@ -17,6 +17,7 @@ from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.quadrature import Breaks
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.inverse import (
     FastestFigures,
@@ -29,7 +30,6 @@ from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
     Loaded,
-    between,
     breaks_of,
     error_estimate,
     half_turns,
@@ -79,7 +79,7 @@ def inverse(
     with watch.stage("equations"):
         program = program_of(scene)
     with watch.stage("solve"):
-        planned = at_rest(program.problem, program.plan(count))
+        planned = at_rest(program.problem, program.plan(program.times(count)))
     with watch.stage("equations"):
         function = program.compile(count)
     with watch.stage("evaluate"):
@@ -91,12 +91,13 @@ def inverse(
         errors = error_estimate(program, closer, looked, loaded)
     with watch.stage("evaluate"):
         loads = loads_of(program, sampled) if scene.outputs.reactions else None
+        there = loads_of(program, looked) if loads is not None and looked is not sampled else loads
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    summary = summarise(program, closer, looked, loaded, errors, loads)
+    summary = summarise(program, closer, looked, loaded, errors, there)
     records = [dataclasses.replace(summary, samples=count)]
     with watch.stage("drives"):
-        records = _with_drives(records, result, program, sampled)
+        records = _with_drives(records, result, program, looked)
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -112,28 +113,33 @@ def program_of(scene: Scene) -> InverseProgram:
     return build_inverse(along(scene))
 
 
-def _with_drives(records: list[Any], result: Result, program: InverseProgram, sampled: Sampled) -> list[Any]:
+def _with_drives(records: list[Any], result: Result, program: InverseProgram, looked: Sampled) -> list[Any]:
     """Return the records with those of the scene's drives, where it has any."""
     if not program.problem.scene.drives:
         return records
-    from robodyn_cli.drives.report import with_drives
+    from robodyn_cli.drives.report import Moved, with_drives
 
-    breaks = breaks_of(program.problem, sampled.times, sampled.motion)
-    return with_drives(records, result, program.problem.scene, program.problem, breaks)
+    motion = looked.motion
+    breaks = tuple(breaks_of(program.problem, looked.times, motion))
+    moved = Moved(looked.times, motion.q, motion.qd, motion.qdd, looked.tau, breaks)
+    return with_drives(records, result, program.problem.scene, program.problem, moved)
 
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:
-    """Return the motion with points between its samples, where these are too few for figures (see ``between``) and the
-    motion has values there."""
-    count = len(sampled.times)
-    parts = between(program.problem, count)
-    if parts == 1:
+    """Return the motion where figures are looked at (see ``looked_at``), if it has values there, else its samples."""
+    times = program.looked_at(len(sampled.times))
+    if np.array_equal(times, sampled.times):
         return planned, sampled
     try:
-        closer = at_rest(program.problem, program.plan((count - 1) * parts + 1))
-        return closer, program.evaluate(closer, program.compile(len(closer.times)))
+        return evaluated_at(program, times)
     except NumericalError:
         return planned, sampled
+
+
+def evaluated_at(program: InverseProgram, times: Array) -> tuple[Planned, Sampled]:
+    """Return the motion at times (T,), and what is evaluated along it."""
+    planned = at_rest(program.problem, program.plan(times))
+    return planned, program.evaluate(planned, program.compile(len(times)))
 
 
 def at_rest(problem: Problem, planned: Planned) -> Planned:
@@ -272,7 +278,7 @@ def summarise(
         joints=joint_figures(problem, sampled, loaded),
         definitions=definitions_of(loops is not None),
         counters=dict(sampled.counters),
-        reactions=ABSENT if loads is None else loads.summary(),
+        reactions=ABSENT if loads is None else loads.summary(loaded.breaks),
     )
 
 

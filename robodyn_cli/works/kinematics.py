@@ -2,16 +2,25 @@
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, refuse_quasi
-from robodyn_cli.given.motion import Planned, knots_of, motion_duration, plan_motion
+from robodyn_cli.given.motion import (
+    Planned,
+    knot_places,
+    knots_of,
+    looked_at,
+    motion_duration,
+    plan_motion,
+)
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction, refuse_result
 from robodyn_cli.observe.observe import add_rows
@@ -65,15 +74,14 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
         problem = problem_of(scene)
     with watch.stage("solve"):
         planned, led = plan(problem)
-    times = planned.times
-    with watch.stage("equations"):
-        function = SampleFunction(outputs(problem), MOTION_GROUPS, len(times))
     with watch.stage("evaluate"):
-        arrays = function.along(times, planned.motion)
-    progress(float(times[-1]), float(times[-1]))
+        arrays = evaluated(problem, planned)
+        result = report(problem, planned, led, arrays)
+        closer, looked = _closer(problem, planned, result)
+    progress(float(planned.times[-1]), float(planned.times[-1]))
     mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
-    result = report(problem, planned, led, arrays)
-    result.summarise(summarise(problem, planned, result, mobile), seconds=watch.report())
+    summary = dataclasses.replace(summarise(problem, closer, looked, mobile), samples=len(planned.times))
+    result.summarise(summary, seconds=watch.report())
     refuse_result(result)
     return result.unless(planned.stopped)
 
@@ -86,14 +94,41 @@ def problem_of(scene: Scene) -> Problem:
     return Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
 
 
-def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
-    """Return the motion and the velocity coordinates that lead it.
+def _closer(problem: Problem, planned: Planned, result: Result) -> tuple[Planned, Result]:
+    """Return the motion where figures are looked at, if it has values there and does not end early; else at its
+    samples."""
+    times = closer_times(problem, planned.times)
+    if planned.stopped is not None or np.array_equal(times, planned.times):
+        return planned, result
+    try:
+        closer, led = plan(problem, times)
+    except NumericalError:
+        return planned, result
+    if closer.stopped is not None:
+        return planned, result
+    return closer, report(problem, closer, led, evaluated(problem, closer))
+
+
+def closer_times(problem: Problem, times: Array) -> Array:
+    """Return the times at which the figures of a motion with samples at times (T,) are looked at."""
+    return looked_at(times, knots_of(problem.scene) if problem.scene.kinematics.sweep is None else ())
+
+
+def evaluated(problem: Problem, planned: Planned) -> dict[str, Array]:
+    """Return what is evaluated along a motion."""
+    function = SampleFunction(outputs(problem), MOTION_GROUPS, len(planned.times))
+    return function.along(planned.times, planned.motion)
+
+
+def plan(problem: Problem, times: Array | None = None) -> tuple[Planned, tuple[str, ...]]:
+    """Return the motion at times (T,), by default those of the samples, and the velocity coordinates that lead it.
 
     Raises
     ------
     SceneError : nothing moves. Others as ``plan_motion`` and ``guided_motion``.
     """
-    lead, times = leading(problem)
+    lead, own = leading(problem)
+    times = own if times is None else times
     if lead is None:
         return plan_motion(problem, times), problem.model.v_names
     return guided_motion(problem, lead, times), (*lead.joints, *velocity_columns(problem.scene.prescribed))
@@ -197,17 +232,18 @@ def summarise(
 ) -> KinematicsSummary:
     """Return the summary of a run."""
     times, stopped = planned.times, planned.stopped
-    breaks = spaced(knots_of(problem.scene, times), len(times))
+    breaks = spaced(knot_places(problem.scene, times), len(times))
+    closed = CLOSED if planned.residuals else 0.0  # how far positions may be off
     whole = Termination("end of the motion", float(times[-1]))
     return KinematicsSummary(
         termination=whole if stopped is None else stopped.termination,
         mobility=ABSENT if mobile is None else mobile,
         samples=len(times),
         warnings=_beyond_limits(problem, planned) or ABSENT,
-        joints=_joint_ranges(result, breaks, CLOSED if planned.residuals else 0.0),
+        joints=_joint_ranges(result, breaks, closed),
         points=_point_paths(result, breaks),
-        singular_ratio=_singular_ratio(result, breaks),
-        transmission_angle=_transmission(result, breaks),
+        singular_ratio=_singular_ratio(result, breaks, closed),
+        transmission_angle=_transmission(result, breaks, closed),
         error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
         counters=planned.counters,
     )
@@ -253,24 +289,26 @@ def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath
     return paths
 
 
-def _singular_ratio(result: Result, breaks: Sequence[float]) -> SingularRatio | Absent:
+def _singular_ratio(result: Result, breaks: Sequence[float], closed: float) -> SingularRatio | Absent:
     if "singularity/passive" not in result:
         return ABSENT
     ratio = result["singularity/passive"][:, -1:] / result["singularity/psi"][:, :1]
     least = smallest(result.time, ratio, breaks)
     # singular values are no less than 0, where they have kinks that a polynomial cuts off
     return SingularRatio(
-        max(0.0, float(least.value[0])), *(float(x[0]) for x in (least.error, least.time, least.time_error))
+        max(0.0, float(least.value[0])),
+        *(float(x[0]) for x in (least.error + closed, least.time, least.time_error)),
     )
 
 
-def _transmission(result: Result, breaks: Sequence[float]) -> TransmissionAngle | Absent:
+def _transmission(result: Result, breaks: Sequence[float], closed: float) -> TransmissionAngle | Absent:
     if "transmission_angle" not in result:
         return ABSENT
     angle = np.degrees(result["transmission_angle"])[:, None]
     low, high = (extreme(result.time, angle, breaks) for extreme in (smallest, largest))
     ends = (low, high)
-    errors = TransmissionErrors(*(float(x[0]) for end in ends for x in (end.error, end.time_error)))
+    off = math.degrees(closed)
+    errors = TransmissionErrors(*(float(x[0]) for end in ends for x in (end.error + off, end.time_error)))
     smallest_deg, smallest_time, largest_deg, largest_time = (
         float(x[0]) for end in ends for x in (end.value, end.time)
     )

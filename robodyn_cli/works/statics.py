@@ -358,5 +358,5 @@ def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:
         torques_of_joints=dict(zip(model.v_names, state.tau.tolist())),
         equilibrium=state.facts,
         error_estimate=ForceResidual(state.facts.residual),
-        reactions=ABSENT if loads is None else loads.summary(),
+        reactions=ABSENT if loads is None else loads.summary(()),
     )

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
@@ -22,6 +23,7 @@ TIMES = 10.0  # the errors together, beyond which no figure may move
 OFTEN = 0.05  # part of the figures that may move by more than their errors together
 ROUNDED = 1e-13  # part of a figure that two runs may differ by whatever is stated
 TOLERANCES = ("1e-6", "1e-10")
+PARTS = ("motor", "gear")
 INTEGRATING = ("simulate", "deploy")
 
 
@@ -55,6 +57,9 @@ def figures_of(command: str, summary: Mapping[str, Any]) -> dict[str, Figure]:
     leaves = {key: leaf_of(command, key) for key, _ in _numbers(summary)}
     errors = {error for leaf in leaves.values() if leaf is not None for error in leaf.errors}
     figures = {}
+    everywhere = (
+        [x for one in summary["drives"].values() for x in _parts(one, ())] if command == "size" else []
+    )
     for key, value in _numbers(summary):
         leaf = leaves[key]
         if leaf is None or leaf.kind is not float or leaf.fact.about_run or key in errors:
@@ -62,8 +67,21 @@ def figures_of(command: str, summary: Mapping[str, Any]) -> dict[str, Figure]:
         stated = [at for error in leaf.errors if (at := _at(summary, error.split("."))) is not None]
         names = dict(zip(leaf.names, (kinds[0] for kinds in leaf.kinds)))
         kind = ".".join(names.get(step, "N" if step.isdecimal() else step) for step in key.split("."))
-        figures[key] = Figure(kind, value, max(stated) if stated else None)
+        parts = [*everywhere, *_parts(summary, key.split("."))]
+        name = re.sub(r"\.\d+\.", ".N.", key) if parts else key
+        figures[" ".join([name, *parts])] = Figure(kind, value, max(stated) if stated else None)
     return figures
+
+
+def _parts(tree: Any, steps: Sequence[str]) -> list[str]:
+    """Return motors and gears that figures at some steps are about: those of other ones are other figures, wherever they
+    stand in a list."""
+    if isinstance(tree, list):
+        return _parts(tree[int(steps[0])], steps[1:]) if steps else []
+    if not isinstance(tree, Mapping):
+        return []
+    own = [str(tree[part]) for part in PARTS if part in tree]
+    return own + (_parts(tree.get(steps[0]), steps[1:]) if steps else [])
 
 
 def _numbers(tree: Any, place: str = "") -> Iterator[tuple[str, float]]:
@@ -80,6 +98,8 @@ def _at(tree: Any, steps: Sequence[str]) -> float | None:
     """Return the number at some steps, whose names may have dots in them; None where there is none."""
     if not steps:
         return tree if isinstance(tree, float) else None
+    if isinstance(tree, list):
+        tree = {str(k): x for k, x in enumerate(tree)}
     for k in range(1, len(steps) + 1):
         name = ".".join(steps[:k])
         if isinstance(tree, Mapping) and name in tree:

@@ -54,6 +54,7 @@ ROOMS = {
     "motors/heat.py": DRIVES,
     "works/size": DRIVES,
     "observe": OBSERVE,
+    "given/motion.py": ["test_extremes.py", "test_pieces.py", *INVERSE],
     "torques/checks.py": ["test_error_rules.py", *INVERSE],
     "solve/extremes.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],
     "solve/quadrature.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],

@@ -19,8 +19,8 @@ from robodyn_cli.over.many.integrate import _samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
 from robodyn_cli.over.study.statistics import Moments, SampleSpread, quantiles
-from robodyn_cli.solve.extremes import Extreme, integral, largest, sampling_error, smallest, tops
-from robodyn_cli.solve.quadrature import integrate, integrate_positive, spaced
+from robodyn_cli.solve.extremes import Extreme, integral, largest, smallest, tops
+from robodyn_cli.solve.quadrature import integrate, integrate_positive, sampling_error, spaced
 from robodyn_cli.torques.checks import turns_of
 
 
@@ -108,9 +108,9 @@ def test_places_of_breaks() -> None:
 def test_where_a_rate_turns_back() -> None:
     """cos(3 t) at steps of 0.05 s: at odd multiples of pi / 6; and where it is 0 at a sample it is not between two."""
     t = np.arange(0.0, 3.01, 0.05)
-    found = np.array(turns_of(0.05, np.cos(3.0 * t), -3.0 * np.sin(3.0 * t))) * 0.05
+    found = 0.05 * np.array(turns_of(t, np.cos(3.0 * t), -3.0 * np.sin(3.0 * t)))
     assert np.allclose(found, np.pi / 6.0 * np.array([1.0, 3.0, 5.0]), atol=1e-7)
-    assert turns_of(0.1, np.array([1.0, 0.5, 0.2]), np.zeros(3)) == []
+    assert turns_of(np.arange(3.0), np.array([1.0, 0.5, 0.2]), np.zeros(3)) == []
 
 
 def test_tops_of_many_columns_are_those_of_each() -> None:
@@ -120,11 +120,11 @@ def test_tops_of_many_columns_are_those_of_each() -> None:
     y = (1.0 + x[:, None]) * np.sin(
         2.0 * np.pi * (rng.uniform(0.5, 3.0, 12) * x[:, None] + rng.uniform(size=12))
     )
-    value, at = tops(y)
+    value, at = tops(np.arange(60.0), y)
     one = largest(np.arange(60.0), y)
     assert np.allclose(value, one.value, atol=1e-7) and np.allclose(at, one.at, atol=1e-3)
     rough = rng.normal(size=(60, 5))
-    value, at = tops(rough)
+    value, at = tops(np.arange(60.0), rough)
     assert np.array_equal(value, rough.max(axis=0)) and np.array_equal(at, rough.argmax(axis=0))
 
 

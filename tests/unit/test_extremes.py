@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from robodyn_cli.given.motion import looked_at
 from robodyn_cli.solve.extremes import (
     integral,
     largest,
@@ -14,6 +15,7 @@ from robodyn_cli.solve.extremes import (
     smallest,
     tops,
 )
+from robodyn_cli.solve.quadrature import gaps_between
 
 FINE = 200_001
 
@@ -73,10 +75,9 @@ def test_a_smooth_function_is_known_far_better_than_its_samples() -> None:
         np.abs(top.value - [1.0, 3.0]).max() < 2e-8 < 1e-3 * np.abs(np.abs(y).max(axis=0) - [1.0, 3.0]).max()
     )
     assert top.error.max() < 1e-5 and abs(top.time[0] - np.pi / 2) < 1e-6
-    value, at = tops(y)
+    value, time = tops(t, y)
     assert (
-        np.abs(value - largest(t, y).value).max() < 1e-12
-        and np.abs(t[1] * at - largest(t, y).time).max() < 1e-9
+        np.abs(value - largest(t, y).value).max() < 1e-12 and np.abs(time - largest(t, y).time).max() < 1e-9
     )
 
 
@@ -106,3 +107,41 @@ def test_what_does_not_change_is_its_own_extreme() -> None:
         for found in (largest(t, np.full((101, 1), value)), smallest(t, np.full((101, 1), value))):
             assert found.value[0] == value and found.error[0] == 0.0
             assert not np.signbit(found.value[0]) or value < 0.0
+
+
+def test_pieces_between_known_jumps_are_known_however_short_they_are() -> None:
+    """Parabolas between jumps, of pieces of which the shortest is 1e-4 of the longest: from samples on both sides."""
+    rng = np.random.default_rng(5)
+    knots = np.cumsum(np.concatenate([10.0 ** rng.uniform(-4.0, 0.0, 40), [0.5]]))
+    ends = np.concatenate([[0.0], knots])
+    c, middle = rng.normal(size=(3, 41)), 0.5 * (ends[1:] + ends[:-1])
+
+    def value(t: np.ndarray) -> np.ndarray:
+        k = np.clip(np.searchsorted(ends, t, side="right") - 1, 0, 40)
+        return c[0, k] + c[1, k] * (t - middle[k]) + c[2, k] * (t - middle[k]) ** 2
+
+    half = 0.5 * np.diff(ends)
+    exact = np.sum(2.0 * half * c[0] + c[2] * half**3 / 1.5)
+    tops_of_pieces = [c[0] + way * c[1] * half + c[2] * half**2 for way in (-1.0, 1.0)]
+    inner = np.abs(c[1]) < -2.0 * c[2] * half
+    highest = max(np.max(tops_of_pieces), np.max((c[0] - c[1] ** 2 / (4.0 * c[2]))[inner], initial=-np.inf))
+    for samples in (2, 31, 2000):
+        t = looked_at(np.linspace(0.0, ends[-1], samples), knots[:-1].tolist())
+        y = value(t)[:, None]
+        peak, (area,), (off,) = largest(t, y), *integral(t, y)
+        assert (
+            abs(peak.value[0] - highest) <= peak.error[0] + 1e-12 < 1e-5
+            and abs(area - exact) <= off + 1e-12 < 1e-3
+        )
+        assert tops(t, y)[0][0] == pytest.approx(highest, abs=1e-9)
+
+
+def test_where_figures_are_looked_at() -> None:
+    """Nowhere else where the samples suffice; else from knot to knot, in 4 n intervals each, with both ends."""
+    for samples, knots, count in ((65, (), 65), (64, (), 65), (11, (0.5,), 2 * 65), (2001, (0.5,), 2 * 1001)):
+        t = looked_at(np.linspace(0.0, 1.0, samples), knots)
+        assert len(t) == count and t[0] == 0.0 and t[-1] == 1.0 and np.all(np.diff(t) > 0.0)
+        assert gaps_between(t).tolist() == ([count // 2 - 1] if knots else [])
+    many = looked_at(np.linspace(0.0, 1.0, 11), np.linspace(0.0, 1.0, 1001)[1:-1].tolist())
+    assert len(many) == 1000 * 9
+    assert len(looked_at(np.linspace(0.0, 1.0, 2), [0.5, 0.5 + 1e-12])) == 2 * 65

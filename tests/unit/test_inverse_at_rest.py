@@ -108,3 +108,19 @@ def test_periods_at_rest_are_told_with_their_ends() -> None:
     assert _periods(np.arange(12.0), np.zeros(12, dtype=bool)) == []
     assert _listed([(0.0, 2.0)]) == "from 0 to 2 s"
     assert _listed([(float(k), k + 0.5) for k in range(5)]).endswith("from 2 to 2.5 s and 2 more times")
+
+
+def test_friction_at_the_ends_of_pieces_is_that_of_the_piece() -> None:
+    """From rest to rest and back: at its ends a way has rates of zero, and its friction all the same."""
+    text = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: j, type: revolute, axis: [0, 0, 1], friction: {coulomb: 3}}]
+  links: [{name: l, mass: 1, com: [0.3, 0, 0], com_frame: joint, inertia: {zz: 0.1}}]
+trajectory: {type: s_curve, speed: {j: 1}, acceleration: {j: 4}, jerk: {j: 40}, points: [{q: {j: 0}}, {q: {j: 1}}, {q: {j: 0}}]}
+"""
+    for samples in (11, 400):
+        figures = inverse(load_scene_text(text), samples=samples).summary["joints"]["j"]
+        assert figures["peak_torque"] == pytest.approx(3.0 + 4.0 * 0.19, abs=1e-9)
+        assert figures["errors"]["peak_torque"] < 1e-6 and figures["errors"]["rms_torque"] < 1e-6

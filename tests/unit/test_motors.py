@@ -118,18 +118,20 @@ def network(t: float, x: Any, losses: Any) -> list[float]:
 
 def test_a_step_of_losses_warms_the_winding_as_the_network_does() -> None:
     times = np.linspace(0.0, 900.0, 4501)
-    found = THERMAL.warming(np.full(4501, 9.0), times[1], periodic=False)
+    found = THERMAL.warming(np.full(4501, 9.0), times, periodic=False)
     exact = solve_ivp(
         network, (0.0, 900.0), [0.0, 0.0], args=(lambda t: 9.0,), t_eval=times, rtol=1e-11, atol=1e-11
     )
     assert np.allclose(found, exact.y[0], rtol=0.0, atol=1e-7)
-    assert np.allclose(THERMAL.warming(np.full((2, 11), 9.0), 3.0, periodic=True), 9.0 * 7.4, rtol=1e-12)
+    assert np.allclose(
+        THERMAL.warming(np.full((2, 11), 9.0), 3.0 * np.arange(11.0), periodic=True), 9.0 * 7.4, rtol=1e-12
+    )
 
 
 def test_after_many_cycles_the_temperature_is_periodic() -> None:
     period, losses = 20.0, lambda t: 30.0 * np.sin(np.pi * t / 20.0) ** 4
     times = np.linspace(0.0, period, 2001)
-    found = THERMAL.warming(losses(times), times[1], periodic=True)
+    found = THERMAL.warming(losses(times), times, periodic=True)
     exact = solve_ivp(
         network, (0.0, 400 * period), [80.0, 55.0], args=(losses,), rtol=1e-9, atol=1e-9, max_step=2.0
     )
@@ -453,13 +455,13 @@ def test_many_gears_at_once_are_each_alone() -> None:
     """The arrays of many cycles, as sizing has them, hold the cycle of each."""
     rng = np.random.default_rng(2)
     asked = ShaftDuty(*rng.normal(size=(3, 4, 301)), rng.uniform(0, 1e-4, (4, 1)))
-    every = motor_cycle(DC, Supply(), asked, CycleSamples(0.01))
+    every = motor_cycle(DC, Supply(), asked, CycleSamples(0.01 * np.arange(301.0)))
     for k in range(4):
         alone = motor_cycle(
             DC,
             Supply(),
             ShaftDuty(asked.speed[k], asked.acceleration[k], asked.torque[k], asked.inertia[k, 0]),
-            CycleSamples(0.01),
+            CycleSamples(0.01 * np.arange(301.0)),
         )
         assert every.temperature is not None and alone.temperature is not None
         assert np.allclose(every.temperature[k], alone.temperature, rtol=1e-13)

@@ -56,7 +56,7 @@ simulate: {duration: 2, samples: 21}
 def made(text: str = ARM) -> tuple[InverseProgram, Any, Any]:
     """Return the program of an inverse run, its motion and its samples."""
     program = program_of(load_scene_text(text))
-    planned = program.plan(41)
+    planned = program.plan(program.times(41))
     return program, planned, program.evaluate(planned, program.compile(41))
 
 

@@ -10,7 +10,7 @@ import h5py
 import numpy as np
 import pytest
 
-from robodyn_cli import load_scene_text
+from robodyn_cli import load_scene, load_scene_text
 from robodyn_cli.errors import SceneError
 from robodyn_cli.model.build import build_model
 from robodyn_cli.ready.doors import along
@@ -19,7 +19,7 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.spans import sides
 from robodyn_cli.torques.dynamics import InverseDynamics
 from robodyn_cli.trajectories.given import TableTrajectory
-from robodyn_cli.works.inverse import inverse
+from robodyn_cli.works.inverse import inverse, program_of
 from tests.random_paths import random_path
 
 ROOT = Path(__file__).parents[2]
@@ -232,3 +232,35 @@ def test_a_trajectory_may_only_narrow_the_limits_of_a_joint() -> None:
     for effort in ("25", "[-15, 31]"):
         with pytest.raises(SceneError, match="allowed: within -20 to 30"):
             hinge("effort: [-20, 30]", rest.replace("EFFORT", effort))
+
+
+def test_figures_of_the_least_time_do_not_depend_on_samples(tmp_path: Path) -> None:
+    """Torques jump at hundreds of knots: peaks and means of few samples beside those of very many in each piece, along
+    the path and along the table that it gives."""
+    scene = load_scene(TRAJECTORIES / "fastest_2r.yaml")
+    found = inverse(scene)
+    write(found, tmp_path / "result.h5")
+    law = along(scene).trajectory.scaling.law
+    ends, w = np.polynomial.legendre.leggauss(6)
+    h = np.diff(law.knots)[:, None]
+    times = (
+        law.knots[:-1, None] + 0.5 * h * (1.0 + np.sort(np.append(ends, [-1.0 + 1e-6, 1.0 - 1e-6])))
+    ).ravel()
+    motion = along(scene).trajectory
+    program = program_of(scene)
+    tau = program.evaluate(program.plan(times), program.compile(len(times))).tau.reshape(len(h), 8, 2)
+    rms = np.sqrt((0.5 * h[..., None] * w[:, None] * tau[:, 1:-1] ** 2).sum(axis=(0, 1)) / motion.duration)
+    table = f"trajectory: {{type: table, file: {tmp_path / 'result.h5'}}}"
+    for text, samples in ((None, 11), (None, 400), (table, 11), (table, 3000)):
+        own = inverse(scene if text is None else load_scene_text(HEAD + text), samples=samples).summary[
+            "joints"
+        ]
+        for k, name in enumerate(("theta1", "theta2")):
+            figures, errors = own[name], own[name]["errors"]
+            assert errors["peak_torque"] < 1e-4 and errors["rms_torque"] < 1e-5 and errors["energy"] < 1e-5
+            away = (
+                1e-4 if text else 1e-9
+            )  # accelerations of a table are those of the path to 1e-8 of the largest
+            peak = float(np.abs(tau[..., k]).max())
+            assert -away <= figures["peak_torque"] - peak <= errors["peak_torque"] + 1e-3
+            assert abs(figures["rms_torque"] - rms[k]) <= errors["rms_torque"] + away

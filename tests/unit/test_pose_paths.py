@@ -119,7 +119,7 @@ def test_a_path_away_from_limits_begins_in_their_middle() -> None:
 def test_the_attitude_is_judged_beside_the_place() -> None:
     """A last joint that is off by an angle turns the frame by it, and moves no point of its axis."""
     program = build_inverse(along(load_scene(ROOT / "configs" / "trajectories" / "pick_and_place.yaml")))
-    planned = program.plan(21)
+    planned = program.plan(program.times(21))
     problem, q = program.problem, planned.motion.q.copy()
     exact = attitude_error(problem, planned)
     assert isinstance(exact, float) and exact < 1e-11

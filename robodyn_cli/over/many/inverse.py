@@ -8,6 +8,7 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.given.motion import Planned
@@ -25,7 +26,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import ROUNDING
 from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.torques.build import OpenChain
-from robodyn_cli.torques.checks import FIGURES, Loaded, between, breaks_of
+from robodyn_cli.torques.checks import FIGURES, Loaded, breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.works.inverse import at_rest, inverse, program_of
@@ -54,13 +55,24 @@ class InverseStructure(Built):
         super().__init__(
             keys, row, Tables([self.kernel.program]), witnesses, obstacle(self.program, scene, keys)
         )
-        self._planned: Planned | None = None
+        self._planned: dict[int, Planned] = {}
 
-    def planned(self, samples: int) -> Planned:
-        """Return the motion, which is the same in all runs."""
-        if self._planned is None or len(self._planned.times) != samples:
-            self._planned = at_rest(self.program.problem, self.program.plan(samples))
-        return self._planned
+    def planned(self, times: Array) -> Planned:
+        """Return the motion at times (T,), which is the same in all runs."""
+        if len(times) not in self._planned:
+            self._planned[len(times)] = at_rest(self.program.problem, self.program.plan(times))
+        return self._planned[len(times)]
+
+    def torques(self, planned: Planned, tables: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the torques (N, nv, T) along a motion with rows of tables, and where all of a run is finite (N,)."""
+        motion, times = planned.motion, planned.times
+        groups = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
+        arrays = self.kernel.of_tables(tables, len(times), groups)
+        tau = np.sum([arrays[name] for name in self.terms], axis=0)
+        good = np.isfinite(tau).all(axis=(1, 2))
+        for array in arrays.values():
+            good &= np.isfinite(array).all(axis=(1, 2))
+        return tau, good
 
     def rounding(self, planned: Planned, values: Array) -> Array:
         """Return how far rounding may have put any torque off in runs with rows of values (N, keys)."""
@@ -171,11 +183,10 @@ class InverseRuns(BatchCommand[InverseStructure]):
     )  # runs with numbers that are not finite are left to ``inverse``, which names them
     def make(self, structure: InverseStructure, rows: Rows, asked: AskedRuns) -> list[int]:
         samples = asked.samples or structure.program.problem.scene.inverse.samples
-        samples = (samples - 1) * between(structure.program.problem, samples) + 1
-        planned = structure.planned(samples)
+        planned = structure.planned(structure.program.looked_at(samples))
         tables = table_rows(structure.tables, structure.numbers(asked.result.values[rows]))
         left: list[int] = []
-        runs = max(1, ENTRIES // (structure.size * samples))
+        runs = max(1, ENTRIES // (structure.size * len(planned.times)))
         for first in range(0, len(rows), runs):
             part = slice(first, first + runs)
             left += self._evaluate(structure, planned, tables[part], rows[part], asked)
@@ -186,12 +197,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
     ) -> list[int]:
         """Keep the runs with rows of tables; return those that are left to be made one by one."""
         result, motion, times = asked.result, planned.motion, planned.times
-        groups = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
-        arrays = structure.kernel.of_tables(tables, len(times), groups)
-        tau = np.sum([arrays[name] for name in structure.terms], axis=0)  # (N, nv, T)
-        good = np.isfinite(tau).all(axis=(1, 2))
-        for array in arrays.values():
-            good &= np.isfinite(array).all(axis=(1, 2))
+        tau, good = structure.torques(planned, tables)
         tau, to = tau[good], rows[good]
         loaded = Loaded(
             times, tau.reshape(-1, len(times)).T, np.tile(motion.qd, (1, len(tau))),
@@ -203,9 +209,10 @@ class InverseRuns(BatchCommand[InverseStructure]):
         result.code[to], result.time[to] = 0, times[-1]
         result.q[to], result.qd[to] = motion.q[-1], motion.qd[-1]
         if asked.samples:
-            kept, own = result.samples, slice(None, None, (len(times) - 1) // (asked.samples - 1))
-            kept["time"][to], kept["tau"][to] = times[own], tau.transpose(0, 2, 1)[:, own]
-            kept["q"][to], kept["qd"][to], kept["qdd"][to] = motion.q[own], motion.qd[own], motion.qdd[own]
+            kept, own = result.samples, structure.planned(structure.program.times(asked.samples))
+            kept["tau"][to] = structure.torques(own, tables[good])[0].transpose(0, 2, 1)
+            kept["time"][to], kept["q"][to] = own.times, own.motion.q
+            kept["qd"][to], kept["qdd"][to] = own.motion.qd, own.motion.qdd
         return [int(row) for row in rows[~good]]
 
     def single(self, scene: Scene) -> Result:

@@ -15,13 +15,10 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.gears import geared
-from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.kernels.program import Program
-from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
@@ -36,11 +33,20 @@ from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
 from robodyn_cli.summaries.mechanism import KinematicsSummary
-from robodyn_cli.torques.checks import Loaded, between, joint_figures
+from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.works.inverse import at_rest, program_of
-from robodyn_cli.works.kinematics import leading, outputs, plan, problem_of, report, summarise
+from robodyn_cli.works.inverse import evaluated_at, program_of
+from robodyn_cli.works.kinematics import (
+    closer_times,
+    evaluated,
+    leading,
+    outputs,
+    plan,
+    problem_of,
+    report,
+    summarise,
+)
 
 
 @record
@@ -51,12 +57,6 @@ class InverseFigures:
     joints: dict[str, JointFigures]
     reactions: PeakLoads | Absent = ABSENT
     drives: dict[str, DriveFigures] | Absent = ABSENT
-
-
-def _samples(problem: Problem) -> int:
-    """Return how many samples the figures of ``inverse`` follow from."""
-    samples = problem.scene.inverse.samples
-    return (samples - 1) * between(problem, samples) + 1
 
 
 class InverseSlopes:
@@ -73,8 +73,9 @@ class InverseSlopes:
         self.program = program_of(scene)
         self.problem = self.program.problem
         _refuse(self.program)
-        self.samples = _samples(self.problem)
-        self.loads = ReactionSamples(self.problem, self.samples) if scene.outputs.reactions else None
+        self.loads = (
+            ReactionSamples(self.problem, len(self.led.course.times)) if scene.outputs.reactions else None
+        )
         self.gradients = MotionGradients(self.problem, self._outputs(), self.led.places)
 
     def _outputs(self) -> dict[str, Sequence[Scalar]]:
@@ -105,8 +106,7 @@ class InverseSlopes:
     @cached_property
     def sampled(self) -> Sampled:
         """The run of the scene as it stands."""
-        planned = at_rest(self.problem, self.program.plan(self.samples))
-        return self.program.evaluate(planned, self.program.compile(self.samples))
+        return evaluated_at(self.program, self.led.course.times)[1]
 
     @cached_property
     def moved(self) -> dict[str, Array]:
@@ -142,25 +142,29 @@ class InverseSlopes:
     def _course(scene: Scene) -> LedCourse:
         program = program_of(scene)
         lead = program.lead if isinstance(program, ClosedLoops) else None
-        return LedCourse.of(program.problem, program.times(_samples(program.problem)), lead)
+        return LedCourse.of(program.problem, program.looked_at(scene.inverse.samples), lead)
 
     def _figures(self, k: int, step: float, every: int) -> InverseFigures:
         """Return the figures for a key changed by so much, along the derivatives of the samples."""
         sampled, moved = self.sampled, self.moved
-        motion, part = sampled.motion, every_second(len(sampled.times), every)
+        motion, part = sampled.motion, every_second(sampled.times, every)
         arrays = {"q": motion.q, "v": motion.qd, "a": motion.qdd, "tau": sampled.tau, **self.wrenches}
         there = {name: (x + step * moved[name][:, :, k])[part] for name, x in arrays.items()}
         times = (sampled.times + step * moved["t"][:, 0, k])[part]
         motion = dataclasses.replace(motion, q=there["q"], qd=there["v"], qdd=there["a"])
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
+        loaded = Loaded.of(self.problem, sampled)
         figures = InverseFigures(
             Termination("end of the trajectory", float(times[-1])),
-            joint_figures(self.problem, sampled, Loaded.of(self.problem, sampled)),
+            joint_figures(self.problem, sampled, loaded),
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
             figures = dataclasses.replace(
-                figures, reactions=PeakLoads(ABSENT, ABSENT, largest_loads(times, data, self.loads.names))
+                figures,
+                reactions=PeakLoads(
+                    ABSENT, ABSENT, largest_loads(times, data, self.loads.names, loaded.breaks)
+                ),
             )
         if self.asked.scene.drives and any(name.startswith("drives.") for name in self.asked.task.outputs):
             figures = dataclasses.replace(figures, drives=self._drives(sampled, step, k))
@@ -183,7 +187,8 @@ class InverseSlopes:
         part = step / (abs(self.asked.values[number]) or 1.0)
         scene = self.asked.changed([number], part) if step else self.asked.scene
         motion = sampled.motion
-        moved = Moved(sampled.times, motion.q, motion.qd, motion.qdd, sampled.tau)
+        breaks = tuple(breaks_of(self.problem, sampled.times, motion))
+        moved = Moved(sampled.times, motion.q, motion.qd, motion.qdd, sampled.tau, breaks)
         return Drives.of(scene, program_of(scene).problem if step else self.problem, moved).figures()
 
 
@@ -229,14 +234,12 @@ class KinematicsSlopes:
     @cached_property
     def planned(self) -> tuple[Planned, tuple[str, ...]]:
         """The motion of the scene as it stands, and the velocity coordinates that lead it."""
-        return plan(self.problem)
+        return plan(self.problem, self.led.course.times)
 
     @cached_property
     def arrays(self) -> dict[str, Array]:
         """What is evaluated along the motion."""
-        planned, _ = self.planned
-        function = SampleFunction(outputs(self.problem), MOTION_GROUPS, len(planned.times))
-        return function.along(planned.times, planned.motion)
+        return evaluated(self.problem, self.planned[0])
 
     @cached_property
     def moved(self) -> dict[str, Array]:
@@ -251,7 +254,7 @@ class KinematicsSlopes:
     def _summary(self, k: int, step: float, every: int) -> KinematicsSummary:
         """Return the summary for a key changed by so much, along the derivatives of the samples."""
         (planned, led), moved = self.planned, self.moved
-        part = every_second(len(planned.times), every)
+        part = every_second(planned.times, every)
         there = {
             name: (x + step * moved[name][:, :, k])[part]
             for name, x in (
@@ -268,4 +271,4 @@ class KinematicsSlopes:
 def _course(scene: Scene) -> LedCourse:
     problem = problem_of(scene)
     lead, times = leading(problem)
-    return LedCourse.of(problem, times, lead)
+    return LedCourse.of(problem, closer_times(problem, times), lead)

@@ -14,6 +14,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import SparseRow, gradients
@@ -27,6 +28,7 @@ from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import EXACT, NARROWER, Slope, extrapolated
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import as_keys
+from robodyn_cli.solve.quadrature import stretches
 from robodyn_cli.spatial.algebra import Array
 
 
@@ -225,11 +227,16 @@ def _slopes(outputs: Sequence[str], give: Callable[[float, int], Any], step: flo
     return [Slope(float(y), float(e), EXACT) for y, e in zip(values, errors + sampled + solved)]
 
 
-def every_second(samples: int, every: int) -> slice:
-    """Return which samples to take: all, or, of an odd number of them, each (-1) or every second one (2)."""
-    if every == ALL or samples < 3:
-        return slice(None)
-    return slice((samples + 1) % 2, None, 1 if every == ODD[0] else 2)
+def every_second(times: Array, every: int) -> NDArray[np.int_]:
+    """Return which samples at times (T,) to take: all, or, of an odd number in each stretch of uniform ones, each (-1)
+    or every second one (2)."""
+    if every == ALL or len(times) < 3:
+        return np.arange(len(times))
+    parts = [
+        (part, np.arange((part.samples + 1) % 2, part.samples, 1 if every == ODD[0] else 2))
+        for part in stretches(times)
+    ]
+    return np.unique(np.concatenate([(part.first[:, None] + own).ravel() for part, own in parts]))
 
 
 def _numbers(outputs: Sequence[str], record: Any) -> list[float]:

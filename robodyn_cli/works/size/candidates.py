@@ -32,10 +32,13 @@ from robodyn_cli.motors.gear import Belt
 from robodyn_cli.motors.kinds import TorqueTable
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.extremes import largest_magnitude
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.checks import breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.works.inverse import at_rest, program_of
+from robodyn_cli.works.inverse import evaluated_at, program_of
+
+SPEED = "speed"  # limit of a motor that is not run, by its top speed
 
 # a drive of 1 kg that reflects 1 kg m^2 or 1 kg
 UNIT = Catalogue(
@@ -98,15 +101,13 @@ class Responses:
         """
         unit = with_unit_drives(scene, drives)
         program = program_of(unit)
-        samples = scene.inverse.samples
-        planned = at_rest(program.problem, program.plan(samples))
-        sampled = program.evaluate(planned, program.compile(samples))
+        planned, sampled = evaluated_at(program, program.looked_at(scene.inverse.samples))
         variants = _Variants.of(program, unit, tuple(drives))
         hold = variants.loads(program, sampled, still=True)
         R = None
         if hold is not None:
             loops = sampled.loops
-            psi = np.zeros((samples, 0, program.problem.model.nv)) if loops is None else loops.psi
+            psi = np.zeros((len(planned.times), 0, program.problem.model.nv)) if loops is None else loops.psi
             R = following(program.problem, psi)
         names = program.problem.model.v_names
         tau = variants.loads(program, sampled)
@@ -251,19 +252,20 @@ class Candidates:
         A combination that fails by its speed or by its gear is looked at no further, unless all fail.
         """
         trains = [self.train(k) for k in range(len(self.gears))]  # with the first motor
-        fast = float(np.abs(duty.speed).max()) * np.array([float(train.turns) for train in trains])
+        speed = float(largest_magnitude(duty.times, duty.speed[:, None], duty.breaks).value[0])
+        fast = speed * np.array([float(train.turns) for train in trains])
         uses = _Uses((len(self.motors), len(self.gears)))
         for k, train in enumerate(trains):
             uses.keep((slice(None), k), other_limits(train, duty))
         tops = np.array([np.inf if curve is None else curve.driving.top_speed for curve in self.curves])
-        uses.table["speed"] = fast / tops[:, None]
+        uses.table[SPEED] = fast / tops[:, None]
         able = self.usable & (uses.most <= 1.0)
         shafts = _rows([ShaftDuty.by(train, duty) for train in trains])
         self._run_motors(uses, able, shafts, duty)
         if not np.any(self.usable & (uses.most <= 1.0)):  # which comes nearest is told by all limits
             self._run_motors(uses, self.usable & ~able, shafts, duty)
         if "peak" in uses.table:  # which is never less
-            uses.table["speed"][np.isfinite(uses.table["peak"])] = np.nan
+            uses.table[SPEED][np.isfinite(uses.table["peak"])] = np.nan
         return uses.table
 
     def margins(self, uses: Mapping[str, Array]) -> Array:

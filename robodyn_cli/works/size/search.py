@@ -16,15 +16,17 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.drives.cycle import Duty
+from robodyn_cli.drives.figures import Evaluated
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.motors.drive import Catalogue, Drive, Train
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.extremes import largest_magnitude
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import MotorAndGear
 from robodyn_cli.torques.checks import breaks_of_joint
-from robodyn_cli.works.size.candidates import Candidates, Responses, stacked
+from robodyn_cli.works.size.candidates import SPEED, Candidates, Responses, stacked
 
 MOST_SWEEPS = 40
 ALIKE = 1e-9  # relative change of a load that is rounding
@@ -167,10 +169,16 @@ class DriveSearch:
     def _figures(self, name: str, k: int) -> MotorAndGear:
         """Return the figures of the k-th combination of a joint."""
         one, use = self.candidates[name], stacked(self.uses[name])
-        drive = one.train(k).drive
+        train = one.train(k)
         decides = list(self.uses[name])[int(use.reshape(len(use), -1)[:, k].argmax())]
         cost, mass, margin = (float(x.flat[k]) for x in (one.costs, one.masses, self.margins(name)))
-        return MotorAndGear(drive.motor, drive.gear, cost, mass, margin, decides)
+        duty = self._duty(name, {other: self.figure(other, "masses") for other in self.candidates})
+        if decides == SPEED:
+            fast = largest_magnitude(duty.times, duty.speed[:, None], duty.breaks)
+            off = (1.0 - margin) * float(fast.error[0] / fast.value[0])
+        else:
+            off = Evaluated.of(train, duty).use_error(decides)
+        return MotorAndGear(train.drive.motor, train.drive.gear, cost, mass, margin, off, decides)
 
     def best(self, name: str) -> MotorAndGear:
         """Return the combination of a joint with the largest margin."""
