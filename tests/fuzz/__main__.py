@@ -31,7 +31,7 @@ SMALLER = "being made smaller"
 MEMORY = 6 << 30  # bytes a worker may ask for
 
 
-def work(seeds: range, stored: Path, out: Path, pipe: Connection) -> None:
+def work(seeds: range, stored: Path, out: Path, part: str, pipe: Connection) -> None:
     """Run the cases of some seeds; say before and after each which one and how it ended."""
     import resource
 
@@ -41,14 +41,14 @@ def work(seeds: range, stored: Path, out: Path, pipe: Connection) -> None:
     with tempfile.TemporaryDirectory() as name:
         for seed in seeds:
             pipe.send((seed, None, ""))
-            case = make(seed, stored)
+            case = make(seed, stored, part)
             outcome = try_case(case, Path(name) / "case", INTERRUPT_AFTER)
             if outcome.finding and outcome.finding not in seen:
                 seen.add(outcome.finding)
                 pipe.send((seed, None, SMALLER))
                 case = smaller(case, outcome.finding, Path(name) / "case", INTERRUPT_AFTER)
                 write(out, case, outcome, seed)
-            pipe.send((seed, outcome.code, outcome.finding))
+            pipe.send((seed, f"{case.command} {outcome.code}", outcome.finding))
 
 
 def write(out: Path, case: Case, outcome: Outcome, seed: int) -> None:
@@ -76,7 +76,7 @@ class Pool:
     def _begin(self, first: int) -> None:
         mine, theirs = multiprocessing.Pipe(duplex=False)
         seeds = range(first, sys.maxsize, self.arguments.jobs)
-        process = multiprocessing.Process(target=work, args=(seeds, self.stored, self.arguments.out, theirs))
+        process = multiprocessing.Process(target=work, args=(seeds, self.stored, self.arguments.out, self.arguments.part, theirs))
         process.start()
         theirs.close()
         # importing the program takes its time too
@@ -102,7 +102,7 @@ class Pool:
         patience = MINIMISED_AFTER if finding == SMALLER else HANGS_AFTER
         self.workers[pipe][1:] = [seed, time.monotonic() + patience]
         if code is not None:
-            self.codes[str(code)] += 1
+            self.codes[code] += 1
             if finding:
                 self._tell(seed, finding)
 
@@ -111,9 +111,9 @@ class Pool:
         process.kill()
         process.join()
         pipe.close()
-        case = make(seed, self.stored)
+        case = make(seed, self.stored, self.arguments.part)
         write(self.arguments.out, case, Outcome(-1, "", f"{what} (seed {seed})"), seed)
-        self.codes[what] += 1
+        self.codes[f"{case.command} {what}"] += 1
         self._tell(seed, f"{what}: {case.command}")
         self._begin(seed + self.arguments.jobs)
 
@@ -128,6 +128,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--cases", type=int, default=sys.maxsize)
+    parser.add_argument("--part", choices=("read", "run", "both"), default="both", help="readers alone, or commands")
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "robodyn-fuzz")
@@ -140,10 +141,13 @@ def main() -> int:
         pool.run(time.monotonic() + arguments.seconds)
     finally:
         shutil.rmtree(stored, ignore_errors=True)
-    report = {"first_seed": arguments.seed, "cases": sum(pool.codes.values()), "codes": dict(sorted(pool.codes.items())),
+    refused = sum(count for name, count in pool.codes.items() if name.endswith(" 2"))
+    report = {"first_seed": arguments.seed, "part": arguments.part, "cases": pool.codes.total(),
+              "past_validation": pool.codes.total() - refused, "codes": dict(sorted(pool.codes.items())),
               "findings": dict(pool.findings)}  # fmt: skip
     print(json.dumps(report, indent=1))
-    (arguments.out / f"report-{arguments.seed}.json").write_text(json.dumps(report, indent=1))
+    name = f"report-{arguments.part}-{arguments.seed}.json"
+    (arguments.out / name).write_text(json.dumps(report, indent=1))
     return 1 if pool.findings else 0
 
 
