@@ -21,7 +21,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz.cases import Case, Outcome, make, store_results, try_case
+from tests.fuzz.cases import Case, Outcome, store_results, try_case
+from tests.fuzz.makers import make, of_features
 from tests.fuzz.smaller import smaller
 
 INTERRUPT_AFTER = 10.0  # seconds, then a case is interrupted as by ctrl-C
@@ -39,6 +40,7 @@ def work(seeds: range, stored: Path, out: Path, part: str, pipe: Connection) -> 
     os.environ["ROBODYN_DEBUG"] = "1"
     seen: set[str] = set()
     with tempfile.TemporaryDirectory() as name:
+        tempfile.tempdir, os.environ["BROWSER"] = name, "true"  # what commands leave, and open
         for seed in seeds:
             pipe.send((seed, None, ""))
             case = make(seed, stored, part)
@@ -76,7 +78,9 @@ class Pool:
     def _begin(self, first: int) -> None:
         mine, theirs = multiprocessing.Pipe(duplex=False)
         seeds = range(first, sys.maxsize, self.arguments.jobs)
-        process = multiprocessing.Process(target=work, args=(seeds, self.stored, self.arguments.out, self.arguments.part, theirs))
+        process = multiprocessing.Process(
+            target=work, args=(seeds, self.stored, self.arguments.out, self.arguments.part, theirs)
+        )
         process.start()
         theirs.close()
         # importing the program takes its time too
@@ -128,7 +132,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--cases", type=int, default=sys.maxsize)
-    parser.add_argument("--part", choices=("read", "run", "both"), default="both", help="readers alone, or commands")
+    parser.add_argument(
+        "--part", choices=("read", "run", "both"), default="both", help="readers alone, or commands"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "robodyn-fuzz")
@@ -137,6 +143,8 @@ def main() -> int:
     stored = Path(tempfile.mkdtemp())
     try:
         store_results(stored)
+        if arguments.part != "read":
+            of_features()  # once for all workers
         pool = Pool(arguments, stored)
         pool.run(time.monotonic() + arguments.seconds)
     finally:

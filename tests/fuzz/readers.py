@@ -8,6 +8,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import yaml
+
 from robodyn_cli.results.hdf5 import read
 from robodyn_cli.results.summary import read_summary
 from robodyn_cli.scene.load import load_description, load_scene
@@ -116,7 +118,20 @@ def _xml(text: str, rng: random.Random) -> bytes:
         elif '"' in lines[k]:
             parts = lines[k].split('"')
             value = rng.choice(
-                ("", "nan", "1e999", "-1", "0 0 0", "0 0", "x", "1e308 0 0", "revolute", "arm", "&lt;", "9" * 99)
+                (
+                    "",
+                    "nan",
+                    "1e999",
+                    "-1",
+                    "0 0 0",
+                    "0 0",
+                    "x",
+                    "1e308 0 0",
+                    "revolute",
+                    "arm",
+                    "&lt;",
+                    "9" * 99,
+                )
             )
             parts[rng.randrange(len(parts) // 2) * 2 + 1] = value
             lines[k] = '"'.join(parts)
@@ -133,7 +148,9 @@ def _mesh(rng: random.Random, mutator: Mutator, trees: list[Any], stored: Path) 
 
 
 def _catalogue(rng: random.Random, mutator: Mutator, trees: list[Any], stored: Path) -> Files:
-    tree = {**next(t for t in trees if "drives" in t), "catalogue": "parts.csv"}
+    tree = yaml.safe_load((ROOT / "configs/2r_drives.yaml").read_text())
+    tree |= {"robot": str(ROOT / "configs/robots/planar_2r.yaml"), "catalogue": "parts.csv"}
+    tree["drives"] = {"theta1": {"motor": "small"}, "theta2": {"motor": "wide"}}
     return {"parts.csv": spoil(PARTS, rng), "scene.yaml": dump(tree).encode()}
 
 
@@ -146,8 +163,8 @@ def _include(rng: random.Random, mutator: Mutator, trees: list[Any], stored: Pat
 Maker = Callable[[random.Random, Mutator, list[Any], Path], Files]
 # kinds of inputs by how often they are read: those that are short to read more often
 MAKERS: Mapping[str, tuple[Maker, int]] = {
-    "scene": (_scene, 40), "bytes": (_bytes, 20), "table": (_table, 8), "stored": (_stored, 6),
-    "stored_table": (_stored_table, 4), "urdf": (_urdf, 12), "mesh": (_mesh, 6), "catalogue": (_catalogue, 4),
+    "scene": (_scene, 40), "bytes": (_bytes, 20), "table": (_table, 8), "stored": (_stored, 3),
+    "stored_table": (_stored_table, 2), "urdf": (_urdf, 12), "mesh": (_mesh, 4), "catalogue": (_catalogue, 3),
     "include": (_include, 8),
 }  # fmt: skip
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import pytest
 
 from robodyn_cli.commands import COMMANDS
-from tests.fuzz.cases import SLOW, WEIGHTS, make, store_results, try_case
+from tests.fuzz.cases import SLOW, store_results, try_case
+from tests.fuzz.makers import WEIGHTS, make
 
 CASES = 60
 BLOCKS = 5
