@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import hashlib
 import json
 import multiprocessing
 import os
 import shlex
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -38,6 +40,7 @@ def work(seeds: range, stored: Path, out: Path, part: str, pipe: Connection) -> 
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     os.environ["ROBODYN_DEBUG"] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the pool stops it
     seen: set[str] = set()
     with tempfile.TemporaryDirectory() as name:
         tempfile.tempdir, os.environ["BROWSER"] = name, "true"  # what commands leave, and open
@@ -94,6 +97,9 @@ class Pool:
             for pipe, (_, seed, until_then) in list(self.workers.items()):
                 if time.monotonic() > until_then and not pipe.poll():
                     self._replace(pipe, seed, "hang")
+
+    def end(self) -> None:
+        """Stop all workers."""
         for process, _, _ in self.workers.values():
             process.kill()
 
@@ -146,7 +152,9 @@ def main() -> int:
         if arguments.part != "read":
             of_features()  # once for all workers
         pool = Pool(arguments, stored)
-        pool.run(time.monotonic() + arguments.seconds)
+        with contextlib.suppress(KeyboardInterrupt):  # what was tried until then is told
+            pool.run(time.monotonic() + arguments.seconds)
+        pool.end()
     finally:
         shutil.rmtree(stored, ignore_errors=True)
     refused = sum(count for name, count in pool.codes.items() if name.endswith(" 2"))

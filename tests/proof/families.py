@@ -22,6 +22,7 @@ METHODS = {
 }  # fmt: skip
 WEIGHTS = np.array([3, 2, 1, 1, 3, 2, 1, 0.5, 0.7, 0.7, 1, 0.7, 0.7, 0.5, 0.5, 0.5, 0.3])
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
+MOST_METHODS = 6  # of a scene, each of which is compiled
 
 
 def smooth(rng: Rng) -> Mechanism:
@@ -317,7 +318,8 @@ def make(seed: int) -> tuple[str, Mechanism, Rng]:
 def settings(rng: Rng, runs: int) -> list[dict[str, Any]]:
     """Return what ``simulate`` is told for each of the runs of a scene: a few methods, since each is compiled anew."""
     found = []
-    methods = [str(x) for x in rng.choice(list(METHODS), max(1, runs // 4), replace=False, p=WEIGHTS)]
+    count = min(MOST_METHODS, max(1, runs // 4))
+    methods = [str(x) for x in rng.choice(list(METHODS), count, replace=False, p=WEIGHTS)]
     for k in range(runs):
         method = methods[k % len(methods)]
         if METHODS[method] == 0.0:
