@@ -26,6 +26,10 @@ WEIGHTS = {
     "sweep": 1.2, "crosscheck": 1.5, "work-precision": 0.15, "stability": 0.15,
 }  # fmt: skip
 READ_SHARE = 10.0 / 11.0  # of cases of both parts
+OUTPUTS = {
+    "simulate": "final.q.{}", "inverse": "peak_torque.{}", "kinematics": "joints.{}.peak_speed",
+    "statics": "configuration.{}",
+}  # fmt: skip
 STUDIES = ("sweep", "sensitivity")
 OTHERS = ("validate", "plan", "info", "crosscheck", "run", "work-precision", "stability")
 # on stored results: their options
@@ -141,25 +145,21 @@ def _options(command: str, rng: random.Random, mutator: Mutator, tree: Any) -> l
 
 
 def _study(command: str, rng: random.Random, mutator: Mutator, tree: Any) -> list[str]:
-    """Return what varies and what is looked at."""
-    numbers = [p for p in places(tree) if type(get(tree, p)) in (int, float) and p[0] != "schema"]
-    keys = [(p, get(tree, p)) for p in rng.choices(numbers, k=2)]
-    names = [".".join(str(step) for step in p) for p, _ in keys]
-    joint = _joint(rng, tree)
-    outputs = (f"final.q.{joint}", f"peak_torque.{joint}", f"rms_torque.{joint}", f"joints.{joint}.peak_speed",
-               "lock.time", f"configuration.{joint}", rng.choice(mutator.keys))  # fmt: skip
-    of = [word for name in rng.choices(outputs, k=rng.choice((0, 1, 2))) for word in ("--of", name)]
+    """Return what varies and what is looked at: most often what there is."""
+    paths = [p for p in places(tree) if type(get(tree, p)) in (int, float) and p[0] != "schema"]
+    parts = [p for p in paths if p[0] in ("robot", "gravity") and type(get(tree, p)) is float] or paths
+    chosen = rng.sample(parts if rng.random() < 0.85 else paths, k=min(len(parts), 2))
+    own = OUTPUTS.get(tree.get("command"), "lock.time").format(_joint(rng, tree))
+    of = ["--of", own if rng.random() < 0.85 else rng.choice(mutator.keys)]
+    names = {".".join(str(step) for step in p): get(tree, p) for p in chosen}
     if command == "sensitivity":
         return [word for name in names for word in ("--to", name)] + of
     specs = [
-        rng.choice((f"normal({x}, 5 %)", f"linspace({x}, {x + 0.1}, 2)", f"[{x}, {1.1 * x}]"))
-        for _, x in keys
+        rng.choice((f"normal({x}, 0.01)", f"linspace({x}, {x + 0.1}, 2)", f"[{x}, {1.1 * x + 0.01}]"))
+        for x in names.values()
     ]
-    return [word for name, spec in zip(names, specs) for word in ("--vary", f"{name}={spec}")] + [
-        "-n",
-        "3",
-        *of,
-    ]
+    drawn = ["-n", "3"] if "normal" in str(specs) else []
+    return [word for name, spec in zip(names, specs) for word in ("--vary", f"{name}={spec}")] + drawn + of
 
 
 def _joint(rng: random.Random, tree: Any) -> str:
