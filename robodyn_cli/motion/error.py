@@ -146,6 +146,7 @@ ConditioningOf = Callable[[int], "Conditioning"]
 NEAR_ROUNDING = 1e3  # times the rounding of the state: below it what rounds the accelerations is looked at
 HALF_UNIT = 1.1e-16
 MARGIN = 1.25  # of an estimate: errors follow the order of a method to within some such part
+LEAST_OWN = 0.02  # of the first run's errors, that the second run's are at least
 AMPLIFIED = 30.0  # times rounding: differences so large
 FEWEST = 8  # samples from which on that is told
 GROWN = 10.0  # times those of the first half, of differences in the second
@@ -219,13 +220,13 @@ class Courses:
         """Return the errors at the end (N, nx), no less than the floor.
 
         There the errors of both may agree by chance. So they are no less than what the second run's own error typically
-        is over the second half of the samples: a part 1 - 1/scale of the first one's (see ``remainder``), or as much as
-        the first one's where both are at rounding.
+        is over the second half of the samples: a part 1 - MARGIN/scale of the first one's (see ``remainder``), or as
+        much as the first one's where both are at rounding.
         """
         errors = self.errors
         last: Array = errors[:, -1].copy()
         at_rounding = errors.max(axis=(1, 2), initial=0.0) <= AT_ROUNDING * np.maximum(floor.q, floor.qd)
-        own = np.where(at_rounding, 1.0, 1.0 - 1.0 / self.scale)
+        own = np.where(at_rounding, 1.0, np.maximum(LEAST_OWN, 1.0 - MARGIN / self.scale))
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = errors[:, errors.shape[1] // 2 :, list(places)].max(axis=2, initial=0.0)
             typical = own * np.median(largest, axis=1)

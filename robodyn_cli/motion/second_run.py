@@ -226,11 +226,12 @@ def judged_courses(
     motion: Motion, first: FirstRun, second: Second, recorder: Recorder
 ) -> tuple[Courses, Array]:
     """Return the states by which errors at the end are judged, and their times."""
-    stride = recorder.stride // recorder.every
-    own, other = np.concatenate(recorder.judged), second.states[::stride]
+    numbers = np.arange(len(second.states))
+    judged = recorder.is_judged(recorder.every * numbers)
+    times = first.grid.every(recorder.every).times(0, len(numbers))[judged]
+    own, other = np.concatenate(recorder.judged), second.states[judged]
     count = min(len(own), len(other))
-    own, other = own[:count], other[:count]
-    times = first.grid.every(recorder.stride).times(0, count)
+    own, other, times = own[:count], other[:count], times[:count]
     sampled_end = len(times) > 0 and times[-1] >= first.end
     if second.end >= first.end:
         own, other = np.vstack([own, first.state]), np.vstack([other, second.state])

@@ -27,14 +27,23 @@ class Recorder:
     With a ``writer`` everything goes to the file block by block, and only every ``every``-th sample stays in
     memory, for plots and for the error estimate: a run of 10^7 samples never fills memory.
 
-    judged : blocks of every ``stride``-th state as it was integrated. last_state : the last one.
+    judged : blocks of the states by which errors are judged, as they were integrated. last_state : the last one.
+    samples : of the run; by default those of the scene.
     """
 
-    def __init__(self, observer: Observer, writer: ResultWriter | None = None, every: int = 1) -> None:
+    def __init__(
+        self,
+        observer: Observer,
+        writer: ResultWriter | None = None,
+        every: int = 1,
+        samples: int | None = None,
+    ) -> None:
         self.observer = observer
         self.writer = writer
         self.every = every
-        self.stride = max(1, int(stride_of(observer.problem.scene.simulate.samples)))
+        samples = samples or observer.problem.scene.simulate.samples
+        self.stride = max(1, int(stride_of(samples)))
+        self._offset = (samples - 1) % self.stride // every * every
         self.judged: list[Array] = []
         self.seen = 0
         self.blocks: dict[str, list[Array]] = {}
@@ -49,13 +58,15 @@ class Recorder:
         self._last = -np.inf
 
     @staticmethod
-    def of(observer: Observer, writer: ResultWriter | None) -> Recorder:
+    def of(observer: Observer, writer: ResultWriter | None, samples: int) -> Recorder:
         """Return the recorder of a whole run; beside a file, memory holds no more than every n-th sample."""
-        samples = observer.problem.scene.simulate.samples
         # a power of two, as ``stride`` is
-        return Recorder(
-            observer, writer, 1 if writer is None else 1 << ((samples - 1) // KEPT_IN_MEMORY).bit_length()
-        )
+        every = 1 if writer is None else 1 << ((samples - 1) // KEPT_IN_MEMORY).bit_length()
+        return Recorder(observer, writer, every, samples)
+
+    def is_judged(self, k: Any) -> Any:
+        """Tell by which samples, of these numbers (T,), errors are judged: the first, and every n-th up to the last."""
+        return (k == 0) | (k % self.stride == self._offset)
 
     @np.errstate(all="ignore")  # a run that blows up reports its last states, infinite ones too
     def emit(self, t: Array, x: Array, p: Array, project: bool = True, extra: bool = False) -> None:
@@ -66,7 +77,7 @@ class Recorder:
         self.observer.parameters = p
         self.last_state = x[-1].copy()
         if not extra:
-            self.judged.append(x[-self.seen % self.stride :: self.stride].copy())
+            self.judged.append(x[self.is_judged(self.seen + np.arange(len(x)))])
         data = self.observer.observe(t, x, project)
         if self.not_finite is None:
             self.not_finite = self._not_finite(t, x, data)

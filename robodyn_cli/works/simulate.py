@@ -62,7 +62,7 @@ def _start(scene: Scene, writer: ResultWriter | None, watch: Stopwatch) -> Run:
     """Build everything, and put the driver to the start."""
     motion, beginning = motion_of(scene, watch)
     with watch.stage("equations"):
-        recorder = Recorder.of(motion.observer, writer)
+        recorder = Recorder.of(motion.observer, writer, grid_of(scene, beginning).count)
     with watch.stage("method"):
         driver = Driver.of(motion, supervisor_for(motion.choice))
         driver.start(beginning.time, beginning.state)

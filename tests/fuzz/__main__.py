@@ -8,12 +8,14 @@ from __future__ import annotations
 
 import argparse
 import collections
+import contextlib
 import hashlib
 import json
 import multiprocessing
 import os
 import shlex
 import shutil
+import signal
 import sys
 import tempfile
 import time
@@ -21,7 +23,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
 
-from tests.fuzz.cases import Case, Outcome, make, store_results, try_case
+from tests.fuzz.cases import Case, Outcome, store_results, try_case
+from tests.fuzz.makers import make, of_features
 from tests.fuzz.smaller import smaller
 
 INTERRUPT_AFTER = 10.0  # seconds, then a case is interrupted as by ctrl-C
@@ -31,24 +34,26 @@ SMALLER = "being made smaller"
 MEMORY = 6 << 30  # bytes a worker may ask for
 
 
-def work(seeds: range, stored: Path, out: Path, pipe: Connection) -> None:
+def work(seeds: range, stored: Path, out: Path, part: str, pipe: Connection) -> None:
     """Run the cases of some seeds; say before and after each which one and how it ended."""
     import resource
 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     os.environ["ROBODYN_DEBUG"] = "1"
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the pool stops it
     seen: set[str] = set()
     with tempfile.TemporaryDirectory() as name:
+        tempfile.tempdir, os.environ["BROWSER"] = name, "true"  # what commands leave, and open
         for seed in seeds:
             pipe.send((seed, None, ""))
-            case = make(seed, stored)
+            case = make(seed, stored, part)
             outcome = try_case(case, Path(name) / "case", INTERRUPT_AFTER)
             if outcome.finding and outcome.finding not in seen:
                 seen.add(outcome.finding)
                 pipe.send((seed, None, SMALLER))
                 case = smaller(case, outcome.finding, Path(name) / "case", INTERRUPT_AFTER)
                 write(out, case, outcome, seed)
-            pipe.send((seed, outcome.code, outcome.finding))
+            pipe.send((seed, f"{case.command} {outcome.code}", outcome.finding))
 
 
 def write(out: Path, case: Case, outcome: Outcome, seed: int) -> None:
@@ -76,7 +81,9 @@ class Pool:
     def _begin(self, first: int) -> None:
         mine, theirs = multiprocessing.Pipe(duplex=False)
         seeds = range(first, sys.maxsize, self.arguments.jobs)
-        process = multiprocessing.Process(target=work, args=(seeds, self.stored, self.arguments.out, theirs))
+        process = multiprocessing.Process(
+            target=work, args=(seeds, self.stored, self.arguments.out, self.arguments.part, theirs)
+        )
         process.start()
         theirs.close()
         # importing the program takes its time too
@@ -90,6 +97,9 @@ class Pool:
             for pipe, (_, seed, until_then) in list(self.workers.items()):
                 if time.monotonic() > until_then and not pipe.poll():
                     self._replace(pipe, seed, "hang")
+
+    def end(self) -> None:
+        """Stop all workers."""
         for process, _, _ in self.workers.values():
             process.kill()
 
@@ -102,7 +112,7 @@ class Pool:
         patience = MINIMISED_AFTER if finding == SMALLER else HANGS_AFTER
         self.workers[pipe][1:] = [seed, time.monotonic() + patience]
         if code is not None:
-            self.codes[str(code)] += 1
+            self.codes[code] += 1
             if finding:
                 self._tell(seed, finding)
 
@@ -111,9 +121,9 @@ class Pool:
         process.kill()
         process.join()
         pipe.close()
-        case = make(seed, self.stored)
+        case = make(seed, self.stored, self.arguments.part)
         write(self.arguments.out, case, Outcome(-1, "", f"{what} (seed {seed})"), seed)
-        self.codes[what] += 1
+        self.codes[f"{case.command} {what}"] += 1
         self._tell(seed, f"{what}: {case.command}")
         self._begin(seed + self.arguments.jobs)
 
@@ -128,6 +138,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.fuzz", description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--cases", type=int, default=sys.maxsize)
+    parser.add_argument(
+        "--part", choices=("read", "run", "both"), default="both", help="readers alone, or commands"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "robodyn-fuzz")
@@ -136,14 +149,21 @@ def main() -> int:
     stored = Path(tempfile.mkdtemp())
     try:
         store_results(stored)
+        if arguments.part != "read":
+            of_features()  # once for all workers
         pool = Pool(arguments, stored)
-        pool.run(time.monotonic() + arguments.seconds)
+        with contextlib.suppress(KeyboardInterrupt):  # what was tried until then is told
+            pool.run(time.monotonic() + arguments.seconds)
+        pool.end()
     finally:
         shutil.rmtree(stored, ignore_errors=True)
-    report = {"first_seed": arguments.seed, "cases": sum(pool.codes.values()), "codes": dict(sorted(pool.codes.items())),
+    refused = sum(count for name, count in pool.codes.items() if name.endswith(" 2"))
+    report = {"first_seed": arguments.seed, "part": arguments.part, "cases": pool.codes.total(),
+              "past_validation": pool.codes.total() - refused, "codes": dict(sorted(pool.codes.items())),
               "findings": dict(pool.findings)}  # fmt: skip
     print(json.dumps(report, indent=1))
-    (arguments.out / f"report-{arguments.seed}.json").write_text(json.dumps(report, indent=1))
+    name = f"report-{arguments.part}-{arguments.seed}.json"
+    (arguments.out / name).write_text(json.dumps(report, indent=1))
     return 1 if pool.findings else 0
 
 

@@ -4,33 +4,24 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
-import functools
 import io
 import json
 import os
-import random
 import re
 import shutil
 import signal
 import sys
+import traceback
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from robodyn_cli.cli.app import run as run_words
-from robodyn_cli.scene import load_scene
-from robodyn_cli.scene.starters import STARTERS
-from tests.fuzz.mutate import Mutator, dump, spoil
+from robodyn_cli.errors import INTERNAL, RobodynError
+from tests.fuzz.readers import ROOT, read_files
 
-ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = ROOT / "configs"
-# the commands by how often they are tried; runs that compile code are the dear ones
-WEIGHTS = {
-    "validate": 14, "plan": 6, "info": 14, "inverse": 22, "kinematics": 12, "statics": 8, "assemble": 10, "simulate": 5,
-    "deploy": 2, "check": 3, "compare": 3, "work-precision": 0.2, "stability": 0.2,
-}  # fmt: skip
-RUNS = ("inverse", "simulate", "deploy", "kinematics", "statics", "assemble")
+READ = "read"  # in the place of a command: a reader alone
+RUNS = ("inverse", "simulate", "deploy", "kinematics", "statics", "assemble", "reach", "linearise", "size")
 KNOWN_CODES = (0, 1, 2, 3, 4, 5, 74)
 SLOW = 130  # interrupted by the clock of a case, and heeded
 
@@ -53,99 +44,11 @@ class Outcome:
     finding: str = ""
 
 
-@functools.cache
-def bases() -> list[dict[str, Any]]:
-    """Return good scenes to begin with, short and with few samples."""
-    texts = [load_scene(path).text for path in sorted(CONFIGS.rglob("*.yaml")) if path.parent.name not in
-             ("robots", "trajectories")]  # fmt: skip
-    trees = [yaml.load(text, getattr(yaml, "CSafeLoader", yaml.SafeLoader)) for text in texts]
-    trees += [yaml.safe_load(starter.text("x")) for starter in STARTERS.values()]
-    # the largest take minutes to build, which finds nothing that the others do not
-    small = [t for t in trees if "include" not in t and len(dump(t)) < 5000]
-    for tree in small:
-        for key in ("simulate", "inverse", "kinematics"):
-            if key in tree or key == "simulate":
-                tree[key] = {**(tree.get(key) or {}), "samples": 5}
-        tree["simulate"]["duration"] = min(0.1, float(tree["simulate"].get("duration", 1)))
-        tree.pop("expect", None)
-    return small
-
-
-def make(seed: int, stored: Path) -> Case:
-    """Return the case of a seed; ``stored`` is a directory with whole results, for ``check`` and ``compare``."""
-    rng = random.Random(seed)
-    trees = bases()
-    tree = rng.choice(trees)
-    mutator = _mutator(rng)
-    command = rng.choices(list(WEIGHTS), list(WEIGHTS.values()))[0]
-    if command in ("check", "compare"):
-        return _of_results(command, stored, rng)
-    if command in RUNS and rng.random() < 0.95:
-        tree = rng.choice([t for t in trees if t.get("command") == command] or trees)
-    words = ["--no-plots"] if command not in ("validate", "plan") else []
-    files = {}
-    kind = rng.random()
-    if kind < 0.4:
-        text = dump(mutator.within(tree))
-    elif kind < 0.65:
-        text = dump(mutator.scene(tree))
-    elif kind < 0.75:
-        text = mutator.text(tree)
-    else:
-        text = dump(tree)
-        if command != "validate":
-            words += [w for _ in range(rng.choice((1, 1, 2))) for w in ("--set", mutator.override(tree))]
-    if rng.random() < 0.05:
-        name, content = _table(rng)
-        files[name] = content
-        text = dump({**tree, "trajectory": {"type": "table", "file": name}})
-    files["scene.yaml"] = text.encode(errors="surrogatepass")
-    return Case(command, files, ["scene.yaml", *words, *_options(command, rng, mutator, tree)])
-
-
-@functools.cache
-def _vocabulary() -> Mutator:
-    return Mutator(bases(), random.Random(0))
-
-
-def _mutator(rng: random.Random) -> Mutator:
-    found = _vocabulary()
-    found.rng = rng
-    return found
-
-
-def _options(command: str, rng: random.Random, mutator: Mutator, tree: Any) -> list[str]:
-    words = ["--json"] if rng.random() < 0.1 else []
-    if command in ("info", "assemble") and rng.random() < 0.2:
-        names = [j["name"] for j in tree["robot"]["joints"]] if "robot" in tree else ["x"]
-        words += ["--at", f"q.{rng.choice(names)}={mutator.any_value(tree)}"]
-    if command == "assemble" and rng.random() < 0.3:
-        words.append("--branches")
-    if command == "work-precision":
-        words += ["--methods", "gauss,dop853", "--tolerances", "1e-4,1e-6", "--repeats", "1"]
-    if command == "stability":
-        words.append("--quick")
-    return words
-
-
-def _table(rng: random.Random) -> tuple[str, bytes]:
-    rows = "\n".join(f"{0.1 * k},{0.01 * k * k},{0.02 * k}" for k in range(5))
-    good = ("t,theta1,theta2\n" + rows + "\n").encode()
-    return "table.csv", spoil(good, rng)
-
-
-def _of_results(command: str, stored: Path, rng: random.Random) -> Case:
-    names = sorted(p.name for p in stored.iterdir())
-    source = stored / rng.choice(names)
-    files = {f"run/{name}": (source / name).read_bytes() for name in ("result.h5", "summary.json")}
-    broken = rng.choice(("run/result.h5", "run/result.h5", "run/summary.json"))
-    files[broken] = spoil(files[broken], rng)
-    return Case(command, files, ["run"] if command == "check" else ["run", str(stored / rng.choice(names))])
-
-
 def try_case(case: Case, folder: Path, seconds: float = 10.0) -> Outcome:
     """Run a case in an empty folder; after ``seconds`` it gets an interrupt, which it should heed."""
-    shutil.rmtree(folder, ignore_errors=True)
+    if case.command != READ:  # readers leave nothing
+        shutil.rmtree(folder, ignore_errors=True)
+    folder.mkdir(parents=True, exist_ok=True)
     for name, content in case.files.items():
         (folder / name).parent.mkdir(parents=True, exist_ok=True)
         (folder / name).write_bytes(content)
@@ -154,7 +57,7 @@ def try_case(case: Case, folder: Path, seconds: float = 10.0) -> Outcome:
     os.chdir(folder)
     try:
         with _clock(seconds), contextlib.redirect_stdout(shown), contextlib.redirect_stderr(said):
-            code = run_words([case.command, *case.words])
+            code = _read(case.words[0]) if case.command == READ else run_words([case.command, *case.words])
     except SystemExit as end:
         code = int(end.code or 0)
     except KeyboardInterrupt:
@@ -166,6 +69,22 @@ def try_case(case: Case, folder: Path, seconds: float = 10.0) -> Outcome:
     outcome = Outcome(code, said.getvalue())
     outcome.finding = _wrong(case, outcome, shown.getvalue(), folder)
     return outcome
+
+
+def _read(kind: str) -> int:
+    """Read files as the program does; say what is wrong with them, and return the exit code."""
+    try:
+        read_files(kind)
+    except RobodynError as error:
+        sys.stderr.write(error.message)
+        return error.exit_code
+    except (MemoryError, OverflowError, ZeroDivisionError):  # as every command does
+        sys.stderr.write("out of range")
+        return 3
+    except Exception:
+        traceback.print_exc()
+        return INTERNAL
+    return 0
 
 
 @contextlib.contextmanager
@@ -193,13 +112,15 @@ def _wrong(case: Case, outcome: Outcome, shown: str, folder: Path) -> str:
         return _signature(outcome.said)
     if outcome.code not in KNOWN_CODES and outcome.code != SLOW:
         return f"exit code {outcome.code}"
+    if case.command == READ and outcome.code == 2 and not any(name in outcome.said for name in case.files):
+        return f"a message that names no file: {outcome.said.strip()[:100]}"
     if re.search(r"\w*Warning:", outcome.said):
         return "a raw warning: " + outcome.said.strip().splitlines()[0][-120:]
     if (
         not shown
         and outcome.code not in (0, SLOW)
         and not (outcome.said + shown).strip()
-        and case.command not in ("validate", "check", "compare")
+        and case.command not in ("validate", "check", "compare", READ)
     ):
         return f"exit code {outcome.code} without a word"
     if "--json" in case.words and outcome.code != SLOW:

@@ -111,9 +111,8 @@ class Mutator:
         found = copy.deepcopy(tree)
         numbers = [p for p in places(found) if isinstance(get(found, p), float)]
         for path in self.rng.sample(numbers, min(len(numbers), self.rng.choice((1, 2, 4, 8)))):
-            put(
-                found, path, get(found, path) * self.rng.choice((self.rng.uniform(0.7, 1.4), -1.0, 0.1, 10.0))
-            )
+            near = self.rng.uniform(0.7, 1.4)
+            put(found, path, get(found, path) * self.rng.choice((near, near, near, -1.0, 0.1, 10.0)))
         return found
 
     def text(self, tree: dict[str, Any]) -> str:

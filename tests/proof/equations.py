@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
-from tests.proof.mechanism import Array, Body, Bushing, Loop, Mechanism, Point
+from tests.proof.mechanism import Array, Body, Bushing, Loop, Mechanism, Payload, Point
 
 
 class HalfTurnError(Exception):
@@ -30,12 +30,14 @@ class Modes:
 
     s : an instant [s] inside the stretch. sides : on which side of its switches each compliant stop is. slip : direction
     of motion of joints with set-valued friction, 0 where held. rest : direction in which the stop pushes joints that lie on one.
+    drive : torques of a controller, by place in v.
     """
 
     s: float = 0.0
     sides: dict[tuple[int, int], float] = dataclasses.field(default_factory=dict)
     slip: dict[int, float] = dataclasses.field(default_factory=dict)
     rest: dict[int, float] = dataclasses.field(default_factory=dict)
+    drive: dict[int, float] = dataclasses.field(default_factory=dict)
 
     @property
     def held(self) -> list[int]:
@@ -294,7 +296,34 @@ class Equations:
             h[place] -= force(q[at], v[place], modes)
         for (k, c), formula in self.mechanism.torques.items():
             h[self.mechanism.first_v[k] + c] -= formula.value(t, modes.s, q, v)
+        for place, torque in modes.drive.items():
+            h[place] -= torque
         return M, h
+
+    # -- payloads -------------------------------------------------------------------------------------
+    def carry(self, payload: Payload, sign: float) -> None:
+        """Add a payload to its body, or (sign -1) take it away."""
+        j = self.ids[payload.at.body]
+        place = np.asarray(payload.at.at) + payload.com
+        own = pin.Inertia(payload.mass, place, payload.inertia).toDynamicParameters()
+        both = self.model.inertias[j].toDynamicParameters() + sign * own
+        self.model.inertias[j] = pin.Inertia.FromDynamicParameters(both)
+
+    def gripped(self, t: float, q: Array, v: Array, payload: Payload, modes: Modes) -> Array:
+        """Return the rates after a payload is gripped: the momentum of all is kept but for what the loops take."""
+        M, _ = self.dynamics(t, q, v, modes)
+        rows, _ = self.loop_rows(q) if self.mechanism.loops else (np.zeros((0, self.nv)), None)
+        pin.computeJointJacobians(self.model, self.data, self.pinocchio_q(q))
+        j = self.ids[payload.at.body]
+        turning = pin.getJointJacobian(self.model, self.data, j, pin.LOCAL_WORLD_ALIGNED)[3:, self.to_v]
+        moving = self._jacobian(Point(payload.at.body, np.asarray(payload.at.at) + payload.com))
+        R = self.data.oMi[j].rotation
+        brought = moving.T @ (payload.mass * payload.velocity)
+        brought += turning.T @ (R @ payload.inertia @ R.T @ payload.spin)
+        self.carry(payload, 1.0)
+        whole, _ = self.dynamics(t, q, v, modes)
+        found: Array = constrained(whole, -(M @ v + brought), [rows], [-rows @ v])[0]
+        return found
 
     # -- rows -----------------------------------------------------------------------------------------
     def gap(self, q: Array) -> Array:

@@ -22,6 +22,7 @@ METHODS = {
 }  # fmt: skip
 WEIGHTS = np.array([3, 2, 1, 1, 3, 2, 1, 0.5, 0.7, 0.7, 1, 0.7, 0.7, 0.5, 0.5, 0.5, 0.3])
 WEIGHTS = WEIGHTS / WEIGHTS.sum()
+MOST_METHODS = 6  # of a scene, each of which is compiled
 
 
 def smooth(rng: Rng) -> Mechanism:
@@ -251,6 +252,35 @@ def bushings(rng: Rng) -> Mechanism:
     return m
 
 
+# -- controllers and payloads ---------------------------------------------------------------------------------------
+def _controlled(rng: Rng, sampled: bool) -> Mechanism:
+    m = scenes.planar_loop(rng) if rng.uniform() < 0.3 else scenes.tree(rng, 4, (*scenes.SCALAR, "spherical"))
+    scenes.add_passive(rng, m)
+    scenes.add_torques(rng, m, pulses=rng.uniform() < 0.3)
+    if scenes.scalars(m):
+        scenes.add_law(rng, m, sampled)
+    return m
+
+
+def controllers(rng: Rng) -> Mechanism:
+    """Return a mechanism with a controller that acts at every instant."""
+    return _controlled(rng, False)
+
+
+def sampled_laws(rng: Rng) -> Mechanism:
+    """Return a mechanism with a controller that is sampled."""
+    return _controlled(rng, True)
+
+
+def payloads(rng: Rng) -> Mechanism:
+    """Return a tree or a loop that picks up masses and releases them."""
+    m = scenes.planar_loop(rng) if rng.uniform() < 0.3 else scenes.tree(rng)
+    scenes.add_passive(rng, m)
+    scenes.add_torques(rng, m, pulses=rng.uniform() < 0.3)
+    scenes.add_payloads(rng, m)
+    return m
+
+
 FAMILIES = {
     f.__name__: f
     for f in (
@@ -271,14 +301,16 @@ FAMILIES = {
 SECOND = 1_000_000
 SECOND_FAMILIES = {f.__name__: f for f in (gears, bushings)}
 DEPLOYMENTS = 2_000_000
+THIRD = 3_000_000
+THIRD_FAMILIES = {f.__name__: f for f in (controllers, sampled_laws, payloads)}
 
 
 def make(seed: int) -> tuple[str, Mechanism, Rng]:
     """Return the family and the mechanism of a seed, and the generator for the runs."""
     rng = np.random.default_rng(seed)
-    if seed >= DEPLOYMENTS:
+    if DEPLOYMENTS <= seed < THIRD:
         return deployments.__name__, deployments(rng), rng
-    families = FAMILIES if seed < SECOND else SECOND_FAMILIES
+    families = FAMILIES if seed < SECOND else SECOND_FAMILIES if seed < THIRD else THIRD_FAMILIES
     name = list(families)[seed % len(families)]
     return name, families[name](rng), rng
 
@@ -286,7 +318,8 @@ def make(seed: int) -> tuple[str, Mechanism, Rng]:
 def settings(rng: Rng, runs: int) -> list[dict[str, Any]]:
     """Return what ``simulate`` is told for each of the runs of a scene: a few methods, since each is compiled anew."""
     found = []
-    methods = [str(x) for x in rng.choice(list(METHODS), max(1, runs // 4), replace=False, p=WEIGHTS)]
+    count = min(MOST_METHODS, max(1, runs // 4))
+    methods = [str(x) for x in rng.choice(list(METHODS), count, replace=False, p=WEIGHTS)]
     for k in range(runs):
         method = methods[k % len(methods)]
         if METHODS[method] == 0.0:

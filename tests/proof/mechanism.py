@@ -146,6 +146,63 @@ class Lock:
 
 
 @dataclasses.dataclass
+class Law:
+    """A controller of scalar ``joints``, tau = kp e + kd e' + s with s' = ki e, at every instant or sampled.
+
+    reference : formulas of position and rate of each joint. period : [s], None where it acts at every instant.
+    delay : from a sample to its torques [s]. limit : the largest torque, of a sampled one without ki.
+    """
+
+    joints: list[int]
+    reference: list[tuple[Formula, Formula]]
+    kp: Array
+    kd: Array
+    ki: Array
+    period: float | None = None
+    delay: float = 0.0
+    limit: float | None = None
+
+    def error(self, t: float, x: Array) -> Array:
+        """Return the errors of the joints at positions x (n,)."""
+        return np.array([at.value(t, t, x, x) for at, _ in self.reference]) - x
+
+    def torques(self, t: float, x: Array, xd: Array, s: Array) -> Array:
+        """Return the torques (n,) at positions x, rates xd and integrals s (n,)."""
+        rates = np.array([rate.value(t, t, x, xd) for _, rate in self.reference])
+        tau: Array = self.kp * self.error(t, x) + self.kd * (rates - xd) + s
+        return tau if self.limit is None else np.clip(tau, -self.limit, self.limit)
+
+    def scene(self, names: list[str], duration: float) -> dict[str, Any]:
+        """Return the section ``control``; ``names`` of the joints."""
+        gains = {"kp": self.kp, "kd": self.kd} | ({"ki": self.ki} if self.ki.any() else {})
+        followed = {name: at.text for name, (at, _) in zip(names, self.reference)}
+        keys: dict[str, Any] = {
+            "type": "pid" if self.ki.any() else "pd", "joints": names,
+            "reference": {"type": "joint", "duration": duration + 1.0, "q": followed},
+            "gains": {key: dict(zip(names, _numbers(values))) for key, values in gains.items()},
+        }  # fmt: skip
+        sampled = {"period": self.period, "delay": self.delay, "limit": self.limit}
+        return keys | {key: value for key, value in sampled.items() if value}
+
+
+@dataclasses.dataclass
+class Payload:
+    """A mass that a body carries from ``start`` to ``stop`` [s]; None: from the beginning, to the end.
+
+    com : of the mass, from the point. velocity, spin : what it has before it is gripped, in the axes of the world.
+    """
+
+    at: Point
+    mass: float
+    com: Array
+    inertia: Array
+    start: float | None
+    stop: float | None
+    velocity: Array
+    spin: Array
+
+
+@dataclasses.dataclass
 class Mechanism:
     """All of a scene."""
 
@@ -166,6 +223,8 @@ class Mechanism:
     simulate: dict[str, Any] = dataclasses.field(default_factory=dict)
     branch: Branch | None = None
     lock: Lock | None = None
+    law: Law | None = None
+    payloads: list[Payload] = dataclasses.field(default_factory=list)
 
     def __post_init__(self) -> None:
         sizes_q = [len(COORDINATES[b.kind]) for b in self.bodies]
@@ -206,8 +265,6 @@ class Mechanism:
                         "qd": self._by_joint(self.v, self.first_v, set(self.prescribed)), "hold": self.hold},
             "simulate": {"duration": self.duration, "samples": self.samples, **self.simulate},
         }  # fmt: skip
-        if points:
-            tree["robot"]["points"] = points
         if forces:
             tree["forces"] = forces
         if self.bushings:
@@ -227,8 +284,15 @@ class Mechanism:
             tree["torques"] = self._torques()
         if self.lock is not None:
             tree |= {"command": "deploy", **self._deploy(self.lock)}
+        if self.law is not None:
+            names = [self.bodies[k].name for k in self.law.joints]
+            tree["control"] = self.law.scene(names, self.duration)
+        if self.payloads:
+            tree["payloads"] = [_payload(k, p, named) for k, p in enumerate(self.payloads)]
         if self.prescribed:
             tree["prescribed"] = {self.bodies[k].name: f[0].text for k, f in self.prescribed.items()}
+        if points:
+            tree["robot"]["points"] = points
         return str(yaml.safe_dump(tree, sort_keys=False, default_flow_style=None, width=10000))
 
     def _joint(self, k: int) -> dict[str, Any]:
@@ -290,10 +354,24 @@ def _numbers(values: Any) -> list[float]:
 
 
 def _link(body: Body) -> dict[str, Any]:
-    I = body.inertia
+    com = _numbers(body.com)
+    return {"name": body.link, "mass": float(body.mass), "com": com, "inertia": _tensor(body.inertia)}
+
+
+def _tensor(I: Array) -> dict[str, float]:
     names = (("xx", 0, 0), ("yy", 1, 1), ("zz", 2, 2), ("xy", 0, 1), ("xz", 0, 2), ("yz", 1, 2))
-    tensor = {name: float(I[i, j]) for name, i, j in names}
-    return {"name": body.link, "mass": float(body.mass), "com": _numbers(body.com), "inertia": tensor}
+    return {name: float(I[i, j]) for name, i, j in names}
+
+
+def _payload(k: int, payload: Payload, named: Callable[[Point], str]) -> dict[str, Any]:
+    keys: dict[str, Any] = {
+        "name": f"payload{k}", "at": named(payload.at), "mass": payload.mass, "com": _numbers(payload.com),
+        "inertia": _tensor(payload.inertia),
+    }  # fmt: skip
+    if payload.start is not None:
+        keys |= {"from": {"time": payload.start}, "velocity": _numbers(payload.velocity),
+                 "angular_velocity": _numbers(payload.spin)}  # fmt: skip
+    return keys if payload.stop is None else keys | {"until": {"time": payload.stop}}
 
 
 def _spring(k: int, spring: Spring, named: Callable[[Point], str]) -> dict[str, Any]:

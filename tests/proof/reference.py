@@ -7,6 +7,8 @@ events, so that no stage of a step lies on the wrong side.
 from __future__ import annotations
 
 import dataclasses
+import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from scipy.integrate._ivp import dop853_coefficients as tables
 from scipy.optimize import brentq
 
 from tests.proof.equations import Equations, HalfTurnError, Modes, constrained, stop_switches
-from tests.proof.mechanism import Array, Mechanism
+from tests.proof.mechanism import Array, Law, Mechanism, Payload
 
 STAGES = tables.N_STAGES
 A, B, C = tables.A[:STAGES, :STAGES], tables.B, tables.C[:STAGES]
@@ -55,6 +57,7 @@ class Reference:
         self.events, self.evaluations = 0, 0
         self.most = int(seconds / 1.5e-4)
         self.nx = len(mechanism.branch.free) if mechanism.branch else self.eq.nq
+        self.nv = self.nx if mechanism.branch else self.eq.nv
         self.first = 1e-3
         self.still: dict[int, float] = {}  # places of held joints
         self._stops = [
@@ -73,7 +76,7 @@ class Reference:
     # -- state ----------------------------------------------------------------------------------------
     def q_v(self, y: Array) -> tuple[Array, Array]:
         """Return coordinates and velocities of a state."""
-        x, xd = y[: self.nx], y[self.nx :]
+        x, xd = y[: self.nx], y[self.nx : self.nx + self.nv]
         branch = self.m.branch
         return (x, xd) if branch is None else (branch.at(x), branch.slope(x) @ xd)
 
@@ -89,7 +92,9 @@ class Reference:
 
     def _solve(self, t: float, y: Array) -> tuple[Array, dict[int, float]]:
         q, v = self.q_v(y)
-        branch = self.m.branch
+        branch, law = self.m.branch, self.m.law
+        if law is not None and law.period is None:
+            self._drive(law.torques(t, *self._led(law, q, v), y[self.nx + self.nv :]))
         if branch is None:
             return self.eq.solve(t, q, v, self.modes)
         x, xd = y[: self.nx], y[self.nx :]
@@ -102,8 +107,59 @@ class Reference:
 
     def rate(self, t: float, y: Array) -> Array:
         a = self.solve(t, y)[0]
-        xd = y[self.nx :]
-        return np.concatenate([xd if self.m.branch else self.eq.rates(y[: self.nx], xd), a])
+        x, xd, law = y[: self.nx], y[self.nx : self.nx + self.nv], self.m.law
+        found = np.concatenate([xd if self.m.branch else self.eq.rates(x, xd), a])
+        if law is None or law.period is not None:
+            return found
+        return np.concatenate([found, law.ki * law.error(t, self._led(law, *self.q_v(y))[0])])
+
+    # -- controllers and payloads ---------------------------------------------------------------------
+    def _led(self, law: Law, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return positions and rates of the joints that a controller drives."""
+        return q[self.m.first_q[law.joints]], v[self.m.first_v[law.joints]]
+
+    def _drive(self, torques: Array) -> None:
+        assert self.m.law is not None
+        self.modes.drive = dict(zip(self.m.first_v[self.m.law.joints], torques))
+
+    def _schedule(self, end: float) -> list[tuple[float, Callable[[float, Array], Array]]]:
+        """Return what happens when: samples of the controller and their torques, payloads that come and go."""
+        todo: list[tuple[float, Callable[[float, Array], Array]]] = []
+        law = self.m.law
+        if law is not None and law.period is not None:
+            waiting: list[Array] = []
+            integral = np.zeros(len(law.joints))
+
+            def sample(t: float, y: Array) -> Array:
+                x, xd = self._led(law, *self.q_v(y))
+                waiting.append(law.torques(t, x, xd, integral))
+                integral[:] += law.period * law.ki * law.error(t, x)
+                return y
+
+            def act(t: float, y: Array) -> Array:
+                self._drive(waiting.pop(0))
+                return y
+
+            for k in range(math.ceil(end / law.period)):
+                todo += [(k * law.period, sample), (k * law.period + law.delay, act)]
+        for payload in self.m.payloads:
+            todo += self._carried(payload)
+        return sorted((entry for entry in todo if entry[0] < end), key=lambda entry: entry[0])
+
+    def _carried(self, payload: Payload) -> list[tuple[float, Callable[[float, Array], Array]]]:
+        def grip(t: float, y: Array) -> Array:
+            q, v = self.q_v(y)
+            return np.concatenate([q, self.eq.gripped(t, q, v, payload, self.modes)])
+
+        def release(t: float, y: Array) -> Array:
+            self.eq.carry(payload, -1.0)
+            return y
+
+        if payload.start is None:
+            self.eq.carry(payload, 1.0)
+        return ([] if payload.start is None else [(payload.start, grip)]) + (
+            [] if payload.stop is None else [(payload.stop, release)]
+        )
 
     def step(self, t: float, y: Array, h: float, k0: Array) -> tuple[Array, Array, float]:
         """Return the state after a step, its rate, and the scaled error."""
@@ -123,7 +179,7 @@ class Reference:
         """Return the state put back on loops, prescribed motions and joints that are held."""
         if self.m.branch is not None:
             return y
-        q, v = y[: self.nx].copy(), y[self.nx :].copy()
+        q, v = y[: self.nx].copy(), y[self.nx : self.nx + self.nv].copy()
         for k, (at, rate, _) in self.m.prescribed.items():
             q[self.m.first_q[k]] = at.value(t, self.modes.s, q, v)
             v[self.m.first_v[k]] = rate.value(t, self.modes.s, q, v)
@@ -131,7 +187,7 @@ class Reference:
             q[self.m.first_q[k]], v[self.m.first_v[k]] = place, 0.0
         if self.m.loops:
             q, v = self._close(t, q, v)
-        return np.concatenate([q, v])
+        return np.concatenate([q, v, y[self.nx + self.nv :]])
 
     def _close(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         fixed = [*self.m.prescribed, *self.still]
@@ -307,7 +363,11 @@ class Reference:
     def run(self, q: Array, v: Array, times: Array) -> Motion:
         """Integrate from the first of the times, at which the state is given, through all of them."""
         y = np.concatenate([q, v])
-        marks = np.unique(np.concatenate([times, [b for b in self.m.breaks if times[0] < b < times[-1]]]))
+        if self.m.law is not None and self.m.law.period is None:
+            y = np.concatenate([y, np.zeros(len(self.m.law.joints))])
+        schedule = self._schedule(float(times[-1]))
+        inner = [*self.m.breaks, *(t for t, _ in schedule)]
+        marks = np.unique(np.concatenate([times, [b for b in inner if times[0] < b < times[-1]]]))
         samples = set(times.tolist())
         qs, vs = [], []
         self.modes.s = 0.5 * (marks[0] + marks[1])
@@ -321,6 +381,8 @@ class Reference:
             if start in self.m.breaks:
                 self.first = min(self.first, 1e-4)
                 self.settle(float(start), y)
+            while schedule and schedule[0][0] <= start:
+                y = schedule.pop(0)[1](float(start), y)
             y = self.advance(float(start), float(stop), y)
         q, v = self.q_v(y)
         return Motion(np.array([*qs, q]), np.array([*vs, v]))

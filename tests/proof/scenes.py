@@ -13,9 +13,11 @@ from tests.proof.mechanism import (
     Array,
     Body,
     Formula,
+    Law,
     Load,
     Loop,
     Mechanism,
+    Payload,
     Point,
     Spring,
 )
@@ -199,6 +201,40 @@ def add_torques(rng: Rng, m: Mechanism, pulses: bool) -> None:
 
 def scalars(m: Mechanism) -> list[int]:
     return [k for k, b in enumerate(m.bodies) if b.scalar and k not in m.prescribed]
+
+
+def add_law(rng: Rng, m: Mechanism, sampled: bool) -> None:
+    """Add a controller, PD or PID, of some joints; a sampled one with a delay or a limit."""
+    places = [int(k) for k in rng.permutation(scalars(m))]
+    joints = sorted(places[: int(rng.integers(1, len(places) + 1))])
+    n = len(joints)
+    followed = [wave(rng, float(m.q[m.first_q[k]]))[:2] for k in joints]
+    kp = rounded(10.0 ** rng.uniform(0.5, 2.3, n), 2)
+    kd = rounded(kp * rng.uniform(0.02, 0.3, n), 3)
+    ki = rounded(kp * rng.uniform(0.2, 3.0, n), 2) if rng.uniform() < 0.5 else np.zeros(n)
+    m.law = Law(joints, followed, kp, kd, ki)
+    if not sampled:
+        return
+    m.law.period = float(rounded(10.0 ** rng.uniform(-2.3, -1.2)))
+    if rng.uniform() < 0.5:
+        m.law.delay = float(rounded(m.law.period * rng.choice((0.3, 0.7, 1.0, 1.6, 2.0)), 6))
+    if rng.uniform() < 0.4 and not ki.any():
+        m.law.limit = float(rounded(rng.uniform(1, 20)))
+
+
+def add_payloads(rng: Rng, m: Mechanism) -> None:
+    """Add masses that bodies carry for a while."""
+    for _ in range(int(rng.integers(1, 3))):
+        mass, com, inertia = random_inertia(rng)
+        start, stop = sorted(float(rounded(x)) for x in rng.uniform(0.05, 0.95, 2) * m.duration)
+        m.payloads.append(
+            Payload(
+                Point(int(rng.integers(len(m.bodies))), rounded(rng.normal(size=3) * 0.3)),
+                float(mass), np.asarray(com), np.asarray(0.5 * (inertia + inertia.T)),
+                None if rng.uniform() < 0.3 else start, None if rng.uniform() < 0.3 else stop,
+                rounded(rng.normal(size=3) * rng.choice((0.0, 0.5))), rounded(rng.normal(size=3) * rng.choice((0.0, 0.5))),
+            )
+        )  # fmt: skip
 
 
 def add_stops(rng: Rng, m: Mechanism, rigid: bool, most: int) -> None:

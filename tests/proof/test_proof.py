@@ -14,7 +14,7 @@ pytest.importorskip("pinocchio")
 from tests.proof import amplified, extended, sensitivities
 from tests.proof.__main__ import BAD, words
 from tests.proof.equations import Equations, Modes
-from tests.proof.families import DEPLOYMENTS, FAMILIES, SECOND, make
+from tests.proof.families import DEPLOYMENTS, FAMILIES, SECOND, THIRD, make
 from tests.proof.judge import Run, dataclasses, try_seed
 from tests.proof.locks import LockTruth, compare
 from tests.proof.reference import Reference, UndecidedError
@@ -32,8 +32,10 @@ def test_no_printed_error_hides_the_true_one(family: int) -> None:
     assert any(run.verdict in ("ok", "rounding") for run in runs), [line(run) for run in runs]
 
 
-@pytest.mark.parametrize("seed", [SECOND, SECOND + 1, *range(DEPLOYMENTS + 3, DEPLOYMENTS + 7)])
-def test_no_gear_bushing_or_lock_hides_its_error(seed: int) -> None:
+@pytest.mark.parametrize(
+    "seed", [SECOND, SECOND + 1, *range(DEPLOYMENTS + 3, DEPLOYMENTS + 7), THIRD, THIRD + 1, THIRD + 2]
+)
+def test_no_gear_lock_controller_or_payload_hides_its_error(seed: int) -> None:
     runs = try_seed(seed, 4)
     assert not [line(run) for run in runs if run.verdict in BAD]
     assert any(run.verdict in ("ok", "rounding") for run in runs), [line(run) for run in runs]

@@ -18,6 +18,7 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.error import Courses, First, Floor, first_attempt, remainder
 from tests.mechanisms import CONFIGS
 from tests.methods import ADAPTIVE, taking
+from tests.proof.families import make
 
 ROOT = Path(__file__).parents[2]
 
@@ -105,6 +106,17 @@ def test_errors_that_agree_at_the_end_are_not_taken_for_none() -> None:
         courses = Courses(one, first[None, :, None], np.abs(second - first)[None, :, None], np.array([scale]))
         ratios.append(abs(first[-1]) / float(courses.at_end(NOTHING)[0, 0]))
     assert max(ratios) < 10.0 and np.median(ratios) == pytest.approx(1.0, abs=0.2)
+
+
+def test_the_error_at_the_end_is_that_of_the_last_sample_too() -> None:
+    """37 intervals: every second sample counted, so the last one, dense output with 20 times the error, did not."""
+    text = make(900049)[1].scene()
+    runs = [
+        simulate(load_scene_text(text, overrides=[f"simulate.rtol={rtol}", f"simulate.atol={atol}"]))
+        for rtol, atol in ((2.7e-6, 7.8e-7), (1e-12, 1e-14))
+    ]
+    apart = float(np.abs(runs[0]["qd"][-1] - runs[1]["qd"][-1]).max())
+    assert 0.5 * apart < runs[0].summary["error_estimate"]["qd_end"] < 5.0 * apart
 
 
 def test_estimate_says_where_it_means_nothing() -> None:

@@ -15,6 +15,7 @@ from scipy import stats
 from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.motion.error import Courses
 from robodyn_cli.observe.observe import Observer
+from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.integrate import _samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
@@ -192,16 +193,29 @@ def test_what_rounding_leaves_is_the_largest_of_what_there_is() -> None:
 
 
 def test_many_runs_are_judged_at_the_samples_of_one() -> None:
-    """At each stride-th sample of a run, whatever samples are asked for."""
+    """At each stride-th sample of a run up to the last, whatever samples are asked for."""
     one = SimpleNamespace(scene=SimpleNamespace(simulate=SimpleNamespace(samples=11)))
-    for count in (10, 100, 1000, 5000):
+    for count in (10, 37, 100, 999, 1000, 5000):
         stride = stride_of(count + 1)
         batch: Any = SimpleNamespace(structure=SimpleNamespace(motion=one))
         sampling, wanted, judged = _samplings(batch, "gauss", count)
         times = np.arange(1, sampling.count + 1) * count / sampling.count  # in samples
         assert np.allclose(times[wanted], np.arange(1, count + 1))
-        assert np.allclose(times[judged][:5], stride * np.arange(1, 6)[: len(times[judged])]), count
-        assert len(times[judged]) == int(count / stride)
+        assert len(times[judged]) == math.ceil(count / stride)
+        assert np.allclose(times[judged], count - stride * np.arange(len(times[judged]))[::-1]), count
+        if stride >= 1:
+            alone = Recorder(SimpleNamespace(problem=None), samples=count + 1)  # type: ignore[arg-type]
+            own = np.flatnonzero(alone.is_judged(np.arange(count + 1)))
+            assert np.allclose(own, [0, *times[judged]]) and own[-1] == count
+            few: Any = SimpleNamespace(
+                scene=SimpleNamespace(simulate=SimpleNamespace(samples=count + 1)), choice=None
+            )
+            batch.structure = SimpleNamespace(motion=few, fleet=lambda method: SimpleNamespace(lanes=1))
+            batch.ends = np.array([2.0])
+            taken = _samplings(batch, "gauss", 0)[0]
+            assert np.allclose(
+                taken.before + taken.step * np.arange(1, taken.count + 1), times[judged] * 2.0 / count
+            )
 
 
 def test_a_correction_that_opens_another_row_is_not_taken() -> None:

@@ -54,14 +54,20 @@ NO_LIMITS = FleetLimits()
 
 @record
 class Sampling:
-    """Samples of runs after their starts: how many, how far apart (N,) [s]; None: so that the last is at the end."""
+    """Samples of runs up to their ends: how many, and how far apart (N,) [s]; None: evenly from the start.
+
+    before : the first of them lies a step behind this time (N,) [s].
+    """
 
     count: int = 0
     step: Array | None = None
+    before: Array | float = 0.0
 
     def part(self, rows: Any) -> Sampling:
         """Return the samples of some of the runs."""
-        return self if self.step is None else Sampling(self.count, self.step[rows])
+        if self.step is None:
+            return self
+        return Sampling(self.count, self.step[rows], np.broadcast_to(self.before, self.step.shape)[rows])
 
 
 NO_SAMPLES = Sampling()
@@ -183,6 +189,7 @@ class Fleet:
             n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
             n[:, IntegerSlot.CAPACITY] = samples
             w[:, DoubleSlot.SAMPLE_STEP] = ends / samples if sampling.step is None else sampling.step
+            w[:, DoubleSlot.SAMPLE_START] = sampling.before
         if options.draw:
             numbers = numbers * self.tables.off_by_rounding(options.draw)
         out = np.zeros((count, self.system.size, samples))

@@ -7,6 +7,7 @@ come to its end, or that looks doubtful, is left to ``simulate`` itself.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -204,9 +205,8 @@ class _Judge:
 
     def _times(self, k: int) -> Array:
         """Return the times of the samples of run k that are judged [s]."""
-        times: Array = (
-            self.runs.w[k, DoubleSlot.SAMPLE_STEP] * np.arange(1, self.runs.out.shape[2] + 1)[self.judged]
-        )
+        start, step = (self.runs.w[k, slot] for slot in (DoubleSlot.SAMPLE_START, DoubleSlot.SAMPLE_STEP))
+        times: Array = start + step * np.arange(1, self.runs.out.shape[2] + 1)[self.judged]
         return times
 
     def _conditioning(self, k: int) -> Conditioning:
@@ -223,10 +223,12 @@ def _samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, sl
     stride = stride_of(count + 1)
     if samples:
         share, every = max(1, round(1 / stride)), max(1, int(stride))
-        return Sampling(samples * share), slice(share - 1, None, share), slice(every - 1, None, every)
+        first = (samples * share - 1) % every
+        return Sampling(samples * share), slice(share - 1, None, share), slice(first, None, every)
     if batch.structure.fleet(method).lanes > 1:
         return Sampling(JUDGED), slice(0), slice(None)
-    return Sampling(int(count / stride), batch.ends / count * stride), slice(0), slice(None)
+    taken, step = math.ceil(count / stride), batch.ends / count
+    return Sampling(taken, step * stride, step * (count - taken * stride)), slice(0), slice(None)
 
 
 def _arrived(runs: Runs) -> Masks:

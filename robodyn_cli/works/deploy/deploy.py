@@ -150,7 +150,7 @@ def _record(
     """Integrate the motion once more and record it, up to what ends the deployment."""
     end = decide(motion, scanned)
     with watch.stage("equations"):
-        recorder = Recorder.of(motion.observer, writer)
+        recorder = Recorder.of(motion.observer, writer, motion.scene.simulate.samples)
     with watch.stage("integrate"):
         driver = record_motion(motion, scanned, end, recorder, progress)
     return Deployment(motion, motion.beginning, driver, recorder, scanned, end)

@@ -192,7 +192,7 @@ def follow_locked(
         locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
         for watcher in watchers:
             watcher.follow(locked)
-        recorder = Recorder(LockedObserver(problem, locked.system, before.observer))
+        observer = LockedObserver(problem, locked.system, before.observer)
     grid = Grid.over(s.duration, s.samples)
     first = grid.first_at(lock.time)
     first += grid.times(first, first + 1)[:1].tolist() == [lock.time]
@@ -202,6 +202,7 @@ def follow_locked(
     if first >= grid.count:
         return FollowedLock(keys, None)
     rest = Grid(float(grid.times(first, first + 1)[0]), grid.step, grid.count - first, grid.end)
+    recorder = Recorder(observer, samples=rest.count)
     driver = Driver.of(locked, supervisor_for(locked.choice))
     with watch.stage("integrate"):
         begun = Beginning(rest.start, _first_sample(motion, locked, lock, latch, rest.start))
