@@ -177,6 +177,19 @@ def test_what_cannot_be_asked_is_listed() -> None:
         crosscheck(load_scene_text(LOOP % ("spherical", "")), "mujoco", "inverse")
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_inertias_that_an_engine_does_not_take(engine: str) -> None:
+    """A part of a body, whose inertia about an axis that it does not turn about is negative."""
+    text = """schema: 1\ncommand: inverse\ngravity: [0, 0, -9.81]
+robot:
+  joints: [{name: a, type: revolute, parent: base, link: A, axis: [0, 0, 1]}]
+  links: [{name: A, mass: 1, com: [0, 0, 0], inertia: {xx: -0.2, yy: 0.1, zz: 0.1}}]
+trajectory: {type: joint, duration: 1, q: {a: sin(t)}}
+inverse: {samples: 5}"""
+    with pytest.raises(CapabilityError, match="does not take"):
+        crosscheck(load_scene_text(text), engine)
+
+
 def test_commands_that_are_not_compared_are_refused_by_name() -> None:
     scene = dataclasses.replace(load_scene_text(chain(["revolute"])), command="statics")
     with pytest.raises(

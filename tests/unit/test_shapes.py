@@ -197,6 +197,7 @@ def test_a_small_mesh_is_closed_and_like_the_large_one() -> None:
         ("a.stl", b"\0" * 84, "no triangles"),
         ("a.stl", stl_bytes(Mesh(np.full((3, 3), np.inf), np.array([[0, 1, 2]]))), "not finite"),
         ("a.obj", b"v 1 2 inf\n", "line 1: a corner is not finite"),
+        ("a.obj", b"v 1e308 0 0\nv -1e308 0 0\nv 0 1 0\nf 1 2 3\n", "too far from another one"),
         ("a.obj", b"v 1 2\n", "line 1: 'v' needs three numbers"),
         ("a.obj", b"v 1 2 3\nf 1 2 0\n", "line 2: '0' is no number of a corner"),
         ("a.obj", b"v 1 2 3\nf 1 1\n", "line 2: a face needs three corners"),

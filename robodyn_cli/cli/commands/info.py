@@ -18,7 +18,7 @@ from robodyn_cli.cli.options import (
     SceneFile,
     utf8,
 )
-from robodyn_cli.cli.runner import begun, default_directory, output, publish
+from robodyn_cli.cli.runner import begun, default_directory, output, placed, publish
 from robodyn_cli.summaries.facts import LOAD
 
 
@@ -48,7 +48,8 @@ def command(
     console = Console(as_json, quiet)
     target = out or default_directory(scene, "info")
     with console.waiting(lambda: "reading and drawing"), output(target, scene, console) as directory:
-        result = info(scene, overrides or (), at or ())
+        with placed(scene, overrides or (), "info"):
+            result = info(scene, overrides or (), at or ())
         if not no_plots:
             with begun(directory, console):
                 publish(result, directory, Drawings(None, format_))

@@ -67,8 +67,11 @@ class InPinocchio(engine.PeerEngine):
             make, places = PINOCCHIO_KINDS[body.joint.type]
             placement = pin.SE3(engine.real(body.X_tree.E).T, engine.real(body.X_tree.r))
             at = out.addJoint(self.joint[body.parent], make(pin, body.joint), placement, body.joint_name)
-            m, c, I = engine.mass_properties(body)
-            out.appendBodyToJoint(at, pin.Inertia(m, c, I), pin.SE3.Identity())
+            try:
+                inertia = pin.Inertia(*engine.mass_properties(body))
+            except (RuntimeError, ValueError) as error:
+                raise CapabilityError(f"Pinocchio does not take link {body.name!r}: {error}") from None
+            out.appendBodyToJoint(at, inertia, pin.SE3.Identity())
             self.joint[k] = at
             self.q_places[out.idx_qs[at] : out.idx_qs[at] + body.joint.nq] = [body.q + j for j in places]
             self.v_places[out.idx_vs[at] : out.idx_vs[at] + body.joint.nv] = range(

@@ -163,7 +163,7 @@ def run_nominal(task: Task, source: str) -> RunRows:
             raise SceneError(f"{source} {key}: {wrong}", key=f"{source} {key}")
     made, summary = make_one(dataclasses.replace(task, keys=()), 0, np.empty(0))
     if not summary:
-        raise SceneError(f"the scene as it stands does not run: {made.reasons[0]}")
+        raise SceneError(f"{task.family.path}: the scene as it stands does not run: {made.reasons[0]}")
     if not task.outputs:
         known = ", ".join(_numbers(summary))
         raise SceneError(

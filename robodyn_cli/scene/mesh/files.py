@@ -260,6 +260,7 @@ def is_readable(name: str) -> bool:
     return name.lower().endswith(FORMATS) and (not name.lower().endswith(".dae") or can_read_dae())
 
 
+@np.errstate(all="ignore")  # what is too large is told below
 def small_mesh(path: str) -> str:
     """Return the mesh of a file as OBJ of at most ``MOST_FACES`` triangles, in the unit of the file; of .dae in metres.
 
@@ -277,8 +278,8 @@ def small_mesh(path: str) -> str:
     if not len(mesh.faces):
         raise MeshError(f"no triangles in {os.path.getsize(path)} bytes")
     used = mesh.points[mesh.faces].reshape(-1, 3)
-    if not np.isfinite(used).all():
-        raise MeshError("a corner is not finite")
+    if not np.isfinite(np.ptp(used, axis=0)).all():
+        raise MeshError("a corner is not finite, or too far from another one for a double")
     return obj_text(_rounded(simplified(Mesh(used, np.arange(len(used)).reshape(-1, 3)), MOST_FACES)))
 
 
