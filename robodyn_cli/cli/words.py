@@ -257,3 +257,26 @@ def _below(value: Any, path: tuple[str, ...]) -> Any:
     for key in path:
         value = value.get(key) if isinstance(value, Mapping) else None
     return value
+
+
+def variations(texts: Sequence[str]) -> dict[str, Variation]:
+    """Return what each key varies over.
+
+    Raises
+    ------
+    SceneError : a text is not KEY=SPEC, or names a key that another one names.
+    """
+    from robodyn_cli.expr.statements import FORMS, parse_variation
+
+    variations: dict[str, Variation] = {}
+    for text in texts:
+        key, sign, spec = (part.strip() for part in text.partition("="))
+        if not sign or not key:
+            raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
+        if key in variations:  # other spellings of one key are found once the scene is read
+            raise SceneError(f"--vary {key}: is given twice")
+        try:
+            variations[key] = parse_variation(spec)
+        except SceneError as error:
+            raise SceneError(f"--vary {key}: {error.message}") from error
+    return variations

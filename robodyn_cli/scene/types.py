@@ -51,7 +51,15 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.statements import Variation
-    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, Payload, ReachOptions, Sweep
+    from robodyn_cli.scene.nested_options import (
+        Correlation,
+        Latch,
+        LoadLimit,
+        Payload,
+        ReachOptions,
+        SearchOptions,
+        Sweep,
+    )
     from robodyn_cli.scene.robot_parts import Coupler
 
 
@@ -121,11 +129,7 @@ class SimulateOptions:
     samples: int = key(
         Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
     )
-    integrator: str = key(
-        Choice(("auto", *METHODS)),
-        default="auto",
-        doc="Method of integration.",
-    )
+    integrator: str = key(Choice(("auto", *METHODS)), default="auto", doc="Method of integration.")
     rtol: float = key(Number(minimum=1e-15, maximum=0.1), default=1e-10, unit="1", doc="Relative tolerance.")
     atol: float = key(Number(minimum=0.0), default=1e-12, unit="rad, m", doc="Absolute tolerance.")
     step: float | None = key(
@@ -388,6 +392,9 @@ class Scene:
     )
     study: StudyOptions = key(
         Section(StudyOptions), default=StudyOptions(), doc="What `sweep` varies, and how."
+    )
+    search: SearchOptions | None = key(
+        LaterSection("scene.nested_options:SearchOptions"), default=None, doc="What `optimise` looks for."
     )
     notes: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     warnings: tuple[str, ...] = dataclasses.field(default=(), compare=False)
