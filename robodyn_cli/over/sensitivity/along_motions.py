@@ -24,6 +24,7 @@ from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
+from robodyn_cli.over.many.inverse import figure_of
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
@@ -144,6 +145,11 @@ class InverseSlopes:
         lead = program.lead if isinstance(program, ClosedLoops) else None
         return LedCourse.of(program.problem, program.times(_samples(program.problem)), lead)
 
+    @cached_property
+    def _wanted(self) -> set[str]:
+        """The figures of joints that are asked for."""
+        return {own[1] for name in self.asked.task.outputs if (own := figure_of(name)) is not None}
+
     def _figures(self, k: int, step: float, every: int) -> InverseFigures:
         """Return the figures for a key changed by so much, along the derivatives of the samples."""
         sampled, moved = self.sampled, self.moved
@@ -155,7 +161,7 @@ class InverseSlopes:
         sampled = dataclasses.replace(sampled, times=times, motion=motion, terms={"all": there["tau"]})
         figures = InverseFigures(
             Termination("end of the trajectory", float(times[-1])),
-            joint_figures(self.problem, sampled, Loaded.of(self.problem, sampled)),
+            joint_figures(self.problem, sampled, Loaded.of(self.problem, sampled), self._wanted),
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
