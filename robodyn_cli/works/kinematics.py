@@ -210,7 +210,7 @@ def summarise(
         warnings=_beyond_limits(problem, planned) or ABSENT,
         joints=_joint_ranges(result, breaks, CLOSED if planned.residuals else 0.0),
         points=_point_paths(result, breaks),
-        at=_places_at(problem.scene, result, CLOSED if planned.residuals else 0.0) or ABSENT,
+        at=places_at(problem.scene, result, CLOSED if planned.residuals else 0.0) or ABSENT,
         singular_ratio=_singular_ratio(result, breaks),
         transmission_angle=_transmission(result, breaks),
         error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
@@ -279,7 +279,7 @@ def hermite(ends: Sequence[tuple[Array, Array, Array]], h: float, s: float) -> t
     return cubic + more, np.abs(more)
 
 
-def _places_at(scene: Scene, result: Result, closed: float) -> list[PlacesAt]:
+def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesAt]:
     """Return where points are at the times that are asked for; closed : how far joints may be off [rad or m].
 
     Raises

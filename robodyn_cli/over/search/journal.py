@@ -37,7 +37,7 @@ class Journal:
         self._head = head
         self._file: TextIO | None = None
         self._runs: dict[bytes, tuple[Array, Array, int, str]] = {}
-        self._slopes: dict[bytes, tuple[Array, Array, bool]] = {}
+        self._slopes: dict[tuple[bytes, bool], tuple[Array, Array, bool]] = {}
         self.taken = 0
 
     def __enter__(self) -> Journal:
@@ -71,15 +71,15 @@ class Journal:
                     self._runs[x] = np.array(one["y"]), np.array(one["errors"]), one["code"], one["reason"]
                     self.taken += 1
                 else:
-                    self._slopes[x] = np.array(one["slopes"]), np.array(one["errors"]), one["exact"]
+                    self._slopes[x, one["asked"]] = np.array(one["slopes"]), np.array(one["errors"]), one["exact"]
 
     def run(self, x: Array) -> tuple[Array, Array, int, str] | None:
         """Return outputs, errors, exit code and reason of a run that is there."""
         return self._runs.pop(x.tobytes(), None)
 
-    def slopes(self, x: Array) -> tuple[Array, Array, bool] | None:
-        """Return derivatives (n, K) that are there, their errors, and whether any is exact."""
-        return self._slopes.pop(x.tobytes(), None)
+    def slopes(self, x: Array, exact: bool) -> tuple[Array, Array, bool] | None:
+        """Return derivatives (n, K) that are there, their errors, and whether any is exact; exact : asked for as such."""
+        return self._slopes.pop((x.tobytes(), exact), None)
 
     def add_run(self, point: DesignPoint, is_new: bool) -> None:
         """Keep a run."""
@@ -87,10 +87,10 @@ class Journal:
             self._add({"x": point.x.tolist(), "y": point.y.tolist(), "errors": point.error.tolist(),
                        "code": point.code, "reason": point.reason})  # fmt: skip
 
-    def add_slopes(self, x: Array, slopes: OutputSlopes) -> None:
+    def add_slopes(self, x: Array, slopes: OutputSlopes, exact: bool) -> None:
         """Keep derivatives."""
         self._add({"x": x.tolist(), "slopes": slopes.values.tolist(), "errors": slopes.errors.tolist(),
-                   "exact": slopes.exact})  # fmt: skip
+                   "exact": slopes.exact, "asked": exact})  # fmt: skip
 
     def _add(self, line: dict[str, Any]) -> None:
         if self._file is None or self._path is None:

@@ -13,7 +13,7 @@ from robodyn_cli.errors import RobodynError
 from robodyn_cli.over.search.asked import EDGE, Search
 from robodyn_cli.over.search.journal import Journal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
-from robodyn_cli.over.sensitivity.report import exact_slopes
+from robodyn_cli.over.sensitivity.report import exact_slopes, works
 from robodyn_cli.over.study.rows import Points, RunRows
 from robodyn_cli.over.study.runs import Compiled, run_points, suits
 from robodyn_cli.over.many.keys import settings
@@ -73,8 +73,15 @@ class PointMaker:
         self.reasons: dict[int, str] = {}
         self.not_exact: dict[str, str] = {}
         self._compiled = Compiled(search.task, jobs) if suits(search.task) else None
+        if self._compiled is not None and search.continuous:
+            for values in search.combinations():
+                ends = [search.value_of(np.full(len(search.continuous), u), values) for u in (0.0, 1.0)]
+                self._compiled.allow(np.array(ends))
+                break  # others are looked at as they come
         self._known: dict[bytes, DesignPoint] = {}
-        self._slopes: dict[bytes, OutputSlopes] = {}
+        self._slopes: dict[tuple[bytes, bool], OutputSlopes] = {}
+        # runs in compiled code without an integration are exact to rounding, and a thousand take as long as derivatives
+        self._by_runs = self._compiled is not None and isinstance(works.get(search.task.command), type)
         self._compared: set[tuple[int | str, ...]] = set()  # code of which keys are no structure
         self._able: list[int] | None = None  # keys of which there are exact derivatives
 
@@ -112,34 +119,42 @@ class PointMaker:
         return f"the run has no {', '.join(names)}"
 
     # -- derivatives ----------------------------------------------------------------------------------------
-    def slopes(self, points: Sequence[DesignPoint]) -> list[OutputSlopes]:
-        """Return the derivatives at points by the keys that lie between bounds; others are zero."""
-        slopes: dict[bytes, OutputSlopes] = {}
+    def slopes(self, points: Sequence[DesignPoint], exact: bool = False) -> list[OutputSlopes]:
+        """Return the derivatives at points by the keys that lie between bounds; others are zero.
+
+        exact : whether they are to be exact, as far as there are such, even where differences of compiled runs serve.
+        """
+        exact = exact or not self._by_runs
+        new: dict[bytes, OutputSlopes] = {}
         for point in points:
             x = point.x.tobytes()
-            if x in self._slopes or x in slopes:
+            if (x, exact) in self._slopes or x in new:
                 continue
-            if (kept := self.journal.slopes(point.x)) is not None:
-                self._slopes[x] = OutputSlopes(*kept)
+            if (kept := self.journal.slopes(point.x, exact)) is not None:
+                self._slopes[x, exact] = OutputSlopes(*kept)
             else:
-                slopes[x] = self._exactly(point)
-        self._complete(points, slopes)
-        for x, own in slopes.items():
-            self.journal.add_slopes(np.frombuffer(x), own)
-        self._slopes |= slopes
-        return [self._slopes[point.x.tobytes()] for point in points]
+                new[x] = self._exactly(point) if exact else self._nothing(point)
+        self._complete(points, new)
+        for x, own in new.items():
+            self.journal.add_slopes(np.frombuffer(x), own, exact)
+            self._slopes[x, exact] = own
+        return [self._slopes[point.x.tobytes(), exact] for point in points]
 
     @property
     def exact(self) -> int:
         """How many points have derivatives of which some are exact."""
         return sum(own.exact for own in self._slopes.values())
 
+    def _nothing(self, point: DesignPoint) -> OutputSlopes:
+        """Return derivatives that are not known yet: nan, but for keys without bounds."""
+        J = np.full((len(point.y), len(point.x)), np.nan)
+        J[:, [k for k in range(len(point.x)) if k not in self.search.continuous]] = 0.0
+        return OutputSlopes(J, J.copy())
+
     def _exactly(self, point: DesignPoint) -> OutputSlopes:
         """Return the derivatives at a point that can be computed exactly, nan in the place of others."""
-        search = self.search
-        J, errors = (np.full((len(point.y), len(point.x)), np.nan) for _ in range(2))
-        fixed = [k for k in range(len(point.x)) if k not in search.continuous]
-        J[:, fixed] = errors[:, fixed] = 0.0
+        search, nothing = self.search, self._nothing(point)
+        J, errors = nothing.values, nothing.errors
         able = list(search.continuous) if self._able is None else self._able
         if not able:
             return OutputSlopes(J, errors)

@@ -14,7 +14,7 @@ from robodyn_cli.over.search.asked import Search
 from robodyn_cli.over.search.lanes import Lanes
 from robodyn_cli.over.search.optimum import Examiner, Optimum
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes, PointMaker
-from robodyn_cli.over.search.solve import Asks, Scaled, Solver, Way, sizes_of
+from robodyn_cli.over.search.solve import Asks, FirstMet, Scaled, Solver, Way, sizes_of
 from robodyn_cli.over.study.design import Samples, make_samples
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
@@ -59,10 +59,10 @@ def run_search(search: Search, maker: PointMaker) -> Ended:
         begun = _beginnings(search, maker, combinations)
         sizes = sizes_of(_good([p for _, _, p in begun], maker))
         begun = [one for one in begun if one[2].is_good]
-        ways = []
+        ways, met = [], FirstMet()
         for first in range(0, len(begun), MOST_LANES):
             part = begun[first : first + MOST_LANES]
-            solvers = [Solver(Scaled(search, combinations[k], sizes), u) for k, u, _ in part]
+            solvers = [Solver(Scaled(search, combinations[k], sizes), u, met) for k, u, _ in part]
             ends = Lanes(lambda asks: _answer(maker, asks)).run(solvers)
             ways += [(k, way) for (k, _, _), way in zip(part, ends)]
         scaled = ways[0][1].scaled
@@ -133,13 +133,15 @@ def _places(search: Search) -> Iterator[Array]:
     yield from samples.rows(0, most)
 
 
-def _answer(maker: PointMaker, asks: Sequence[Asks]) -> list[tuple[DesignPoint, OutputSlopes | None]]:
+def _answer(
+    maker: PointMaker, asks: Sequence[Asks], exact: bool = False
+) -> list[tuple[DesignPoint, OutputSlopes | None]]:
     """Return the runs that solvers ask for, and derivatives where they do."""
     points = maker.runs([ask.x for ask in asks])
     wanted = [point for ask, point in zip(asks, points) if ask.slopes and point.is_good]
-    slopes = dict(zip((point.run for point in wanted), maker.slopes(wanted)))
+    slopes = dict(zip((point.run for point in wanted), maker.slopes(wanted, exact)))
     return [(point, slopes.get(point.run)) for point in points]
 
 
 def _derive(maker: PointMaker, xs: Sequence[Array]) -> list[tuple[DesignPoint, OutputSlopes | None]]:
-    return _answer(maker, [Asks(x, True) for x in xs])
+    return _answer(maker, [Asks(x, True) for x in xs], exact=True)

@@ -17,6 +17,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 MOST_STEPS = 100  # of a solver
+PATIENCE = 5  # times the points that the first solver took to meet all targets, and as many more, for the others
 CLOSE = 1e-15  # of scaled numbers: a solver stops when it moves no more
 LEAST_CHANGE = 1e-13  # of the scaled output that is minimised, below which its solver stops
 INSIDE = 1e-9  # of the size of an output, by which a constraint is kept beside the error of the run
@@ -153,11 +154,21 @@ class Way:
         return min(self.points, key=self.scaled.rank)
 
 
-class Solver:
-    """A solver from one start u (n,)."""
+class FirstMet:
+    """After how many points the first of several solvers met all targets; None as long as none has."""
 
-    def __init__(self, scaled: Scaled, start: Array) -> None:
-        self.scaled, self.start = scaled, start
+    points: int | None = None
+
+    def is_long_ago(self, points: int) -> bool:
+        """Tell whether a solver that has asked for so many points has taken much longer."""
+        return self.points is not None and points > PATIENCE * self.points + PATIENCE
+
+
+class Solver:
+    """A solver from one start u (n,); first : what all solvers of a search share."""
+
+    def __init__(self, scaled: Scaled, start: Array, first: FirstMet) -> None:
+        self.scaled, self.start, self.first = scaled, start, first
         self.points: list[DesignPoint] = []
         self.derived: list[DesignPoint] = []
         self._ask: Ask
@@ -190,6 +201,8 @@ class Solver:
         x = self.scaled.search.value_of(u, self.scaled.values)
         key = x.tobytes()
         if key not in self._last:
+            if self.first.is_long_ago(len(self.points)):
+                raise NoWay("another start met the targets long before")
             point, _ = self._ask(Asks(x, False))
             self.points.append(point)
             self._last[key] = point
@@ -229,6 +242,7 @@ class Solver:
                 ftol=CLOSE, xtol=CLOSE, gtol=CLOSE, max_nfev=MOST_STEPS,
             )  # fmt: skip
         except Met:
+            self.first.points = min(self.first.points or MOST_STEPS, len(self.points))
             return True, "all targets are met within the errors of the run"
         except ValueError:  # as SciPy calls a start whose run fails
             return False, "the run of the start fails"

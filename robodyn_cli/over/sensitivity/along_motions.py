@@ -27,7 +27,7 @@ from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.many.inverse import figure_of
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
+from robodyn_cli.over.sensitivity.gradients import ALL, MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -36,12 +36,12 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
-from robodyn_cli.summaries.mechanism import KinematicsSummary
+from robodyn_cli.summaries.mechanism import KinematicsSummary, PlacesAt
 from robodyn_cli.torques.checks import Loaded, between, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import at_rest, program_of
-from robodyn_cli.works.kinematics import leading, outputs, plan, problem_of, report, summarise
+from robodyn_cli.works.kinematics import leading, outputs, places_at, plan, problem_of, report, summarise
 
 
 @record
@@ -206,6 +206,13 @@ def _refuse(program: InverseProgram) -> None:
         raise CapabilityError("the losses of gears depend on how loops share the load")
 
 
+@record
+class PlacesAlone:
+    """The key of the summary of ``kinematics`` that tells where points are."""
+
+    at: list[PlacesAt]
+
+
 class KinematicsSlopes:
     """The samples of a kinematic analysis, and their derivatives by some keys, which are named by their numbers.
 
@@ -254,9 +261,12 @@ class KinematicsSlopes:
         along = self.gradients(groups)
         return {**moved, **{name: along.change(name, moved) for name in self.arrays}}
 
-    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary:
+    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary | PlacesAlone:
         """Return the summary for a key changed by so much, along the derivatives of the samples."""
         (planned, led), moved = self.planned, self.moved
+        alone = all(name.startswith("at.") for name in self.asked.task.outputs)
+        if alone:
+            every = ALL  # these are no figures of samples
         part = every_second(len(planned.times), every)
         there = {
             name: (x + step * moved[name][:, :, k])[part]
@@ -268,7 +278,7 @@ class KinematicsSlopes:
         motion = dataclasses.replace(planned.motion, q=there["q"], qd=there["v"], qdd=there["a"])
         planned = dataclasses.replace(planned, times=there["t"][:, 0], motion=motion)
         result = report(self.problem, planned, led, {name: there[name] for name in self.arrays})
-        return summarise(self.problem, planned, result, None)
+        return PlacesAlone(places_at(self.problem.scene, result)) if alone else summarise(self.problem, planned, result, None)
 
 
 def _course(scene: Scene) -> LedCourse:

@@ -73,6 +73,10 @@ class Compiled:
         expected = (key for key in task.family.own.expect if self._command.is_plain(key))
         self._of = tuple(dict.fromkeys([*task.outputs, *expected]))
 
+    def allow(self, values: Array) -> None:
+        """Check values (N, keys) that others will lie between, so that those need no look of their own."""
+        self._mechanism.refusals(values)
+
     def make(self, points: Points) -> RunRows:
         """Return the rows of those runs that could be made; the others are left to be made one by one."""
         task = self.task
