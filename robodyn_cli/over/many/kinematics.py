@@ -26,12 +26,16 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import MOST_STEP
 from robodyn_cli.solve.guided import CLOSED, ITERATIONS, MISS, SAME, SINGULAR
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.works.kinematics import between_samples, hermite, kinematics, leading, outputs, problem_of
 
 HALVINGS = 8  # of the way between samples; what needs more is left to the command
-NEAR = 0.7  # rad, or part of the size, from the given start: farther the command may close the loops in another way
+NEAR = 1e-6  # rad, or part of the size, by which closed loops still move
+HALVED, LARGEST_ROUNDS, SLOW = 12, 60, 3  # as in ``newton``: halvings, rounds, and slow ones in a row
+ATTITUDE = 0.5  # cosine, below which links are half a turn away from the attitude that is asked for
+TINY = 1e-300
 PLACES = ("points", "point_velocities", "point_accelerations")
 
 
@@ -73,6 +77,7 @@ class KinematicsStructure(Built):
             program = make_program({**conditions, **places}, MOTION_GROUPS)
         self.places = {path: Expressions(x) for path, x in places.items()}
         self.levels = {name: Expressions(x) for name, x in conditions.items()}
+        self.cosines = Expressions([row.cosine for row in self.problem.constraint_rows])
         super().__init__(keys, row, Tables([program]), witnesses, obstacle(self.problem, self.lead, keys))
 
     def _conditions(self, lead: Lead) -> dict[str, list[Any]]:
@@ -165,12 +170,51 @@ class ManyGuides:
             good[again] = first & second
         return new, good
 
+    def closed(self, q: Array) -> Array:
+        """Return positions with loops closed by the steps of ``newton`` in ``solve/closure.py``, led joints as they are."""
+        names = self.structure.problem.model.q_names
+        lead, m = self.structure.lead, len(self.structure.problem.constraints.rows)
+        assert lead is not None
+        columns = [k for k, name in enumerate(names) if name not in lead.positions]
+        lengths, sizes, rows = self.conditions.lengths[columns], self.conditions.sizes[:m], np.arange(len(q))
+
+        def lacking(q: Array) -> tuple[Array, Array, Array]:
+            nothing = np.zeros_like(q)
+            F, J = self.at(Going(q, nothing, nothing, np.zeros(len(q))), float(self.structure.times[0]), rows)
+            F = F[:, :m] / sizes
+            return F, J[:, :m][:, :, columns] * lengths / sizes[:, None], np.abs(F).max(axis=1)
+
+        F, J, size = lacking(q)
+        active, slow = np.isfinite(size), np.zeros(len(q))
+        for _ in range(LARGEST_ROUNDS):
+            active &= np.isfinite(J).all(axis=(1, 2)) & (size > TINY)
+            if not active.any():
+                break
+            step = np.zeros((len(q), len(columns)))
+            step[active] = _least(J[active], -F[active])
+            step *= np.minimum(1.0, MOST_STEP / np.maximum(np.abs(step).max(axis=1), TINY))[:, None]
+            waiting, before = active.copy(), size.copy()
+            for _ in range(HALVED):
+                trial = q.copy()
+                trial[:, columns] += step * lengths
+                F_new, J_new, new = lacking(trial)
+                takes = waiting & (new < size)
+                q[takes], F[takes], J[takes], size[takes] = trial[takes], F_new[takes], J_new[takes], new[takes]
+                waiting &= ~takes
+                if not waiting.any():
+                    break
+                step[waiting] *= 0.5
+            slow = np.where(size > 0.5 * before, slow + 1, 0)
+            active &= ~waiting & (slow <= SLOW)
+        return q
+
     def follow(self, start: Array, times: Array) -> tuple[list[Going], Array]:
         """Return the places at times (T,), from positions nearby (N, nv), and which runs come to the end."""
         rows = np.arange(self.count)
-        now, left, moved = self.solve(start, float(times[0]), rows)
+        now, left, moved = self.solve(self.closed(start), float(times[0]), rows)
         s = np.linalg.svd(now.J, compute_uv=False)
         good = (left < SAME) & (moved < NEAR) & (s[:, -1] > SINGULAR * s[:, 0])
+        good &= (self._evaluate(self.structure.cosines, now, 0.0, rows) >= ATTITUDE).all(axis=1)
         places = [now]
         for t, end in zip(times.tolist(), times[1:].tolist()):
             own = np.flatnonzero(good)

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 
 import numpy as np
 
@@ -14,8 +15,8 @@ from robodyn_cli.over.search.asked import EDGE, Search
 from robodyn_cli.over.search.journal import Journal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.report import exact_slopes, works
-from robodyn_cli.over.study.rows import Points, RunRows
-from robodyn_cli.over.study.runs import Compiled, run_points, suits
+from robodyn_cli.over.study.rows import Points, RunRows, joined
+from robodyn_cli.over.study.runs import Compiled, Waiting, one_by_one, suits
 from robodyn_cli.over.many.keys import settings
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -80,8 +81,7 @@ class PointMaker:
                 break  # others are looked at as they come
         self._known: dict[bytes, DesignPoint] = {}
         self._slopes: dict[tuple[bytes, bool], OutputSlopes] = {}
-        # runs in compiled code without an integration are exact to rounding, and a thousand take as long as derivatives
-        self._by_runs = self._compiled is not None and isinstance(works.get(search.task.command), type)
+        self.compiled = 0
         self._compared: set[tuple[int | str, ...]] = set()  # code of which keys are no structure
         self._able: list[int] | None = None  # keys of which there are exact derivatives
 
@@ -96,13 +96,22 @@ class PointMaker:
             else:
                 left.append(x)
         if left:
-            numbers = np.arange(len(left))
-            made = run_points(self.search.task, Points(numbers, np.array(left)), self.jobs, self._compiled)
+            made = self._made(Points(np.arange(len(left)), np.array(left)))
             order = np.argsort(made.runs, kind="stable")
             for k, (x, row) in enumerate(zip(left, made.rows[order])):
                 y, error, code = row["outputs"].copy(), row["errors"].copy(), int(row["code"])
                 self._take(DesignPoint(len(self.points), x, y, error, code, made.reasons.get(k, "")))
         return [self._known[x.tobytes()] for x in xs]
+
+    def _made(self, points: Points) -> RunRows:
+        """Return the rows of runs, in compiled code as far as that makes them."""
+        parts = []
+        if self._compiled is not None:
+            parts.append(self._compiled.make(points))
+            self.compiled += len(parts[0])
+            points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
+        parts += one_by_one(self.search.task, Waiting([points]), self.jobs)
+        return joined(parts)
 
     def _take(self, point: DesignPoint, is_new: bool = True) -> None:
         """Keep a run."""
@@ -119,6 +128,12 @@ class PointMaker:
         return f"the run has no {', '.join(names)}"
 
     # -- derivatives ----------------------------------------------------------------------------------------
+    @cached_property
+    def _by_runs(self) -> bool:
+        """Whether derivatives on the way are differences of runs: in compiled code, without an integration, these are
+        exact to rounding, and a thousand take as long as an exact derivative."""
+        return self.compiled > 0 and isinstance(works.get(self.search.task.command), type)
+
     def slopes(self, points: Sequence[DesignPoint], exact: bool = False) -> list[OutputSlopes]:
         """Return the derivatives at points by the keys that lie between bounds; others are zero.
 

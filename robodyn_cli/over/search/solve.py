@@ -17,7 +17,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
 MOST_STEPS = 100  # of a solver
-PATIENCE = 5  # times the points that the first solver took to meet all targets, and as many more, for the others
+PATIENCE = 10  # points that a solver may take beyond twice those of the first one that met all targets
 CLOSE = 1e-15  # of scaled numbers: a solver stops when it moves no more
 LEAST_CHANGE = 1e-13  # of the scaled output that is minimised, below which its solver stops
 INSIDE = 1e-9  # of the size of an output, by which a constraint is kept beside the error of the run
@@ -161,7 +161,7 @@ class FirstMet:
 
     def is_long_ago(self, points: int) -> bool:
         """Tell whether a solver that has asked for so many points has taken much longer."""
-        return self.points is not None and points > PATIENCE * self.points + PATIENCE
+        return self.points is not None and points > 2 * self.points + PATIENCE
 
 
 class Solver:
