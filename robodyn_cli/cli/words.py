@@ -5,10 +5,14 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import width
+from robodyn_cli.errors import SceneError
 from robodyn_cli.summaries.facts import LOAD, UnitOf, rounded_up
+
+if TYPE_CHECKING:
+    from robodyn_cli.expr.statements import Variation
 
 
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:

@@ -190,7 +190,7 @@ class SearchOptions:
     keep: dict[str, Expectation] = key(
         Criteria(),
         default=None,
-        doc="Constraints: outputs and what holds of them, `<= value`, `>= value` or `a .. b`; those of `expect` count too.",
+        doc="Constraints: outputs and what holds of them, `<= value`, `>= value` or `a .. b`; those of `expect` too.",
     )
     starts: int = key(
         Integer(minimum=1, maximum=10_000),

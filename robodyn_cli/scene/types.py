@@ -207,7 +207,10 @@ class KinematicsOptions:
     )
     samples: int = key(Integer(minimum=2, maximum=100_000_000), default=361, doc="Number of uniform samples.")
     at: tuple[float, ...] = key(
-        ListOf(Number(minimum=0.0)), default=(), unit="s", doc="Times at which the summary tells where named points are."
+        ListOf(Number(minimum=0.0)),
+        default=(),
+        unit="s",
+        doc="Times at which the summary says where named points are.",
     )
     transmission: tuple[str, ...] | None = key(
         ListOf(Text(), minimum=3, maximum=3),
@@ -250,7 +253,9 @@ class Outputs:
     """Further quantities to record."""
 
     reactions: bool = key(
-        Boolean(), default=False, doc="Record force and moment in every joint and loop closure, and of the base."
+        Boolean(),
+        default=False,
+        doc="Record force and moment in every joint and loop closure, and of the base.",
     )
     reaction_axes: str = key(
         Choice(("joint", "world")),

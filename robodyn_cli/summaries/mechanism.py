@@ -212,7 +212,9 @@ class KinematicsSummary:
     warnings: list[str] | Absent = fact("joints beyond their limits, with the time; printed too")
     joints: dict[str, JointRange] = fact("of each joint")
     points: dict[str, PointPath] = fact("of each named point", names=POINT)
-    at: list[PlacesAt] | Absent = fact("with `kinematics.at`: where points are at these times, one after another")
+    at: list[PlacesAt] | Absent = fact(
+        "with `kinematics.at`: where points are at these times, one after another"
+    )
     singular_ratio: SingularRatio | Absent = fact("with loops")
     transmission_angle: TransmissionAngle | Absent = fact("where three points are named")
     error_estimate: ClosureErrors | Absent = fact("with loops", errors=None)

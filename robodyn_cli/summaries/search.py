@@ -14,8 +14,8 @@ class FoundKey:
     value: float = fact("its value", BESIDE, errors=(".uncertainty",))
     unit: str = fact("its unit; empty where it is not known, as in a formula")
     uncertainty: float | None = fact(
-        "how far the value may be off, to first order: what the errors of outputs and derivatives, and what is left of the "
-        "conditions of the optimum, change it by; `null` where nothing determines it, 0 at a bound that holds it",
+        "how far the value may be off, to first order: what the errors of outputs and derivatives, and what is left of "
+        "the conditions of the optimum, change it by; `null` where nothing determines it, 0 at a bound that holds it",
         BESIDE,
     )
     low: float | Absent = fact("lower bound", BESIDE, default=ABSENT)
@@ -88,13 +88,13 @@ class SearchProof:
 
     text: str = fact("in words")
     first_order: float | Absent = fact(
-        "largest derivative of the goal by a key that bounds and constraints leave, with keys from 0 to 1 between their "
-        "bounds and the output over its size; 0 at an optimum", errors=(".first_order_error",), default=ABSENT,
+        "largest derivative of the goal by a key that bounds and constraints leave, with keys from 0 to 1 between "
+        "their bounds and the output over its size; 0 at an optimum", errors=(".first_order_error",), default=ABSENT,
     )  # fmt: skip
     first_order_error: float | Absent = fact("error of the derivatives", default=ABSENT)
     second_order: float | Absent = fact(
-        "smallest eigenvalue of the second derivatives in the directions that stay free, scaled likewise; more than 0 at "
-        "an optimum", errors=(".second_order_error",), default=ABSENT,
+        "smallest eigenvalue of the second derivatives in the directions that stay free, scaled likewise; more than 0 "
+        "at an optimum", errors=(".second_order_error",), default=ABSENT,
     )  # fmt: skip
     second_order_error: float | Absent = fact("its error", default=ABSENT)
 

@@ -259,7 +259,7 @@ def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath
 
 
 def between_samples(time: float, times: Array) -> tuple[int, float, float]:
-    """Return between which samples a time is, from the number of the first one on, the interval [s] and the part of it."""
+    """Return between which samples a time is: the number of the first one, the interval [s], the part of it."""
     k = int(np.clip(np.searchsorted(times, time) - 1, 0, len(times) - 2))
     h = float(times[k + 1] - times[k])
     s = (time - float(times[k])) / h
@@ -297,10 +297,13 @@ def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesA
         points = {}
         for name, item in result.group("points").items():
             still = np.zeros_like(item.data)
-            rates = [result.variables.get(f"{group}/{name}") for group in ("point_velocities", "point_accelerations")]
+            rates = [
+                result.variables.get(f"{group}/{name}")
+                for group in ("point_velocities", "point_accelerations")
+            ]
             ways = [item.data, *(still if x is None else x.data for x in rates)]
             y, off = hermite([(ways[0][j], ways[1][j], ways[2][j]) for j in (k, k + 1)], h, s)
-            points[name] = PointPlace(*y.tolist(), float(off.max()) + closed)
+            points[name] = PointPlace(float(y[0]), float(y[1]), float(y[2]), float(off.max()) + closed)
         places.append(PlacesAt(time, points))
     return places
 

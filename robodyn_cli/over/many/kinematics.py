@@ -93,7 +93,8 @@ def obstacle(problem: Any, lead: Lead | None, keys: Sequence[Key]) -> str:
         "a point is led": lead is not None and lead.led is not None,
         "joints of several axes move": model.nq != model.nv or model.q_names != model.v_names,
         "joints are prescribed": bool(scene.prescribed),
-        "joints without an initial position close the loops": set(scene.initial.q) | set(lead.positions if lead else ())
+        "joints without an initial position close the loops": set(scene.initial.q)
+        | set(lead.positions if lead else ())
         < set(model.q_names),
         "what is asked of the motion varies": any(key.sort != NUMBER for key in keys)
         or any(key.place.startswith(("kinematics.", "trajectory.", "parameters.")) for key in keys),
@@ -130,7 +131,7 @@ class ManyGuides:
         return F, self._evaluate(levels["J"], place, t, rows).reshape(len(F), -1, self.nv)
 
     def solve(self, guess: Array, t: float, rows: NDArray[Any]) -> tuple[Going, Array, Array]:
-        """Return places at a time near positions (N, nv), what is left of the conditions, and how far Newton has gone."""
+        """Return places at a time near positions (N, nv), what the conditions lack, and how far they moved."""
         sizes, lengths = self.conditions.sizes, self.conditions.lengths
         nothing = np.zeros_like(guess)
         place, moved = Going(guess, nothing, nothing, np.zeros(len(guess))), nothing.copy()
@@ -155,7 +156,9 @@ class ManyGuides:
         b[:, b.shape[1] - led :] += acceleration
         return dataclasses.replace(place, a=_least(J, b), J=self._scaled(J))
 
-    def advance(self, now: Going, t: float, end: float, rows: NDArray[Any], depth: int = 0) -> tuple[Going, Array]:
+    def advance(
+        self, now: Going, t: float, end: float, rows: NDArray[Any], depth: int = 0
+    ) -> tuple[Going, Array]:
         """Return places at time ``end``, and which of them are on the branch that they come from."""
         h = end - t
         new, left, moved = self.solve(now.q + h * now.v + 0.5 * h * h * now.a, end, rows)
@@ -171,7 +174,7 @@ class ManyGuides:
         return new, good
 
     def closed(self, q: Array) -> Array:
-        """Return positions with loops closed by the steps of ``newton`` in ``solve/closure.py``, led joints as they are."""
+        """Return positions with loops closed by the steps of ``newton`` of ``solve/closure.py``, led joints kept."""
         names = self.structure.problem.model.q_names
         lead, m = self.structure.lead, len(self.structure.problem.constraints.rows)
         assert lead is not None
@@ -199,7 +202,12 @@ class ManyGuides:
                 trial[:, columns] += step * lengths
                 F_new, J_new, new = lacking(trial)
                 takes = waiting & (new < size)
-                q[takes], F[takes], J[takes], size[takes] = trial[takes], F_new[takes], J_new[takes], new[takes]
+                q[takes], F[takes], J[takes], size[takes] = (
+                    trial[takes],
+                    F_new[takes],
+                    J_new[takes],
+                    new[takes],
+                )
                 waiting &= ~takes
                 if not waiting.any():
                     break
@@ -282,7 +290,10 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
         for j in (k, k + 1):
             paths = [structure.places.get(f"{group}/{point}") for group in PLACES]
             t = float(structure.times[j])
-            own = [np.zeros((guides.count, 3)) if x is None else guides._evaluate(x, places[j], t, rows) for x in paths]
+            own = [
+                np.zeros((guides.count, 3)) if x is None else guides._evaluate(x, places[j], t, rows)
+                for x in paths
+            ]
             ends.append((own[0], own[1], own[2]))
         y, off = hermite(ends, h, s)
         error = off.max(axis=1) + CLOSED

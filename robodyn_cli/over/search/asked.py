@@ -28,6 +28,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of, refusal
 from robodyn_cli.version import code_digest
 
+MOST_NAMED = 4  # targets
 MOST_BEGINNINGS = 10_000  # combinations of values times starts
 EDGE = 1e-12  # of the way between bounds, within which a value is that of the bound
 UNJUDGED = ("expect={}",)  # runs are judged here, by the constraints
@@ -69,6 +70,8 @@ class Goal:
         """Return the goal in words; names : of the outputs."""
         if not self.is_reach:
             return f"{'least' if self.sign > 0.0 else 'largest'} {names[self.outputs[0]]}"
+        if len(self.outputs) > MOST_NAMED:
+            return f"{len(self.outputs)} outputs at their targets"
         return ", ".join(f"{names[k]} = {target.text}" for k, target in zip(self.outputs, self.targets))
 
 
@@ -228,7 +231,7 @@ def _check_bounds(search: Search) -> None:
     starts = options.starts if search.continuous else 1
     if search.count * starts > MOST_BEGINNINGS:
         raise SceneError(
-            f"{search.count} combinations of values with {starts} starts each; allowed: at most {MOST_BEGINNINGS} together"
+            f"{search.count} combinations of values with {starts} starts each; allowed: {MOST_BEGINNINGS} in all"
         )
     for k in search.continuous:
         name, variation = search.task.keys[k], search.variations[k]

@@ -71,14 +71,18 @@ class Journal:
                     self._runs[x] = np.array(one["y"]), np.array(one["errors"]), one["code"], one["reason"]
                     self.taken += 1
                 else:
-                    self._slopes[x, one["asked"]] = np.array(one["slopes"]), np.array(one["errors"]), one["exact"]
+                    self._slopes[x, one["asked"]] = (
+                        np.array(one["slopes"]),
+                        np.array(one["errors"]),
+                        one["exact"],
+                    )
 
     def run(self, x: Array) -> tuple[Array, Array, int, str] | None:
         """Return outputs, errors, exit code and reason of a run that is there."""
         return self._runs.pop(x.tobytes(), None)
 
     def slopes(self, x: Array, exact: bool) -> tuple[Array, Array, bool] | None:
-        """Return derivatives (n, K) that are there, their errors, and whether any is exact; exact : asked for as such."""
+        """Return derivatives (n, K), their errors, and whether any is exact; exact : asked for as such."""
         return self._slopes.pop((x.tobytes(), exact), None)
 
     def add_run(self, point: DesignPoint, is_new: bool) -> None:

@@ -7,7 +7,9 @@ from collections.abc import Callable, Sequence
 from queue import SimpleQueue
 from typing import Any, Generic, TypeVar
 
-Question, Reply, Outcome = TypeVar("Question"), TypeVar("Reply"), TypeVar("Outcome")
+Question = TypeVar("Question")
+Reply = TypeVar("Reply")
+Outcome = TypeVar("Outcome")
 
 
 class Stopped(BaseException):
@@ -21,8 +23,8 @@ class Lanes(Generic[Question, Reply, Outcome]):
 
     Parameters
     ----------
-    answer : gives the replies to the questions of those solvers that have one, in the order of the solvers. It is called
-    in the thread that calls ``run``, like all that runs make.
+    answer : gives the replies to the questions of those solvers that have one, in the order of the solvers. It is
+    called in the thread that calls ``run``, like all that makes runs.
     """
 
     def __init__(self, answer: Callable[[Sequence[Question]], Sequence[Reply]]) -> None:

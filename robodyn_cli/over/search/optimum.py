@@ -1,5 +1,5 @@
-"""What holds at the end of a search: which bounds and constraints are active and at what price, how the goal bends, how far
-the values may be off; a last step of Newton's method on the conditions of the optimum.
+"""What holds at the end of a search: which bounds and constraints are active and at what price, how the goal bends,
+how far the values may be off; a last step of Newton's method on the conditions of the optimum.
 
     g = A^T mu,   mu >= 0             first order, with the gradients A of active bounds and constraints
     | H  -A^T | |du|   | g - A^T mu |
@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes
-from robodyn_cli.over.search.solve import INSIDE, Scaled, Way
+from robodyn_cli.over.search.solve import CORNER, INSIDE, Scaled, Way
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -23,7 +23,6 @@ AT_BOUND = 1e-7  # part of the way between bounds, within which a key is at one
 ACTIVE = 1e-6  # of the size of an output, within which a constraint is active
 PRICELESS = 1e-9  # of the largest derivative: a smaller multiplier is zero
 CLOSEST = 1e-14  # of that way: a last step that is shorter is none
-CORNER = 0.1  # of a derivative: a larger error says that there is none
 EXACT_STEP, OTHER_STEP = 1e-4, 1e-2  # of the way between bounds, over which derivatives are compared
 LARGEST_MOVE = 0.1  # of that way, by a last step
 FREE = 1e-6  # share of a key in directions that nothing determines, above which its value may be any
@@ -37,8 +36,8 @@ class Sides:
     """Bounds and sides of constraints at a place, and their prices: what their shift would change the goal by.
 
     room : of all sides of constraints (m,); gradients : their derivatives by u (m, n). prices : of these (m,), and
-    bound_prices (n,) of bounds, negative at the upper one. left : what of the goal's gradient they leave (n,). binding :
-    numbers of the sides with a price. held : keys that a priced bound holds (n,).
+    bound_prices (n,) of bounds, negative at the upper one. left : what of the goal's gradient they leave (n,).
+    binding : numbers of the sides with a price. held : keys that a priced bound holds (n,).
     """
 
     room: Array
@@ -81,8 +80,8 @@ class Optimum:
     """A point and what is known of it, in the scaled numbers of a search.
 
     J, J_error : derivatives of outputs by u (n, len(u)) and their errors. at_low, at_high : keys at a bound. H : second
-    derivatives of the goal with its priced constraints, and their error; nan where they are not known. off : how far each
-    u may be off, nan where nothing determines it.
+    derivatives of the goal with its priced constraints, and their error; nan where they are not known. off : how far
+    each u may be off, nan where nothing determines it.
     """
 
     point: DesignPoint
@@ -103,7 +102,7 @@ class Optimum:
     @property
     def bends(self) -> Array:
         """Eigenvalues of the second derivatives in the directions that stay free."""
-        A = self.sides.gradients[np.ix_(self.sides.binding, ~self.sides.held)]
+        A = self.sides.gradients[self.sides.binding][:, ~self.sides.held]
         return bending(self.H, ~self.sides.held, A)
 
 
@@ -137,7 +136,8 @@ class Examiner:
         """Return what holds at a point, and the last step; known : whose curvatures hold here too."""
         scaled, u = self.scaled, self.scaled.search.place(point.x)
         if slopes is None:
-            slopes = OutputSlopes(*(np.full((len(point.y), len(point.x)), np.nan) for _ in range(2)))
+            nothing = np.full((len(point.y), len(point.x)), np.nan)
+            slopes = OutputSlopes(nothing, nothing)
         J, J_error = _scaled(scaled, slopes)
         sides = Sides.of(scaled, point, u, J)
         if scaled.goal.is_reach:
@@ -151,9 +151,9 @@ class Examiner:
         return Optimum(point, J, J_error, u <= AT_BOUND, u >= 1.0 - AT_BOUND, sides, H, H_error, off), step
 
     def _before(self, J: Array, J_error: Array) -> Array:
-        """Return derivatives (n, len(u)), in the place of those that their errors hide the ones of the last point before.
+        """Return derivatives (n, len(u)), where errors hide them those of the last point before.
 
-        So it is of a magnitude that is zero at the optimum, where it has a corner.
+        So it is at the corner of a magnitude that is zero at the optimum.
         """
         earlier = [point for point in self.way.derived if point.run != self.way.best.run]
         if not earlier or not (J_error > CORNER * np.abs(J)).any():
@@ -169,7 +169,7 @@ class Examiner:
         off = np.zeros(J.shape[1])
         if not np.isfinite(J).all():
             return np.full(J.shape[1], np.nan)
-        U, s, Vt = np.linalg.svd(J[np.ix_(rows, free)])
+        U, s, Vt = np.linalg.svd(J[rows][:, free])
         rank = int((s > RANK * s.max(initial=0.0)).sum())
         back = (Vt[:rank].T / s[:rank]) @ U[:, :rank].T
         lacking = np.nan_to_num(point.error[rows]) / self.scaled.sizes[rows] + np.abs(
@@ -204,11 +204,11 @@ class Examiner:
     def _last_step(
         self, point: DesignPoint, J_error: Array, sides: Sides, H: Array
     ) -> tuple[Array | None, Array]:
-        """Return the step of Newton's method to the optimum (None where there is none), and how far each u may be off."""
+        """Return the step of Newton's method to the optimum, None without one, and how far each u may be off."""
         n, free = len(H), ~sides.held
         step, off = np.zeros(n), np.zeros(n)
         off[free] = np.nan
-        A = sides.gradients[np.ix_(sides.binding, free)]
+        A = sides.gradients[sides.binding][:, free]
         M = np.block([[H[np.ix_(free, free)], -A.T], [A, np.zeros((len(A), len(A)))]])
         if not np.isfinite(M).all() or (M.size and np.linalg.cond(M) > 1.0 / RANK):
             return None, off

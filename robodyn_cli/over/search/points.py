@@ -11,13 +11,13 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.errors import RobodynError
+from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.search.asked import EDGE, Search
 from robodyn_cli.over.search.journal import Journal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.report import exact_slopes, works
 from robodyn_cli.over.study.rows import Points, RunRows, joined
 from robodyn_cli.over.study.runs import Compiled, Waiting, one_by_one, suits
-from robodyn_cli.over.many.keys import settings
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -27,7 +27,7 @@ ROUNDING = 1e-15  # of outputs
 
 @record
 class DesignPoint:
-    """A run of a search: its number, values of the keys (K,), outputs and their errors (n,), exit code, why it failed."""
+    """A run: its number, values of the keys (K,), outputs and their errors (n,), exit code, why it failed."""
 
     run: int
     x: Array

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -143,7 +144,7 @@ def _key(ended: Ended, k: int) -> FoundKey:
     at = search.continuous.index(k)
     (low, high), span, size = search.bounds[at], float(ended.scaled.span[at]), _goal_size(ended)
     side = "lower bound" if optimum.at_low[at] else "upper bound" if optimum.at_high[at] else ABSENT
-    own: dict[str, float | Absent | None] = {}
+    own: dict[str, Any] = {}
     if not search.goal.is_reach:
         own["curvature"] = _finite(size * optimum.H[at, at] / span**2)
         own["curvature_error"] = _finite(abs(size) * optimum.H_error / span**2)
@@ -176,8 +177,8 @@ def _limit(ended: Ended, limit: Limit) -> KeptLimit:
             elif other == limit and abs(optimum.sides.room[k]) <= SMALL * AT_BOUND:
                 active = True
     return KeptLimit(
-        limit.expected.text, limit.source, _finite(value), _finite(own.error[limit.output]), limit.expected.holds(value),
-        active, price, error,
+        limit.expected.text, limit.source, _finite(value), _finite(own.error[limit.output]),
+        limit.expected.holds(value), active, price, error,
     )  # fmt: skip
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import time
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -63,7 +61,10 @@ def run_search(search: Search, maker: PointMaker) -> Ended:
         for first in range(0, len(begun), MOST_LANES):
             part = begun[first : first + MOST_LANES]
             solvers = [Solver(Scaled(search, combinations[k], sizes), u, met) for k, u, _ in part]
-            ends = Lanes(lambda asks: _answer(maker, asks)).run(solvers)
+            lanes: Lanes[Asks, tuple[DesignPoint, OutputSlopes | None], Way] = Lanes(
+                lambda a: _answer(maker, a)
+            )
+            ends = lanes.run(solvers)
             ways += [(k, way) for (k, _, _), way in zip(part, ends)]
         scaled = ways[0][1].scaled
     chosen = min((way for _, way in ways), key=lambda way: way.scaled.rank(way.best))
@@ -95,8 +96,8 @@ def _good(points: Sequence[DesignPoint], maker: PointMaker) -> list[DesignPoint]
     if not good:
         code, count = maker.failures.most_common(1)[0]
         raise CapabilityError(
-            f"no run ends as it should at any of the {len(points)} points from which the search would begin; {count} end "
-            f"with exit code {code}: {maker.reasons[code]}"
+            f"no run ends as it should at any of the {len(points)} points from which the search would begin; {count} "
+            f"end with exit code {code}: {maker.reasons[code]}"
         )
     return good
 

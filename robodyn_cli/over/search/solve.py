@@ -18,6 +18,8 @@ from robodyn_cli.spatial.algebra import Array
 
 MOST_STEPS = 100  # of a solver
 PATIENCE = 10  # points that a solver may take beyond twice those of the first one that met all targets
+CORNER = 0.1  # of a derivative: a larger error says that there is none
+LAST_STEP = 1e-10  # of the keys: a shorter one is the last, as the next would be about its square
 CLOSE = 1e-15  # of scaled numbers: a solver stops when it moves no more
 LEAST_CHANGE = 1e-13  # of the scaled output that is minimised, below which its solver stops
 INSIDE = 1e-9  # of the size of an output, by which a constraint is kept beside the error of the run
@@ -192,7 +194,7 @@ class Solver:
         best = min(self.points, key=self.scaled.rank)
         met = best.is_good and bool((self.scaled.misses(best) <= 1.0).all())
         many = len(self.start) > len(self.scaled.goal.outputs)
-        if self.scaled.search.limits and not self.scaled.holds(best) or many and not met:
+        if (self.scaled.search.limits and not self.scaled.holds(best)) or (many and not met):
             return self._minimise(self.scaled.search.place(best.x))
         return converged, why
 
@@ -219,6 +221,12 @@ class Solver:
         J = self.scaled.jacobian(slopes)
         if not np.isfinite(J).all():
             raise NoWay("an output has no derivative there: runs on both sides fail")
+        if self.scaled.goal.is_reach and bool((self.scaled.misses(point) <= 1.0).all()):
+            sizes, errors = (
+                np.abs(x[list(self.scaled.goal.outputs)]).max(axis=1) for x in (slopes.values, slopes.errors)
+            )
+            if (errors > CORNER * sizes).any():
+                raise Met  # at the corner of a magnitude that is zero
         self.derived.append(point)
         return J
 
@@ -239,7 +247,7 @@ class Solver:
         try:
             found = least_squares(
                 residuals, self.start, lambda u: self._jacobian(u)[rows], bounds=(0.0, 1.0), method="dogbox",
-                ftol=CLOSE, xtol=CLOSE, gtol=CLOSE, max_nfev=MOST_STEPS,
+                ftol=CLOSE, xtol=LAST_STEP, gtol=CLOSE, max_nfev=MOST_STEPS,
             )  # fmt: skip
         except Met:
             self.first.points = min(self.first.points or MOST_STEPS, len(self.points))

@@ -278,7 +278,11 @@ class KinematicsSlopes:
         motion = dataclasses.replace(planned.motion, q=there["q"], qd=there["v"], qdd=there["a"])
         planned = dataclasses.replace(planned, times=there["t"][:, 0], motion=motion)
         result = report(self.problem, planned, led, {name: there[name] for name in self.arrays})
-        return PlacesAlone(places_at(self.problem.scene, result)) if alone else summarise(self.problem, planned, result, None)
+        return (
+            PlacesAlone(places_at(self.problem.scene, result))
+            if alone
+            else summarise(self.problem, planned, result, None)
+        )
 
 
 def _course(scene: Scene) -> LedCourse:

@@ -98,7 +98,7 @@ def refuse_structure(
     ------
     CapabilityError
     """
-    code = (*numbers, *(x.digest for x in own))
+    code: tuple[int | str, ...] = (*numbers, *(x.digest for x in own))
     if code in asked.compared:
         return
     other = give(asked.changed(numbers, NEARBY))

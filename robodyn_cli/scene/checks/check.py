@@ -54,7 +54,7 @@ class Check(nodes.Faults):
 
 
 def key_place(root: nodes.Node, section: nodes.Path, key: str) -> nodes.Path:
-    """Return where a section (``expect``, ``study.of``) names a key of the summary; in maps dots stand for maps in maps."""
+    """Return where a section, such as ``expect``, names a key of the summary; in maps dots stand for maps in maps."""
     named = nodes.find(root, section)
     if isinstance(named, nodes.Sequence):
         texts = [item.text if isinstance(item, nodes.Scalar) else "" for item in named.items]

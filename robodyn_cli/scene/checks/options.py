@@ -142,8 +142,8 @@ def search_problems(options: SearchOptions) -> Iterator[tuple[Path, str]]:
         if variation.distribution not in ("", "uniform"):
             yield (
                 ("vary", name),
-                f"{variation.text!r} has no bounds to search between; allowed: uniform(low, high), or values: [a, b, ...], "
-                "linspace(a, b, n), logspace(a, b, n)",
+                f"{variation.text!r} has no bounds to search between; allowed: uniform(low, high), or values: "
+                "[a, b, ...], linspace(a, b, n), logspace(a, b, n)",
             )
     for name, wanted in options.reach.items():
         if not is_target(wanted):
@@ -155,8 +155,8 @@ def search_problems(options: SearchOptions) -> Iterator[tuple[Path, str]]:
         if not is_inequality(kept):
             yield (
                 ("keep", name),
-                f"{kept.text!r} is no inequality; allowed: '<= a', '< a', '>= a', '> a', 'a .. b'; a value that an output "
-                "is to have belongs to reach",
+                f"{kept.text!r} is no inequality; allowed: '<= a', '< a', '>= a', '> a', 'a .. b'; a value that an "
+                "output is to have belongs to reach",
             )
 
 
