@@ -51,15 +51,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.statements import Variation
-    from robodyn_cli.scene.nested_options import (
-        Correlation,
-        Latch,
-        LoadLimit,
-        Payload,
-        ReachOptions,
-        SearchOptions,
-        Sweep,
-    )
+    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, Payload, ReachOptions, Sweep
     from robodyn_cli.scene.robot_parts import Coupler
 
 
@@ -210,7 +202,7 @@ class KinematicsOptions:
         ListOf(Number(minimum=0.0)),
         default=(),
         unit="s",
-        doc="Times at which the summary says where named points are.",
+        doc="Times at which the summary has places of points.",
     )
     transmission: tuple[str, ...] | None = key(
         ListOf(Text(), minimum=3, maximum=3),
@@ -399,9 +391,7 @@ class Scene:
     study: StudyOptions = key(
         Section(StudyOptions), default=StudyOptions(), doc="What `sweep` varies, and how."
     )
-    search: SearchOptions | None = key(
-        LaterSection("scene.nested_options:SearchOptions"), default=None, doc="What `optimise` looks for."
-    )
+    search: Any = key(LaterSection("scene.nested_options:SearchOptions"), default=None, doc="For `optimise`.")
     notes: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     warnings: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     path: str = dataclasses.field(default="", compare=False)

@@ -66,7 +66,7 @@ def command(
 ) -> int:  # fmt: skip
     """Search; return 1 where a constraint does not hold at the best point, or a target is missed."""
     from robodyn_cli.over.search.asked import options_of, prepare
-    from robodyn_cli.over.search.journal import Journal
+    from robodyn_cli.over.search.journal import SearchJournal
     from robodyn_cli.over.search.points import PointMaker
     from robodyn_cli.over.search.report import report
     from robodyn_cli.over.search.search import run_search
@@ -74,7 +74,7 @@ def command(
 
     console = shared.console
     target, family = shared.directory(scene, "optimise"), Family(scene, shared.overrides or ())
-    start, progress = time.perf_counter(), Progress(console)
+    start, progress = time.perf_counter(), SearchProgress(console)
     options = options_of(
         family.own.search,
         {"vary": variations(vary or ()), "minimise": minimise, "maximise": maximise, "reach": _targets(reach or ()),
@@ -84,7 +84,7 @@ def command(
     with console.waiting(lambda: progress.doing), output(target, scene, console) as directory:
         search = prepare(family, options)
         with begun(directory, console):
-            with Journal(directory.path, search.digest) as journal, progress:
+            with SearchJournal(directory.path, search.digest) as journal, progress:
                 if journal.taken:
                     console.note(f"robodyn: {journal.taken} runs are there from an earlier search")
                 maker = PointMaker(search, jobs or cores(), journal, progress)
@@ -98,7 +98,7 @@ def command(
     return OF_STATUS[result.status]
 
 
-class Progress:
+class SearchProgress:
     """Tells how many runs are made; as a context manager, says what an interrupt leaves."""
 
     def __init__(self, console: Console) -> None:
@@ -108,7 +108,7 @@ class Progress:
     def doing(self) -> str:
         return f"a search: {self.runs} runs"
 
-    def __enter__(self) -> Progress:
+    def __enter__(self) -> SearchProgress:
         return self
 
     def __exit__(

@@ -35,7 +35,7 @@ UNJUDGED = ("expect={}",)  # runs are judged here, by the constraints
 
 
 @record
-class Limit:
+class Constraint:
     """A constraint: what holds of an output, by its number among those of the search.
 
     source : ``keep`` or ``expect``.
@@ -95,7 +95,7 @@ class Search:
     keys: tuple[Key, ...]
     variations: tuple[Variation, ...]
     goal: Goal
-    limits: tuple[Limit, ...]
+    limits: tuple[Constraint, ...]
     stands: tuple[float, ...]
     left_out: dict[str, str]
 
@@ -192,7 +192,7 @@ def prepare(family: Family, options: SearchOptions) -> Search:
         family, task, options, tuple(understand(family, key) for key in options.vary),
         tuple(options.vary.values()),
         Goal(sign, tuple(map(number, wanted)), tuple(options.reach.values())),
-        tuple(Limit(number(name), name, expected, source) for name, expected, source in constraints),
+        tuple(Constraint(number(name), name, expected, source) for name, expected, source in constraints),
         tuple(_standing(family, key) for key in options.vary), left_out,
     )  # fmt: skip
     _check_bounds(search)

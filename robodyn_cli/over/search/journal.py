@@ -9,22 +9,21 @@ import contextlib
 import json
 from pathlib import Path
 from types import TracebackType
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import Any, TextIO
 
 import numpy as np
 
 from robodyn_cli.foreign import contents
-from robodyn_cli.results.atomic import discard, output_errors
+from robodyn_cli.results.atomic import anew, discard, output_errors
 from robodyn_cli.spatial.algebra import Array
-
-if TYPE_CHECKING:
-    from robodyn_cli.over.search.points import DesignPoint, OutputSlopes
 
 NAME = "unfinished.search"
 MOST = 1_000_000_000  # bytes
+KeptRun = tuple[Array, Array, int, str]  # outputs and errors (n,), exit code, why it failed
+KeptSlopes = tuple[Array, Array, bool]  # derivatives (n, K), their errors, whether any is exact
 
 
-class Journal:
+class SearchJournal:
     """Context manager around the file; without a directory nothing is kept.
 
     Parameters
@@ -36,17 +35,18 @@ class Journal:
         self._path = None if directory is None else directory / NAME
         self._head = head
         self._file: TextIO | None = None
-        self._runs: dict[bytes, tuple[Array, Array, int, str]] = {}
-        self._slopes: dict[tuple[bytes, bool], tuple[Array, Array, bool]] = {}
+        self._runs: dict[bytes, KeptRun] = {}
+        self._slopes: dict[tuple[bytes, bool], KeptSlopes] = {}
         self.taken = 0
 
-    def __enter__(self) -> Journal:
+    def __enter__(self) -> SearchJournal:
         if self._path is not None:
-            self._read(self._path)
+            whole = self._read(self._path)
             with output_errors(self._path):
-                self._file = open(self._path, "a" if self.taken else "w", encoding="utf-8")
-            if not self.taken:
-                self._add({"search": self._head})
+                self._file = anew(self._path)
+            self._add({"search": self._head})
+            for line in whole:
+                self._add(line)
         return self
 
     def __exit__(
@@ -56,45 +56,52 @@ class Journal:
             with contextlib.suppress(OSError):
                 self._file.close()
 
-    def _read(self, path: Path) -> None:
-        """Take what an earlier search has made; nothing where there is none, or it was another one."""
-        with contextlib.suppress(
-            OSError, ValueError, TypeError, KeyError
-        ):  # ends at a line that is not whole
+    def _read(self, path: Path) -> list[dict[str, Any]]:
+        """Take what an earlier search has made, and return its lines; nothing where it was another one."""
+        whole: list[dict[str, Any]] = []
+        # ends at a line that is not whole
+        with contextlib.suppress(OSError, ValueError, TypeError, KeyError):
             first, *lines = contents(path, MOST).decode().splitlines()
             if json.loads(first)["search"] != self._head:
-                return
+                return whole
             for line in lines:
                 one = json.loads(line)
-                x = np.array(one["x"]).tobytes()
+                x, errors = np.array(one["x"]).tobytes(), np.array(one["errors"])
                 if "code" in one:
-                    self._runs[x] = np.array(one["y"]), np.array(one["errors"]), one["code"], one["reason"]
+                    self._runs[x] = np.array(one["y"]), errors, one["code"], one["reason"]
                     self.taken += 1
                 else:
-                    self._slopes[x, one["asked"]] = (
-                        np.array(one["slopes"]),
-                        np.array(one["errors"]),
-                        one["exact"],
-                    )
+                    self._slopes[x, one["asked"]] = np.array(one["slopes"]), errors, one["exact"]
+                whole.append(one)
+        return whole
 
-    def run(self, x: Array) -> tuple[Array, Array, int, str] | None:
+    def run(self, x: Array) -> KeptRun | None:
         """Return outputs, errors, exit code and reason of a run that is there."""
         return self._runs.pop(x.tobytes(), None)
 
-    def slopes(self, x: Array, exact: bool) -> tuple[Array, Array, bool] | None:
+    def slopes(self, x: Array, exact: bool) -> KeptSlopes | None:
         """Return derivatives (n, K), their errors, and whether any is exact; exact : asked for as such."""
         return self._slopes.pop((x.tobytes(), exact), None)
 
-    def add_run(self, point: DesignPoint, is_new: bool) -> None:
-        """Keep a run."""
-        if is_new:
-            self._add({"x": point.x.tolist(), "y": point.y.tolist(), "errors": point.error.tolist(),
-                       "code": point.code, "reason": point.reason})  # fmt: skip
+    def add_run(self, x: Array, run: KeptRun) -> None:
+        """Keep a run: outputs and errors (n,), exit code, why it failed."""
+        y, errors, code, reason = run
+        self._add(
+            {"x": x.tolist(), "y": y.tolist(), "errors": errors.tolist(), "code": code, "reason": reason}
+        )
 
-    def add_slopes(self, x: Array, slopes: OutputSlopes, exact: bool) -> None:
-        """Keep derivatives."""
-        self._add({"x": x.tolist(), "slopes": slopes.values.tolist(), "errors": slopes.errors.tolist(),
-                   "exact": slopes.exact, "asked": exact})  # fmt: skip
+    def add_slopes(self, x: Array, slopes: KeptSlopes, exact: bool) -> None:
+        """Keep derivatives, as ``slopes`` returns them."""
+        values, errors, own = slopes
+        self._add(
+            {
+                "x": x.tolist(),
+                "slopes": values.tolist(),
+                "errors": errors.tolist(),
+                "exact": own,
+                "asked": exact,
+            }
+        )
 
     def _add(self, line: dict[str, Any]) -> None:
         if self._file is None or self._path is None:

@@ -12,7 +12,7 @@ Reply = TypeVar("Reply")
 Outcome = TypeVar("Outcome")
 
 
-class Stopped(BaseException):
+class StoppedLane(BaseException):
     """The search has ended: a solver goes no further."""
 
 
@@ -46,14 +46,14 @@ class Lanes(Generic[Question, Reply, Outcome]):
             def ask(question: Question) -> Reply:
                 self._inbox.put((k, question))
                 reply = replies[k].get()
-                if isinstance(reply, Stopped):
+                if isinstance(reply, StoppedLane):
                     raise reply
                 given: Reply = reply
                 return given
 
             try:
                 outcomes[k] = solvers[k](ask)
-            except Stopped:
+            except StoppedLane:
                 pass
             except BaseException as fault:
                 faults.append(fault)
@@ -69,7 +69,7 @@ class Lanes(Generic[Question, Reply, Outcome]):
                     replies[k].put(reply)
         except BaseException:
             for k in live:
-                replies[k].put(Stopped())
+                replies[k].put(StoppedLane())
             raise
         if faults:
             raise faults[0]

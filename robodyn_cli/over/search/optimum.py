@@ -15,7 +15,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes
-from robodyn_cli.over.search.solve import CORNER, INSIDE, Scaled, Way
+from robodyn_cli.over.search.solve import CORNER, INSIDE, ScaledSearch, SolverWay
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -32,7 +32,7 @@ Derive = Callable[[Sequence[Array]], Sequence[tuple[DesignPoint, OutputSlopes | 
 
 
 @record
-class Sides:
+class BoundSides:
     """Bounds and sides of constraints at a place, and their prices: what their shift would change the goal by.
 
     room : of all sides of constraints (m,); gradients : their derivatives by u (m, n). prices : of these (m,), and
@@ -49,7 +49,7 @@ class Sides:
     held: Array
 
     @staticmethod
-    def of(scaled: Scaled, point: DesignPoint, u: Array, J: Array) -> Sides:
+    def of(scaled: ScaledSearch, point: DesignPoint, u: Array, J: Array) -> BoundSides:
         """Return those of a point with the derivatives J of its outputs."""
         from scipy.optimize import nnls
 
@@ -65,12 +65,12 @@ class Sides:
         of_bounds[low] += mu[len(near) : len(near) + len(low)]
         of_bounds[high] -= mu[len(near) + len(low) :]
         least = PRICELESS * float(np.abs(g).max(initial=0.0))
-        return Sides(
+        return BoundSides(
             room, gradients, prices, of_bounds, g - A.T @ mu, [k for k in near if prices[k] > least],
             np.abs(of_bounds) > least,
         )  # fmt: skip
 
-    def lagrangian(self, scaled: Scaled, point: DesignPoint, J: Array) -> Array:
+    def lagrangian(self, scaled: ScaledSearch, point: DesignPoint, J: Array) -> Array:
         """Return the derivative of the goal less the priced constraints at another point."""
         return scaled.gradient(point.y, J) - self.prices @ scaled.room_slopes(J)
 
@@ -89,7 +89,7 @@ class Optimum:
     J_error: Array
     at_low: Array
     at_high: Array
-    sides: Sides
+    sides: BoundSides
     H: Array
     H_error: float
     off: Array
@@ -114,7 +114,7 @@ class Examiner:
     way : that led there. derive : gives runs and derivatives at values of all keys; None for those of a run that fails.
     """
 
-    def __init__(self, way: Way, derive: Derive) -> None:
+    def __init__(self, way: SolverWay, derive: Derive) -> None:
         self.way, self.scaled, self.derive = way, way.scaled, derive
 
     def __call__(self, point: DesignPoint) -> Optimum:
@@ -139,7 +139,7 @@ class Examiner:
             nothing = np.full((len(point.y), len(point.x)), np.nan)
             slopes = OutputSlopes(nothing, nothing)
         J, J_error = _scaled(scaled, slopes)
-        sides = Sides.of(scaled, point, u, J)
+        sides = BoundSides.of(scaled, point, u, J)
         if scaled.goal.is_reach:
             off, step = self._off_of_targets(point, self._before(J, J_error), sides), None
             H, H_error = np.full((len(u), len(u)), np.nan), np.nan
@@ -163,7 +163,7 @@ class Examiner:
             J if slopes is None else np.where(J_error > CORNER * np.abs(J), self.scaled.jacobian(slopes), J)
         )
 
-    def _off_of_targets(self, point: DesignPoint, J: Array, sides: Sides) -> Array:
+    def _off_of_targets(self, point: DesignPoint, J: Array, sides: BoundSides) -> Array:
         """Return how far each u may be off where outputs are off their targets by their errors and what is left."""
         rows, free = list(self.scaled.goal.outputs), ~sides.held
         off = np.zeros(J.shape[1])
@@ -180,7 +180,7 @@ class Examiner:
         off[free] = own
         return off
 
-    def _curvatures(self, u: Array, sides: Sides, exact: bool) -> tuple[Array, float]:
+    def _curvatures(self, u: Array, sides: BoundSides, exact: bool) -> tuple[Array, float]:
         """Return the second derivatives (len(u), len(u)) of the goal less the priced constraints, and their error."""
         scaled, step = self.scaled, EXACT_STEP if exact else OTHER_STEP
         n = len(u)
@@ -202,7 +202,7 @@ class Examiner:
         return 0.5 * (H + H.T), max(errors) / step + float(np.abs(H - H.T).max())
 
     def _last_step(
-        self, point: DesignPoint, J_error: Array, sides: Sides, H: Array
+        self, point: DesignPoint, J_error: Array, sides: BoundSides, H: Array
     ) -> tuple[Array | None, Array]:
         """Return the step of Newton's method to the optimum, None without one, and how far each u may be off."""
         n, free = len(H), ~sides.held
@@ -228,7 +228,7 @@ class Examiner:
         return step, off
 
 
-def _scaled(scaled: Scaled, slopes: OutputSlopes) -> tuple[Array, Array]:
+def _scaled(scaled: ScaledSearch, slopes: OutputSlopes) -> tuple[Array, Array]:
     """Return scaled derivatives (n, len(u)) and their errors."""
     return scaled.jacobian(slopes), scaled.jacobian(OutputSlopes(slopes.errors, slopes.errors))
 

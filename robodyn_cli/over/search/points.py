@@ -13,7 +13,7 @@ import numpy as np
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.search.asked import EDGE, Search
-from robodyn_cli.over.search.journal import Journal
+from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.report import exact_slopes, works
 from robodyn_cli.over.study.rows import Points, RunRows, joined
@@ -67,7 +67,9 @@ class PointMaker:
     were computed exactly. not_exact : why others are differences, by key.
     """
 
-    def __init__(self, search: Search, jobs: int, journal: Journal, tell: Callable[[int], None]) -> None:
+    def __init__(
+        self, search: Search, jobs: int, journal: SearchJournal, tell: Callable[[int], None]
+    ) -> None:
         self.search, self.jobs, self.tell, self.journal = search, jobs, tell, journal
         self.points: list[DesignPoint] = []
         self.failures: Counter[int] = Counter()
@@ -117,7 +119,8 @@ class PointMaker:
         """Keep a run."""
         self.points.append(point)
         self._known[point.x.tobytes()] = point
-        self.journal.add_run(point, is_new)
+        if is_new:
+            self.journal.add_run(point.x, (point.y, point.error, point.code, point.reason))
         if not point.is_good:
             self.failures[point.code] += 1
             self.reasons.setdefault(point.code, point.reason or self._lacking(point.y))
@@ -151,7 +154,7 @@ class PointMaker:
                 new[x] = self._exactly(point) if exact else self._nothing(point)
         self._complete(points, new)
         for x, own in new.items():
-            self.journal.add_slopes(np.frombuffer(x), own, exact)
+            self.journal.add_slopes(np.frombuffer(x), (own.values, own.errors, own.exact), exact)
             self._slopes[x, exact] = own
         return [self._slopes[point.x.tobytes(), exact] for point in points]
 

@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.over.batch.criteria import lookup
-from robodyn_cli.over.search.asked import Limit
+from robodyn_cli.over.search.asked import Constraint
 from robodyn_cli.over.search.optimum import AT_BOUND, Optimum
 from robodyn_cli.over.search.points import DesignPoint, PointMaker
-from robodyn_cli.over.search.search import SAME, Ended
-from robodyn_cli.over.search.solve import Scaled, Way
+from robodyn_cli.over.search.search import SAME, EndedSearch
+from robodyn_cli.over.search.solve import ScaledSearch, SolverWay
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent
@@ -30,7 +30,7 @@ from robodyn_cli.summaries.search import (
 SMALL = 1e-4  # of the size of a goal, over the way between bounds: a derivative that is left is small
 
 
-def report(ended: Ended, maker: PointMaker, seconds: float) -> Result:
+def report(ended: EndedSearch, maker: PointMaker, seconds: float) -> Result:
     """Return the result of a search."""
     search, own = ended.search, ended.own
     not_held = broken(ended)
@@ -61,7 +61,7 @@ def report(ended: Ended, maker: PointMaker, seconds: float) -> Result:
     return result
 
 
-def _store(result: Result, ended: Ended, points: Sequence[DesignPoint]) -> None:
+def _store(result: Result, ended: EndedSearch, points: Sequence[DesignPoint]) -> None:
     """Add all runs of a search to its result: values, outputs, errors, exit codes, and which start asked for each."""
     search = ended.search
     for k, key in enumerate(search.task.keys):
@@ -81,7 +81,7 @@ def _store(result: Result, ended: Ended, points: Sequence[DesignPoint]) -> None:
     result.add("runs/best", [int(p.run == ended.best.run) for p in points], dims=("run",))
 
 
-def broken(ended: Ended) -> list[str]:
+def broken(ended: EndedSearch) -> list[str]:
     """Return what the run of the optimum breaks: targets, constraints, and what the scene expects of how a run goes."""
     search, own, scaled = ended.search, ended.own, ended.scaled
     if not own.is_good:
@@ -110,7 +110,7 @@ def _finite(x: float) -> float | None:
     return float(x) if math.isfinite(x) else None
 
 
-def _outputs(ended: Ended) -> dict[str, FoundOutput]:
+def _outputs(ended: EndedSearch) -> dict[str, FoundOutput]:
     """Return the outputs of the run of the optimum."""
     search, own = ended.search, ended.own
     goal, outputs = search.goal, {}
@@ -129,13 +129,13 @@ def _outputs(ended: Ended) -> dict[str, FoundOutput]:
     return outputs
 
 
-def _goal_size(ended: Ended) -> float:
+def _goal_size(ended: EndedSearch) -> float:
     """Return the size of the goal, by which it is scaled."""
     goal = ended.search.goal
     return 1.0 if goal.is_reach else float(ended.scaled.sizes[goal.outputs[0]]) * goal.sign
 
 
-def _key(ended: Ended, k: int) -> FoundKey:
+def _key(ended: EndedSearch, k: int) -> FoundKey:
     """Return what is known of a key at the optimum."""
     search, optimum = ended.search, ended.optimum
     variation, value, unit = search.variations[k], float(ended.own.x[k]), search.units[k]
@@ -154,13 +154,13 @@ def _key(ended: Ended, k: int) -> FoundKey:
     return FoundKey(value, unit, _finite(optimum.off[at] * span), float(low), float(high), at=side, **own)
 
 
-def _gradient_error(scaled: Scaled, optimum: Optimum) -> float:
+def _gradient_error(scaled: ScaledSearch, optimum: Optimum) -> float:
     """Return the error of the derivatives of the goal, and what of them is left."""
     rows = list(scaled.goal.outputs)
     return float(np.nan_to_num(np.abs(optimum.J_error[rows])).max(initial=0.0)) + optimum.left
 
 
-def _limit(ended: Ended, limit: Limit) -> KeptLimit:
+def _limit(ended: EndedSearch, limit: Constraint) -> KeptLimit:
     """Return what is known of a constraint at the optimum."""
     own, optimum, scaled = ended.own, ended.optimum, ended.scaled
     value = float(own.y[limit.output])
@@ -182,7 +182,7 @@ def _limit(ended: Ended, limit: Limit) -> KeptLimit:
     )  # fmt: skip
 
 
-def _others(ended: Ended) -> tuple[int, list[tuple[int, Way]]]:
+def _others(ended: EndedSearch) -> tuple[int, list[tuple[int, SolverWay]]]:
     """Return how many starts came to the result, and the ways of others whose ends are runs that went well."""
     same, others = 0, []
     for number, (_, way) in enumerate(ended.ways):
@@ -193,7 +193,7 @@ def _others(ended: Ended) -> tuple[int, list[tuple[int, Way]]]:
     return same, others
 
 
-def _alike(ended: Ended, one: DesignPoint, two: DesignPoint) -> bool:
+def _alike(ended: EndedSearch, one: DesignPoint, two: DesignPoint) -> bool:
     """Tell whether two points are one but for what a solver leaves."""
     columns = list(ended.search.continuous)
     fixed = [k for k in range(len(one.x)) if k not in columns]
@@ -202,7 +202,7 @@ def _alike(ended: Ended, one: DesignPoint, two: DesignPoint) -> bool:
     return not columns or bool((np.abs(one.x[columns] - two.x[columns]) <= SAME * ended.scaled.span).all())
 
 
-def _other(ended: Ended, others: Sequence[tuple[int, Way]]) -> OtherOptimum | None:
+def _other(ended: EndedSearch, others: Sequence[tuple[int, SolverWay]]) -> OtherOptimum | None:
     """Return the best of the other ends."""
     if not others:
         return None
@@ -216,7 +216,7 @@ def _other(ended: Ended, others: Sequence[tuple[int, Way]]) -> OtherOptimum | No
     )  # fmt: skip
 
 
-def _proof(ended: Ended, same: int) -> SearchProof:
+def _proof(ended: EndedSearch, same: int) -> SearchProof:
     """Return what shows that the values are the best."""
     search, optimum, count = ended.search, ended.optimum, len(ended.ways)
     if optimum is None:

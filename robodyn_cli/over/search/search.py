@@ -12,7 +12,7 @@ from robodyn_cli.over.search.asked import Search
 from robodyn_cli.over.search.lanes import Lanes
 from robodyn_cli.over.search.optimum import Examiner, Optimum
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes, PointMaker
-from robodyn_cli.over.search.solve import Asks, FirstMet, Scaled, Solver, Way, sizes_of
+from robodyn_cli.over.search.solve import Asks, FirstMet, ScaledSearch, Solver, SolverWay, sizes_of
 from robodyn_cli.over.study.design import Samples, make_samples
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
@@ -24,7 +24,7 @@ SAME = 1e-4  # of the way between bounds, within which two ends are one
 
 
 @record
-class Ended:
+class EndedSearch:
     """A search that has come to its end.
 
     best : its optimum; ways : of all starts, with the number of their combination. own : the run of the optimum by the
@@ -32,15 +32,15 @@ class Ended:
     """
 
     search: Search
-    scaled: Scaled
+    scaled: ScaledSearch
     optimum: Optimum | None
     best: DesignPoint
-    ways: tuple[tuple[int, Way], ...]
+    ways: tuple[tuple[int, SolverWay], ...]
     own: DesignPoint
     summary: Mapping[str, Any]
 
 
-def run_search(search: Search, maker: PointMaker) -> Ended:
+def run_search(search: Search, maker: PointMaker) -> EndedSearch:
     """Make a search.
 
     Raises
@@ -51,8 +51,10 @@ def run_search(search: Search, maker: PointMaker) -> Ended:
     if not search.continuous:
         made = maker.runs(combinations)
         good = _good(made, maker)
-        scaled = Scaled(search, combinations[0], sizes_of(good))
-        ways = [(k, Way(scaled, (point,), (), point.is_good, point.reason)) for k, point in enumerate(made)]
+        scaled = ScaledSearch(search, combinations[0], sizes_of(good))
+        ways = [
+            (k, SolverWay(scaled, (point,), (), point.is_good, point.reason)) for k, point in enumerate(made)
+        ]
     else:
         begun = _beginnings(search, maker, combinations)
         sizes = sizes_of(_good([p for _, _, p in begun], maker))
@@ -60,8 +62,8 @@ def run_search(search: Search, maker: PointMaker) -> Ended:
         ways, met = [], FirstMet()
         for first in range(0, len(begun), MOST_LANES):
             part = begun[first : first + MOST_LANES]
-            solvers = [Solver(Scaled(search, combinations[k], sizes), u, met) for k, u, _ in part]
-            lanes: Lanes[Asks, tuple[DesignPoint, OutputSlopes | None], Way] = Lanes(
+            solvers = [Solver(ScaledSearch(search, combinations[k], sizes), u, met) for k, u, _ in part]
+            lanes: Lanes[Asks, tuple[DesignPoint, OutputSlopes | None], SolverWay] = Lanes(
                 lambda a: _answer(maker, a)
             )
             ends = lanes.run(solvers)
@@ -82,7 +84,7 @@ def run_search(search: Search, maker: PointMaker) -> Ended:
         int(row["code"]),
         rows.reasons.get(0, ""),
     )
-    return Ended(search, chosen.scaled, optimum, best, tuple(ways), own, summary)
+    return EndedSearch(search, chosen.scaled, optimum, best, tuple(ways), own, summary)
 
 
 def _good(points: Sequence[DesignPoint], maker: PointMaker) -> list[DesignPoint]:

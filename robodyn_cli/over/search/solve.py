@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.over.search.asked import Goal, Limit, Search, middle
+from robodyn_cli.over.search.asked import Constraint, Goal, Search, middle
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -44,7 +44,7 @@ Ask = Callable[[Asks], tuple[DesignPoint, OutputSlopes | None]]
 
 
 @record
-class Scaled:
+class ScaledSearch:
     """The numbers of a search, scaled: keys u from 0 to 1 between their bounds, outputs over their sizes (n,)."""
 
     search: Search
@@ -99,7 +99,7 @@ class Scaled:
         return np.asarray(self.goal.sign * J[self.goal.outputs[0]])
 
     @property
-    def sides(self) -> list[tuple[Limit, float, float]]:
+    def sides(self) -> list[tuple[Constraint, float, float]]:
         """The sides of the constraints: each with its sign and its bound, sign * (bound - y) >= 0."""
         return [
             (limit, sign, bound)
@@ -138,13 +138,13 @@ class Scaled:
 
 
 @record
-class Way:
+class SolverWay:
     """A solver's way: the points that it asked for in their order, and why it ended; converged : at an optimum.
 
     derived : those with derivatives.
     """
 
-    scaled: Scaled
+    scaled: ScaledSearch
     points: tuple[DesignPoint, ...]
     derived: tuple[DesignPoint, ...]
     converged: bool
@@ -169,7 +169,7 @@ class FirstMet:
 class Solver:
     """A solver from one start u (n,); first : what all solvers of a search share."""
 
-    def __init__(self, scaled: Scaled, start: Array, first: FirstMet) -> None:
+    def __init__(self, scaled: ScaledSearch, start: Array, first: FirstMet) -> None:
         self.scaled, self.start, self.first = scaled, start, first
         self.points: list[DesignPoint] = []
         self.derived: list[DesignPoint] = []
@@ -177,7 +177,7 @@ class Solver:
         self._last: dict[bytes, DesignPoint] = {}
         self._good: DesignPoint | None = None
 
-    def __call__(self, ask: Ask) -> Way:
+    def __call__(self, ask: Ask) -> SolverWay:
         """Return the way to an optimum nearby; ask : makes points."""
         self._ask = ask
         try:
@@ -185,7 +185,7 @@ class Solver:
                 converged, why = self._solve()
         except NoWay as end:
             converged, why = False, str(end)
-        return Way(self.scaled, tuple(self.points), tuple(self.derived), converged, why)
+        return SolverWay(self.scaled, tuple(self.points), tuple(self.derived), converged, why)
 
     def _solve(self) -> tuple[bool, str]:
         if not self.scaled.goal.is_reach:

@@ -135,7 +135,7 @@ def compared(
 ) -> Found:
     """Return the derivatives of a command without any integration, by keys that are no structure."""
     direct = kind(asked, asked.scene, numbers)
-    refuse_structure(asked, numbers, direct.programs, lambda scene: kind(asked, scene, numbers).programs)
+    refuse_structure(asked, numbers, direct.programs, lambda x: kind(asked, x, numbers).programs)
     return direct.slopes()
 
 
@@ -154,9 +154,7 @@ def simulate(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     motion = build_motion(integrable(scene))
     if motion.problem.model.switched:
         raise CapabilityError("payloads are gripped or released on the way")
-    refuse_structure(
-        asked, numbers, programs_of(motion), lambda other: programs_of(build_motion(integrable(other)))
-    )
+    refuse_structure(asked, numbers, programs_of(motion), lambda x: programs_of(build_motion(integrable(x))))
     slopes = MotionSlopes(
         motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(scene.simulate.duration)
     )
@@ -178,7 +176,7 @@ def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
         return {}
     motion = build_deployment(scene, Stopwatch())
     refuse_structure(
-        asked, numbers, programs_of(motion), lambda other: programs_of(build_deployment(other, Stopwatch()))
+        asked, numbers, programs_of(motion), lambda x: programs_of(build_deployment(x, Stopwatch()))
     )
     criterion = scene.deploy.criterion
     found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
