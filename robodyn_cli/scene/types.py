@@ -199,10 +199,7 @@ class KinematicsOptions:
     )
     samples: int = key(Integer(minimum=2, maximum=100_000_000), default=361, doc="Number of uniform samples.")
     at: tuple[float, ...] = key(
-        ListOf(Number(minimum=0.0)),
-        default=(),
-        unit="s",
-        doc="Times at which the summary has places of points.",
+        ListOf(Number(minimum=0.0)), default=(), unit="s", doc="Times at which the summary locates points."
     )
     transmission: tuple[str, ...] | None = key(
         ListOf(Text(), minimum=3, maximum=3),
