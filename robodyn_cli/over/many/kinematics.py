@@ -128,7 +128,9 @@ class ManyGuides:
         eta = self._evaluate(levels["values"], place, t, rows)
         columns = [self.structure.problem.model.q_names.index(name) for name in self.structure.lead.positions]  # type: ignore[union-attr]
         F = np.concatenate([eta, place.q[:, columns] - wanted], axis=1)
-        return F, self._evaluate(levels["J"], place, t, rows).reshape(len(F), -1, self.nv)
+        return F, self._evaluate(levels["J"], place, t, rows).reshape(
+            len(F), len(self.conditions.names), self.nv
+        )
 
     def solve(self, guess: Array, t: float, rows: NDArray[Any]) -> tuple[Going, Array, Array]:
         """Return places at a time near positions (N, nv), what the conditions lack, and how far they moved."""
@@ -226,6 +228,8 @@ class ManyGuides:
         places = [now]
         for t, end in zip(times.tolist(), times[1:].tolist()):
             own = np.flatnonzero(good)
+            if not len(own):
+                break
             new, there = self.advance(now.part(own), t, end, rows[own])
             now = Going(now.q.copy(), now.v.copy(), now.a.copy(), now.J.copy())
             now.put(own, new)
@@ -266,6 +270,8 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
         try:
             places, good = guides.follow(start, times)
         except np.linalg.LinAlgError:
+            good = np.zeros(len(rows), dtype=bool)
+        if not good.any():
             return rows.tolist()
         for key, column in result.outputs.items():
             value, error = self._output(key, guides, places)

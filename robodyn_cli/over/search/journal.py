@@ -19,7 +19,8 @@ from robodyn_cli.spatial.algebra import Array
 
 NAME = "unfinished.search"
 MOST = 1_000_000_000  # bytes
-KeptRun = tuple[Array, Array, int, str]  # outputs and errors (n,), exit code, why it failed
+# outputs and errors (n,), exit code, why it failed, whether compiled code has made it
+KeptRun = tuple[Array, Array, int, str, bool]
 KeptSlopes = tuple[Array, Array, bool]  # derivatives (n, K), their errors, whether any is exact
 
 
@@ -68,7 +69,7 @@ class SearchJournal:
                 one = json.loads(line)
                 x, errors = np.array(one["x"]).tobytes(), np.array(one["errors"])
                 if "code" in one:
-                    self._runs[x] = np.array(one["y"]), errors, one["code"], one["reason"]
+                    self._runs[x] = np.array(one["y"]), errors, one["code"], one["reason"], one["compiled"]
                     self.taken += 1
                 else:
                     self._slopes[x, one["asked"]] = np.array(one["slopes"]), errors, one["exact"]
@@ -84,11 +85,10 @@ class SearchJournal:
         return self._slopes.pop((x.tobytes(), exact), None)
 
     def add_run(self, x: Array, run: KeptRun) -> None:
-        """Keep a run: outputs and errors (n,), exit code, why it failed."""
-        y, errors, code, reason = run
-        self._add(
-            {"x": x.tolist(), "y": y.tolist(), "errors": errors.tolist(), "code": code, "reason": reason}
-        )
+        """Keep a run, as ``run`` returns it."""
+        y, errors, code, reason, compiled = run
+        self._add({"x": x.tolist(), "y": y.tolist(), "errors": errors.tolist(), "code": code, "reason": reason,
+                   "compiled": compiled})  # fmt: skip
 
     def add_slopes(self, x: Array, slopes: KeptSlopes, exact: bool) -> None:
         """Keep derivatives, as ``slopes`` returns them."""

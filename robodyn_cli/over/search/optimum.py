@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes
 from robodyn_cli.over.search.solve import CORNER, INSIDE, ScaledSearch, SolverWay
@@ -25,6 +26,7 @@ PRICELESS = 1e-9  # of the largest derivative: a smaller multiplier is zero
 CLOSEST = 1e-14  # of that way: a last step that is shorter is none
 EXACT_STEP, OTHER_STEP = 1e-4, 1e-2  # of the way between bounds, over which derivatives are compared
 LARGEST_MOVE = 0.1  # of that way, by a last step
+CORNERED = 0.75  # of the turn of a derivative; a parabola rises by half of it, a corner by all of it
 FREE = 1e-6  # share of a key in directions that nothing determines, above which its value may be any
 RANK = 1e-10  # smallest over largest singular value of derivatives that count
 
@@ -76,12 +78,40 @@ class BoundSides:
 
 
 @record
+class Curvatures:
+    """How the goal less the priced constraints bends around a place, from its derivatives on both sides along each key.
+
+    H : second derivatives (n, n), and their error; nan where they are not known. Along each key (n,): beside, the mean
+    of the goal on both sides; turn, the change of its derivative from one to the other, over the step, which is twice
+    as large as the rise that a parabola has there, and as large as that at a corner; lowest, where the tangents from
+    both sides meet, and slope, the lesser of theirs.
+    """
+
+    H: Array
+    H_error: float
+    beside: Array
+    turn: Array
+    lowest: Array
+    slope: Array
+
+    def corners(self, value: float) -> NDArray[np.bool_]:
+        """Tell along which keys (n,) the goal, which has a value at the place, has a corner and no parabola."""
+        rise = self.beside - value
+        return np.asarray(rise > CORNERED * np.abs(self.turn)) & np.isfinite(self.slope)
+
+    @staticmethod
+    def unknown(n: int) -> Curvatures:
+        """Return those of n keys of which nothing is known."""
+        nothing = np.full(n, np.nan)
+        return Curvatures(np.full((n, n), np.nan), np.nan, nothing, nothing, nothing, nothing)
+
+
+@record
 class Optimum:
     """A point and what is known of it, in the scaled numbers of a search.
 
-    J, J_error : derivatives of outputs by u (n, len(u)) and their errors. at_low, at_high : keys at a bound. H : second
-    derivatives of the goal with its priced constraints, and their error; nan where they are not known. off : how far
-    each u may be off, nan where nothing determines it.
+    J, J_error : derivatives of outputs by u (n, len(u)) and their errors. at_low, at_high : keys at a bound. off : how
+    far each u may be off, nan where nothing determines it.
     """
 
     point: DesignPoint
@@ -90,8 +120,7 @@ class Optimum:
     at_low: Array
     at_high: Array
     sides: BoundSides
-    H: Array
-    H_error: float
+    curved: Curvatures
     off: Array
 
     @property
@@ -103,7 +132,7 @@ class Optimum:
     def bends(self) -> Array:
         """Eigenvalues of the second derivatives in the directions that stay free."""
         A = self.sides.gradients[self.sides.binding][:, ~self.sides.held]
-        return bending(self.H, ~self.sides.held, A)
+        return bending(self.curved.H, ~self.sides.held, A)
 
 
 class Examiner:
@@ -142,13 +171,11 @@ class Examiner:
         sides = BoundSides.of(scaled, point, u, J)
         if scaled.goal.is_reach:
             off, step = self._off_of_targets(point, self._before(J, J_error), sides), None
-            H, H_error = np.full((len(u), len(u)), np.nan), np.nan
+            curved = Curvatures.unknown(len(u))
         else:
-            H, H_error = (
-                self._curvatures(u, sides, slopes.exact) if known is None else (known.H, known.H_error)
-            )
-            step, off = self._last_step(point, J_error, sides, H)
-        return Optimum(point, J, J_error, u <= AT_BOUND, u >= 1.0 - AT_BOUND, sides, H, H_error, off), step
+            curved = self._curvatures(u, sides, slopes.exact) if known is None else known.curved
+            step, off = self._last_step(point, J_error, sides, curved)
+        return Optimum(point, J, J_error, u <= AT_BOUND, u >= 1.0 - AT_BOUND, sides, curved, off), step
 
     def _before(self, J: Array, J_error: Array) -> Array:
         """Return derivatives (n, len(u)), where errors hide them those of the last point before.
@@ -180,31 +207,37 @@ class Examiner:
         off[free] = own
         return off
 
-    def _curvatures(self, u: Array, sides: BoundSides, exact: bool) -> tuple[Array, float]:
-        """Return the second derivatives (len(u), len(u)) of the goal less the priced constraints, and their error."""
-        scaled, step = self.scaled, EXACT_STEP if exact else OTHER_STEP
-        n = len(u)
-        places = []
-        for k in range(n):
-            middle = min(max(u[k], step), 1.0 - step)
-            places += [np.where(np.arange(n) == k, middle + way * step, u) for way in (1.0, -1.0)]
+    def _curvatures(self, u: Array, sides: BoundSides, exact: bool) -> Curvatures:
+        """Return how the goal less the priced constraints bends around a place."""
+        scaled, step, n = self.scaled, EXACT_STEP if exact else OTHER_STEP, len(u)
+        middles = np.clip(u, step, 1.0 - step)
+        places = [
+            np.where(np.arange(n) == k, middles + way * step, u) for k in range(n) for way in (1.0, -1.0)
+        ]
         made = self.derive([scaled.search.value_of(place, scaled.values) for place in places])
-        gradients, errors = [], []
+        values, gradients, errors = [], [], []
         for point, slopes in made:
             if slopes is None or not np.isfinite(slopes.values).all():
-                return np.full((n, n), np.nan), np.nan
-            gradients.append(sides.lagrangian(scaled, point, scaled.jacobian(slopes)))
-            errors.append(
-                float(np.abs(_scaled(scaled, slopes)[1])[list(scaled.goal.outputs)].max(initial=0.0))
-            )
-        rows = np.array(gradients).reshape(n, 2, n)
-        H = (rows[:, 0] - rows[:, 1]) / (2.0 * step)
-        return 0.5 * (H + H.T), max(errors) / step + float(np.abs(H - H.T).max())
+                return Curvatures.unknown(n)
+            J, J_error = _scaled(scaled, slopes)
+            values.append(scaled.objective(point.y) - float(sides.prices @ scaled.room(point)))
+            gradients.append(sides.lagrangian(scaled, point, J))
+            errors.append(float(np.abs(J_error[list(scaled.goal.outputs)]).max(initial=0.0)))
+        f, g = np.array(values).reshape(n, 2), np.array(gradients).reshape(n, 2, n)
+        H = (g[:, 0] - g[:, 1]) / (2.0 * step)
+        right, left = (np.diagonal(g[:, side]) for side in (0, 1))
+        meet = (f[:, 1] - f[:, 0] + step * (right + left)) / np.where(right != left, right - left, np.nan)
+        return Curvatures(
+            0.5 * (H + H.T), max(errors) / step + float(np.abs(H - H.T).max()), f.mean(axis=1),
+            0.5 * step * (right - left), f[:, 0] + right * (meet - step),
+            np.where(right * left < 0.0, np.minimum(abs(right), abs(left)), np.nan),
+        )  # fmt: skip
 
     def _last_step(
-        self, point: DesignPoint, J_error: Array, sides: BoundSides, H: Array
+        self, point: DesignPoint, J_error: Array, sides: BoundSides, curved: Curvatures
     ) -> tuple[Array | None, Array]:
         """Return the step of Newton's method to the optimum, None without one, and how far each u may be off."""
+        H, scaled = curved.H, self.scaled
         n, free = len(H), ~sides.held
         step, off = np.zeros(n), np.zeros(n)
         off[free] = np.nan
@@ -212,7 +245,6 @@ class Examiner:
         M = np.block([[H[np.ix_(free, free)], -A.T], [A, np.zeros((len(A), len(A)))]])
         if not np.isfinite(M).all() or (M.size and np.linalg.cond(M) > 1.0 / RANK):
             return None, off
-        scaled = self.scaled
         back = np.linalg.inv(M)
         right = np.concatenate([-sides.left[free], -sides.room[sides.binding]])
         outputs = [scaled.sides[k][0].output for k in sides.binding]
@@ -223,6 +255,12 @@ class Examiner:
         step[free] = moves[: int(free.sum())]
         off[free] = (np.abs(back) @ np.concatenate(lacking) + np.abs(moves))[: int(free.sum())]
         bends = bending(H, free, A)
+        value = scaled.objective(point.y) - float(sides.prices @ sides.room)
+        if (curved.corners(value) & free).any():  # a magnitude that is zero, which rises on all sides
+            own = (
+                np.abs(value - curved.lowest) + np.nan_to_num(point.error / scaled.sizes).max()
+            ) / curved.slope
+            return None, np.where(free, own, 0.0)
         if np.abs(step).max(initial=0.0) > LARGEST_MOVE or (len(bends) and not bends.min() > 0.0):
             return None, np.where(free, np.nan, 0.0)
         return step, off

@@ -27,7 +27,10 @@ ROUNDING = 1e-15  # of outputs
 
 @record
 class DesignPoint:
-    """A run: its number, values of the keys (K,), outputs and their errors (n,), exit code, why it failed."""
+    """A run: its number, values of the keys (K,), outputs and their errors (n,), exit code, why it failed.
+
+    compiled : whether compiled code has made it.
+    """
 
     run: int
     x: Array
@@ -35,6 +38,7 @@ class DesignPoint:
     error: Array
     code: int
     reason: str
+    compiled: bool
 
     @property
     def is_good(self) -> bool:
@@ -83,7 +87,6 @@ class PointMaker:
                 break  # others are looked at as they come
         self._known: dict[bytes, DesignPoint] = {}
         self._slopes: dict[tuple[bytes, bool], OutputSlopes] = {}
-        self.compiled = 0
         self._compared: set[tuple[int | str, ...]] = set()  # code of which keys are no structure
         self._able: list[int] | None = None  # keys of which there are exact derivatives
 
@@ -98,29 +101,30 @@ class PointMaker:
             else:
                 left.append(x)
         if left:
-            made = self._made(Points(np.arange(len(left)), np.array(left)))
+            made, compiled = self._made(Points(np.arange(len(left)), np.array(left)))
             order = np.argsort(made.runs, kind="stable")
             for k, (x, row) in enumerate(zip(left, made.rows[order])):
                 y, error, code = row["outputs"].copy(), row["errors"].copy(), int(row["code"])
-                self._take(DesignPoint(len(self.points), x, y, error, code, made.reasons.get(k, "")))
+                reason = made.reasons.get(k, "")
+                self._take(DesignPoint(len(self.points), x, y, error, code, reason, k in compiled))
         return [self._known[x.tobytes()] for x in xs]
 
-    def _made(self, points: Points) -> RunRows:
-        """Return the rows of runs, in compiled code as far as that makes them."""
+    def _made(self, points: Points) -> tuple[RunRows, set[int]]:
+        """Return the rows of runs, and the numbers of those that compiled code makes."""
         parts = []
         if self._compiled is not None:
             parts.append(self._compiled.make(points))
-            self.compiled += len(parts[0])
             points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
+        compiled = {run for part in parts for run in part.runs.tolist()}
         parts += one_by_one(self.search.task, Waiting([points]), self.jobs)
-        return joined(parts)
+        return joined(parts), compiled
 
     def _take(self, point: DesignPoint, is_new: bool = True) -> None:
         """Keep a run."""
         self.points.append(point)
         self._known[point.x.tobytes()] = point
         if is_new:
-            self.journal.add_run(point.x, (point.y, point.error, point.code, point.reason))
+            self.journal.add_run(point.x, (point.y, point.error, point.code, point.reason, point.compiled))
         if not point.is_good:
             self.failures[point.code] += 1
             self.reasons.setdefault(point.code, point.reason or self._lacking(point.y))
@@ -135,7 +139,9 @@ class PointMaker:
     def _by_runs(self) -> bool:
         """Whether derivatives on the way are differences of runs: in compiled code, without an integration, these are
         exact to rounding, and a thousand take as long as an exact derivative."""
-        return self.compiled > 0 and isinstance(works.get(self.search.task.command), type)
+        return any(point.compiled for point in self.points) and isinstance(
+            works.get(self.search.task.command), type
+        )
 
     def slopes(self, points: Sequence[DesignPoint], exact: bool = False) -> list[OutputSlopes]:
         """Return the derivatives at points by the keys that lie between bounds; others are zero.

@@ -146,8 +146,8 @@ def _key(ended: EndedSearch, k: int) -> FoundKey:
     side = "lower bound" if optimum.at_low[at] else "upper bound" if optimum.at_high[at] else ABSENT
     own: dict[str, Any] = {}
     if not search.goal.is_reach:
-        own["curvature"] = _finite(size * optimum.H[at, at] / span**2)
-        own["curvature_error"] = _finite(abs(size) * optimum.H_error / span**2)
+        own["curvature"] = _finite(size * optimum.curved.H[at, at] / span**2)
+        own["curvature_error"] = _finite(abs(size) * optimum.curved.H_error / span**2)
         if optimum.sides.held[at]:
             own["price"] = size * float(optimum.sides.bound_prices[at]) / span
             own["price_error"] = abs(size) * _gradient_error(ended.scaled, optimum) / span
@@ -235,7 +235,7 @@ def _proof(ended: EndedSearch, same: int) -> SearchProof:
     error = _gradient_error(ended.scaled, optimum) - optimum.left
     known: dict[str, float] = {"first_order": optimum.left, "first_order_error": error}
     if len(bends):
-        known |= {"second_order": float(bends.min()), "second_order_error": optimum.H_error}
+        known |= {"second_order": float(bends.min()), "second_order_error": optimum.curved.H_error}
     text = f"{_first(optimum, error)}, {_second(optimum, bends)}"
     best = f"that no other is better is not proved: {same} of {count} starts came here"
     return SearchProof(f"{text}; {best}", **{name: x for name, x in known.items() if math.isfinite(x)})
@@ -249,14 +249,14 @@ def _first(optimum: Optimum, error: float) -> str:
 
 def _second(optimum: Optimum, bends: Array) -> str:
     """Return in words what the second derivatives say."""
-    if optimum.sides.held.all() or (not len(bends) and np.isfinite(optimum.H).all()):
+    if optimum.sides.held.all() or (not len(bends) and np.isfinite(optimum.curved.H).all()):
         return "which bounds and constraints decide alone"
     if not len(bends):
         return "with second derivatives that are not known"
-    if bends.min() > optimum.H_error:
+    if bends.min() > optimum.curved.H_error:
         return "and the goal rises in all directions that are free"
     return (
         "with a direction in which the goal is flat"
-        if bends.min() > -optimum.H_error
+        if bends.min() > -optimum.curved.H_error
         else "but the goal falls in a direction"
     )

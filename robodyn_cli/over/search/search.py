@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,7 @@ from robodyn_cli.over.search.optimum import Examiner, Optimum
 from robodyn_cli.over.search.points import DesignPoint, OutputSlopes, PointMaker
 from robodyn_cli.over.search.solve import Asks, FirstMet, ScaledSearch, Solver, SolverWay, sizes_of
 from robodyn_cli.over.study.design import Samples, make_samples
+from robodyn_cli.over.study.rows import RunRows
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -75,16 +77,17 @@ def run_search(search: Search, maker: PointMaker) -> EndedSearch:
         optimum = Examiner(chosen, lambda xs: _derive(maker, xs))(best)
         best = optimum.point
     rows, summary = make_one(search.task, 0, best.x)
-    row = rows.rows[0]
-    own = DesignPoint(
-        best.run,
-        best.x,
-        row["outputs"].copy(),
-        row["errors"].copy(),
-        int(row["code"]),
-        rows.reasons.get(0, ""),
-    )
+    own = with_row(best, rows)
     return EndedSearch(search, chosen.scaled, optimum, best, tuple(ways), own, summary)
+
+
+def with_row(point: DesignPoint, made: RunRows) -> DesignPoint:
+    """Return a point with what another run with its values gave."""
+    row = made.rows[0]
+    return dataclasses.replace(
+        point, y=row["outputs"].copy(), error=row["errors"].copy(), code=int(row["code"]),
+        reason=made.reasons.get(0, ""),
+    )  # fmt: skip
 
 
 def _good(points: Sequence[DesignPoint], maker: PointMaker) -> list[DesignPoint]:
