@@ -74,7 +74,7 @@ def test_a_spring_of_zero_free_length_carries_an_arm() -> None:
     result, *_ = searched(Family(EXAMPLES / "spring_balance.yaml"))
     key = result.summary["keys"][STIFFNESS]
     assert abs(key["value"] - 122.625) <= min(key["uncertainty"], 1e-9)
-    assert result.status == "ok" and result.summary["outputs"]["peak_torque.arm"]["met"]
+    assert result.status == "ok" and result.summary["figures"]["peak_torque.arm"]["met"]
     assert result.summary["search"]["same"] == result.summary["search"]["starts"] == 4
 
 
@@ -128,7 +128,7 @@ def test_the_least_time_to_a_lock_under_a_limit_of_its_latch() -> None:
         Family(EXAMPLES / "fastest_lock.yaml"), keep={"lock.rates.phi1": "<= 1.001"}, starts=1
     )
     change = (
-        faster.summary["outputs"]["lock.time"]["value"] - result.summary["outputs"]["lock.time"]["value"]
+        faster.summary["figures"]["lock.time"]["value"] - result.summary["figures"]["lock.time"]["value"]
     ) / 1e-3
     assert change == pytest.approx(limit["price"], rel=5e-3)
     assert abs(limit["price_error"]) < 1e-6
@@ -292,7 +292,7 @@ def test_a_target_has_the_tolerance_that_is_asked_for() -> None:
     for text, status in (("2 +- 1", "ok"), ("2 +- 0.5", "missed")):
         result, *_ = searched(arm(), vary=vary, reach={"peak_torque.arm": text}, starts=1)
         assert result.status == status
-        assert result.summary["outputs"]["peak_torque.arm"]["tolerance"] == float(text.split()[-1])
+        assert result.summary["figures"]["peak_torque.arm"]["tolerance"] == float(text.split()[-1])
 
 
 # -- runs that fail ---------------------------------------------------------------------------------------------
@@ -346,7 +346,7 @@ def test_an_interrupted_search_goes_on_to_the_same_result(tmp_path: Path) -> Non
     assert journal.taken == sum('"code"' in line for line in lines[1:9]) > 0
     assert (
         again.summary["keys"] == whole.summary["keys"]
-        and again.summary["outputs"] == whole.summary["outputs"]
+        and again.summary["figures"] == whole.summary["figures"]
     )
     other = SearchJournal(tmp_path / "a", "another search")
     with other:

@@ -194,7 +194,7 @@ def describe(summary: Mapping[str, Any]) -> str:
                      _priced(key)])  # fmt: skip
     lines.append(table(rows))
     rows = [["output", "value", "+-", "unit", "asked for", "price of the limit"]]
-    for name, found in summary["outputs"].items():
+    for name, found in summary["figures"].items():
         rows.append(
             [
                 name,
@@ -218,12 +218,12 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append(f"  no constraint      expect {name}: {why}")
     for name, why in summary["not_exact"].items():
         lines.append(f"  by differences     {name}: {why}")
-    return "\n".join([*lines, f"  {summary['command']}"])
+    return "\n".join([*lines, f"  {summary['repeat']}"])
 
 
 def _asked(summary: Mapping[str, Any], name: str) -> tuple[str, str]:
     """Return what is asked for of an output, and what its limit costs."""
-    found, limit = summary["outputs"][name], summary["limits"].get(name)
+    found, limit = summary["figures"][name], summary["limits"].get(name)
     if "target" in found:
         return found["target"] + (" (met)" if found.get("met") else " (missed)"), ""
     if limit is None:

@@ -42,9 +42,9 @@ def report(ended: EndedSearch, maker: PointMaker, seconds: float) -> Result:
         SearchSummary(
             of=search.task.command,
             goal=search.goal.words(search.task.outputs),
-            command=search.repeat(own.x.tolist()),
+            repeat=search.repeat(own.x.tolist()),
             keys={name: _key(ended, k) for k, name in enumerate(search.task.keys)},
-            outputs=_outputs(ended),
+            figures=_outputs(ended),
             limits={limit.name: _limit(ended, limit) for limit in search.limits},
             left_out=search.left_out,
             not_held=not_held or ABSENT,

@@ -65,7 +65,7 @@ def _ways(ax: Any, result: Result, y: Array) -> Any:
 def _bounds(result: Result, name: str) -> list[float]:
     """Return the numbers that an output is held to, as they were asked for."""
     summary = result.summary
-    target, limit = summary["outputs"][name].get("target"), summary["limits"].get(name, {}).get("limit")
+    target, limit = summary["figures"][name].get("target"), summary["limits"].get(name, {}).get("limit")
     if target is not None:
         return [float(x) for x in NUMBER.findall(target)[:1]]
     return [float(x) for x in NUMBER.findall(limit or "")[:2]]
