@@ -121,7 +121,9 @@ class SearchSummary:
 
     of: str = fact("the command of each run")
     goal: str = fact("what was looked for, in words")
-    repeat: str = fact("command line that repeats the run of the result: its `--set` have all values with all digits")
+    repeat: str = fact(
+        "command line that repeats the run of the result: its `--set` have all values with all digits"
+    )
     keys: dict[str, FoundKey] = fact("the values that were found", names=ANY)
     figures: dict[str, FoundOutput] = fact("outputs of that run", names=OUTPUT)
     limits: dict[str, KeptLimit] = fact("constraints", names=OUTPUT)

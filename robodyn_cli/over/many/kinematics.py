@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.many import Expressions, ManyNumbers
 from robodyn_cli.given.loop_conditions import Lead, LoopConditions
@@ -29,7 +30,15 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import MOST_STEP
 from robodyn_cli.solve.guided import CLOSED, ITERATIONS, MISS, SAME, SINGULAR
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.works.kinematics import between_samples, hermite, kinematics, leading, outputs, problem_of
+from robodyn_cli.works.kinematics import (
+    AT_SAMPLE,
+    between_samples,
+    hermite,
+    kinematics,
+    leading,
+    outputs,
+    problem_of,
+)
 
 HALVINGS = 8  # of the way between samples; what needs more is left to the command
 NEAR = 1e-6  # rad, or part of the size, by which closed loops still move
@@ -78,14 +87,16 @@ class KinematicsStructure(Built):
         self.places = {path: Expressions(x) for path, x in places.items()}
         self.levels = {name: Expressions(x) for name, x in conditions.items()}
         self.cosines = Expressions([row.cosine for row in self.problem.constraint_rows])
-        super().__init__(keys, row, Tables([program]), witnesses, obstacle(self.problem, self.lead, keys))
+        super().__init__(
+            keys, row, Tables([program]), witnesses, obstacle(self.problem, self.lead, self.times, keys)
+        )
 
     def _conditions(self, lead: Lead) -> dict[str, list[Any]]:
         self.conditions = LoopConditions(self.problem, lead, self.times)
         return dict(zip(("values", "rates", "accelerations", "J"), self.conditions.levels()))
 
 
-def obstacle(problem: Any, lead: Lead | None, keys: Sequence[Key]) -> str:
+def obstacle(problem: Problem, lead: Lead | None, times: Array, keys: Sequence[Key]) -> str:
     """Return why runs are made one by one; nothing where their loops are closed together."""
     scene, model = problem.scene, problem.model
     reasons = {
@@ -93,6 +104,9 @@ def obstacle(problem: Any, lead: Lead | None, keys: Sequence[Key]) -> str:
         "a point is led": lead is not None and lead.led is not None,
         "joints of several axes move": model.nq != model.nv or model.q_names != model.v_names,
         "joints are prescribed": bool(scene.prescribed),
+        "places are wanted behind the end": any(
+            t > times[-1] * (1.0 + AT_SAMPLE) for t in scene.kinematics.at
+        ),
         "joints without an initial position close the loops": set(scene.initial.q)
         | set(lead.positions if lead else ())
         < set(model.q_names),
