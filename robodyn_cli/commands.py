@@ -119,6 +119,7 @@ COMMANDS: dict[str, Command] = {
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
         summary=("mechanism:KinematicsSummary",),
+        batch="over.many.kinematics:KinematicsRuns",
         slopes="over.sensitivity.along_motions:KinematicsSlopes",
         given=("trajectory", "kinematics"),
         plots=(*JOINTS, "mechanism:tip_path", "joints:point_motion", "joints:transmission_angle", *MOTION),
@@ -186,6 +187,11 @@ COMMANDS: dict[str, Command] = {
     ),
     "new": Command("Write a commented scene to begin with."),
     "plot": Command("Draw stored results again, several over one another."),
+    "optimise": Command(
+        "Search for values of keys: the least or largest output, or outputs at targets.",
+        summary=("search:SearchSummary",),
+        plots=("search:search_path", "search:search_keys"),
+    ),
     "report": Command(
         "Write results as one page for a browser, moving drawings included.", summary=("checks:PageReport",)
     ),

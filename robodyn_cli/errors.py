@@ -16,7 +16,9 @@ NO_OUTPUT = 74
 INTERRUPTED = 130
 
 # of a run by its status, where no error says more
-OF_STATUS = {"ok": 0, "locked": 0, "no_lock": FAILED, "overload": FAILED, "undersized": FAILED}
+OF_STATUS = {
+    "ok": 0, "locked": 0, "no_lock": FAILED, "overload": FAILED, "undersized": FAILED, "missed": FAILED,
+}  # fmt: skip
 # with these a run puts what it found in the place of an earlier run's files; with others it leaves them as they are
 REPLACING = (0, FAILED, 3, 4)
 # from good to bad; what is not listed is worse than all of them

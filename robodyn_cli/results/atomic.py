@@ -12,7 +12,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 from robodyn_cli.errors import DirectoryInUseError, OutputError
 
@@ -47,6 +47,11 @@ def output_errors(path: Path, *kinds: type[Exception]) -> Iterator[None]:
         if not isinstance(error, (OSError, *kinds)):
             raise
         raise output_error(path, error) from error
+
+
+def anew(path: Path) -> TextIO:
+    """Return an empty text file of our own, to which lines are added."""
+    return open(path, "w", encoding="utf-8")
 
 
 def publish(temporary: Path, target: Path) -> None:

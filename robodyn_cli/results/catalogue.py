@@ -259,7 +259,7 @@ ATTRIBUTES: tuple[Attribute, ...] = (
     ),
     Attribute("command", "text", "command that was run: `inverse`, `simulate`, `deploy`, ..."),
     Attribute("title", "text", "title of the scene"),
-    Attribute("status", "text", "`ok`, `locked`, `no_lock`, `overload`, `undersized` or `failed`"),
+    Attribute("status", "text", "`ok`, `locked`, `no_lock`, `overload`, `undersized`, `missed` or `failed`"),
     Attribute("scene", "text", "the scene as it was run: includes and `--set` resolved"),
     Attribute("scene_sha256", "text", "SHA-256 of `scene`, hexadecimal"),
     Attribute("versions", "JSON", "versions of Python, the libraries in use and the operating system"),
@@ -345,14 +345,15 @@ LINEAR = (
 STUDY = (
     Entry("inputs/KEY", ("run",), "that of the key", "value of a key that varies"),
     Entry("outputs/KEY", ("run",), "that of the output", "output; nan where a run has none"),
-    Entry(
-        "errors/KEY",
-        ("run",),
-        "that of the output",
-        "estimated error of an output; nan where the run tells none",
-    ),
+    Entry("errors/KEY", ("run",), "that of the output", "its estimated error; nan where the run tells none"),
     Entry("runs/exit_code", ("run",), "1", "exit code of each run"),
-    Entry("runs/holds", ("run",), "1", "1 where all that the scene expects holds"),
+    Entry(
+        "runs/holds", ("run",), "1", "1 where all that the scene expects holds; of a search its constraints"
+    ),
+    Entry(
+        "runs/start", ("run",), "1", "of a search: the start whose solver came there first; -1 beside its way"
+    ),
+    Entry("runs/best", ("run",), "1", "of a search: 1 for the run of the result"),
 )
 SLOPES = (
     Entry("keys/value", ("key",), "that of each key", "value of each key in the scene as it stands"),

@@ -93,7 +93,7 @@ class Result:
     ``variables`` maps the HDF5 path without its leading slash (``"q"``, ``"torque_terms/gravity"``,
     ``"points/tip"``) to a Variable; ``summary`` is what goes into ``summary.json``; ``attributes`` are the
     root attributes of the HDF5 file; ``others`` are the entries of datasets that hold no numbers. ``status`` is
-    ``"ok"``, ``"locked"``, ``"no_lock"``, ``"overload"``, ``"undersized"`` or ``"failed"``.
+    ``"ok"``, ``"locked"``, ``"no_lock"``, ``"overload"``, ``"undersized"``, ``"missed"`` or ``"failed"``.
     """
 
     command: str

@@ -156,6 +156,18 @@ class Family:
         family._take(scene.path, _examined_text(scene.text, scene.path))
         return family
 
+    def with_values(self, overrides: Sequence[str]) -> Family:
+        """Return the family of the scene with values of its own.
+
+        Raises
+        ------
+        SceneError : a value is not allowed, or a key does not exist.
+        """
+        family = Family.__new__(Family)
+        family.overrides = (*self.overrides, *overrides)
+        family._take(self.path, _examine(lambda includer: self.root, self.path, overrides))
+        return family
+
     def scene(self, overrides: Sequence[str]) -> Scene:
         """Return the scene with values of its own.
 

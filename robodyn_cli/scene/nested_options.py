@@ -4,19 +4,23 @@ imported for scenes that have them."""
 from __future__ import annotations
 
 from robodyn_cli.expr.formula import FormulaTree
+from robodyn_cli.expr.statements import Expectation, Variation
 from robodyn_cli.record import record
 from robodyn_cli.scene.robot_types import Inertia, Orientation
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
+    Criteria,
     Direction,
     Formula,
+    Integer,
     JointMap,
     ListOf,
     Name,
     Number,
     Section,
     Text,
+    Variations,
     Vector,
     key,
 )
@@ -164,3 +168,34 @@ class Correlation:
         unit="1",
         doc="Correlation of their normal scores (a Gaussian copula).",
     )
+
+
+@record
+class SearchOptions:
+    """What ``optimise`` looks for."""
+
+    vary: dict[str, Variation] = key(
+        Variations(),
+        default=None,
+        doc="Keys of the scene, as `--set` writes them, each with its bounds, `uniform(low, high)`, or with the values "
+        "that it may take: `[a, b]`, `linspace(a, b, n)`, `logspace(a, b, n)`.",
+    )
+    minimise: str | None = key(Text(), default=None, doc="Output that is to be least: a key of the summary.")
+    maximise: str | None = key(Text(), default=None, doc="Or: output that is to be largest.")
+    reach: dict[str, Expectation] = key(
+        Criteria(),
+        default=None,
+        doc="Or: outputs and the values that they are to have, `value` or `value +- tolerance`.",
+    )
+    keep: dict[str, Expectation] = key(
+        Criteria(),
+        default=None,
+        doc="Constraints: outputs and what holds of them, `<= value`, `>= value` or `a .. b`; those of `expect` too.",
+    )
+    starts: int = key(
+        Integer(minimum=1, maximum=10_000),
+        default=4,
+        doc="Points from which the search begins, of each combination of values: the scene as it stands, and points of "
+        "a Sobol sequence.",
+    )
+    seed: int = key(Integer(minimum=0), default=0, doc="Seed of the sequence.")

@@ -121,11 +121,7 @@ class SimulateOptions:
     samples: int = key(
         Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
     )
-    integrator: str = key(
-        Choice(("auto", *METHODS)),
-        default="auto",
-        doc="Method of integration.",
-    )
+    integrator: str = key(Choice(("auto", *METHODS)), default="auto", doc="Method of integration.")
     rtol: float = key(Number(minimum=1e-15, maximum=0.1), default=1e-10, unit="1", doc="Relative tolerance.")
     atol: float = key(Number(minimum=0.0), default=1e-12, unit="rad, m", doc="Absolute tolerance.")
     step: float | None = key(
@@ -202,6 +198,9 @@ class KinematicsOptions:
         doc="Motion of one joint; without it, `trajectory` or `prescribed` moves.",
     )
     samples: int = key(Integer(minimum=2, maximum=100_000_000), default=361, doc="Number of uniform samples.")
+    at: tuple[float, ...] = key(
+        ListOf(Number(minimum=0.0)), default=(), unit="s", doc="Times at which the summary locates points."
+    )
     transmission: tuple[str, ...] | None = key(
         ListOf(Text(), minimum=3, maximum=3),
         default=None,
@@ -389,6 +388,7 @@ class Scene:
     study: StudyOptions = key(
         Section(StudyOptions), default=StudyOptions(), doc="What `sweep` varies, and how."
     )
+    search: Any = key(LaterSection("scene.nested_options:SearchOptions"), default=None, doc="For `optimise`.")
     notes: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     warnings: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     path: str = dataclasses.field(default="", compare=False)

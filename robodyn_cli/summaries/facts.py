@@ -186,7 +186,7 @@ class Failure:
 class EveryRun:
     """Keys of every summary. ``exit_code`` may be expected, and is not written."""
 
-    status: str = fact("`ok`, `locked`, `no_lock`, `overload`, `undersized` or `failed`")
+    status: str = fact("`ok`, `locked`, `no_lock`, `overload`, `undersized`, `missed` or `failed`")
     command: str = fact("command that was run")
     title: str = fact("title of the scene")
     error: Failure = fact("of a run that failed: what ended it")

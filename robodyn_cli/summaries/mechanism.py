@@ -142,6 +142,24 @@ class PointPath:
 
 
 @record
+class PointPlace:
+    """Where a named point is at one time."""
+
+    x: float = fact("its place along x of the world", "m", errors=(".error",))
+    y: float = fact("along y", "m", errors=(".error",))
+    z: float = fact("along z", "m", errors=(".error",))
+    error: float = fact("error of these", "m")
+
+
+@record
+class PlacesAt:
+    """Where named points are at one time."""
+
+    time: float = fact("as it was asked for", "s")
+    points: dict[str, PointPlace] = fact("of each named point", names=POINT)
+
+
+@record
 class SingularRatio:
     """How near a dead point is."""
 
@@ -194,6 +212,9 @@ class KinematicsSummary:
     warnings: list[str] | Absent = fact("joints beyond their limits, with the time; printed too")
     joints: dict[str, JointRange] = fact("of each joint")
     points: dict[str, PointPath] = fact("of each named point", names=POINT)
+    at: list[PlacesAt] | Absent = fact(
+        "with `kinematics.at`: where points are at these times, one after another"
+    )
     singular_ratio: SingularRatio | Absent = fact("with loops")
     transmission_angle: TransmissionAngle | Absent = fact("where three points are named")
     error_estimate: ClosureErrors | Absent = fact("with loops", errors=None)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -127,9 +127,11 @@ def jumps(problem: Problem, times: Array) -> list[float]:
     return breaks(events_of(problem.scene, times), times)
 
 
-def joint_figures(problem: Problem, sampled: Sampled, loaded: Loaded) -> dict[str, JointFigures]:
+def joint_figures(
+    problem: Problem, sampled: Sampled, loaded: Loaded, wanted: Collection[str] = FIGURES
+) -> dict[str, JointFigures]:
     """Return the figures that size the actuators, by velocity coordinate; in mechanisms with loops, of actuated joints
-    only.
+    only. Figures that are not wanted are nan.
 
     peak_torque : largest magnitude, and its time. rms_torque : root of the time average of tau^2. energy : integral of
     the positive mechanical power, which the actuator delivers if it cannot take back any; energy_net : integral of the
@@ -137,7 +139,8 @@ def joint_figures(problem: Problem, sampled: Sampled, loaded: Loaded) -> dict[st
     ``quadrature``).
     """
     model = problem.model
-    columns = {name: figure(loaded) for name, figure in FIGURES.items()}
+    nothing = np.full(model.nv, np.nan)
+    columns = {name: f(loaded) if name in wanted else (nothing, nothing) for name, f in FIGURES.items()}
     figures: dict[str, JointFigures] = {}
     for k in range(model.nv) if sampled.loops is None else sampled.loops.driven:
         unit = model.v_units[k]

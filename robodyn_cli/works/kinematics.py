@@ -44,7 +44,9 @@ from robodyn_cli.summaries.mechanism import (
     KinematicsSummary,
     Mobility,
     PathErrors,
+    PlacesAt,
     PointPath,
+    PointPlace,
     RangeErrors,
     SingularRatio,
     TransmissionAngle,
@@ -52,6 +54,8 @@ from robodyn_cli.summaries.mechanism import (
 )
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import velocity_columns
+
+AT_SAMPLE = 1e-9  # part of an interval: a time so near to a sample is the sample's
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -242,6 +246,7 @@ def summarise(
         warnings=_beyond_limits(problem, planned) or ABSENT,
         joints=_joint_ranges(result, breaks, closed),
         points=_point_paths(result, breaks),
+        at=places_at(problem.scene, result, closed) or ABSENT,
         singular_ratio=_singular_ratio(result, breaks, closed),
         transmission_angle=_transmission(result, breaks, closed),
         error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
@@ -287,6 +292,56 @@ def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath
         errors = PathErrors(float(off), *most.error.tolist())
         paths[name] = PointPath(float(length), float(most.value[0]), float(most.value[1]), errors)
     return paths
+
+
+def between_samples(time: float, times: Array) -> tuple[int, float, float]:
+    """Return between which samples a time is: the number of the first one, the interval [s], the part of it."""
+    k = int(np.clip(np.searchsorted(times, time) - 1, 0, len(times) - 2))
+    h = float(times[k + 1] - times[k])
+    s = (time - float(times[k])) / h
+    return k, h, 1.0 if abs(s - 1.0) < AT_SAMPLE else 0.0 if abs(s) < AT_SAMPLE else s
+
+
+def hermite(ends: Sequence[tuple[Array, Array, Array]], h: float, s: float) -> tuple[Array, Array]:
+    """Return the value at part s of an interval by the quintic through values, rates and accelerations at its ends, and
+    its estimated error: how far the cubic through values and rates alone is away.
+    """
+    (y0, v0, a0), (y1, v1, a1) = ((y, h * v, h * h * a) for y, v, a in ends)
+    rise = y1 - y0
+    cubic = y0 + s * (v0 + s * (3.0 * rise - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * rise)))
+    # what is left of the accelerations at the ends, with 0 of values and rates there
+    c0, c1 = 6.0 * rise - 4.0 * v0 - 2.0 * v1, -6.0 * rise + 2.0 * v0 + 4.0 * v1
+    more = 0.5 * s * s * (1.0 - s) ** 2 * ((a0 - c0) * (1.0 - s) + (a1 - c1) * s)
+    return cubic + more, np.abs(more)
+
+
+def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesAt]:
+    """Return where points are at the times that are asked for; closed : how far joints may be off [rad or m].
+
+    Raises
+    ------
+    SceneError : a time is behind the end of the motion.
+    """
+    places, times = [], result.time
+    for number, time in enumerate(scene.kinematics.at if len(times) > 1 else ()):
+        if time > times[-1] * (1.0 + AT_SAMPLE):
+            raise SceneError(
+                f"{scene.path}: kinematics.at.{number}: {time:g} s is behind the end of the motion, {times[-1]:g} s",
+                key=f"kinematics.at.{number}",
+            )
+        k, h, s = between_samples(time, times)
+        points = {}
+        for name, item in result.group("points").items():
+            still = np.zeros_like(item.data)
+            rates = [
+                result.variables.get(f"{group}/{name}")
+                for group in ("point_velocities", "point_accelerations")
+            ]
+            ways = [item.data, *(still if x is None else x.data for x in rates)]
+            y, off = hermite([(ways[0][j], ways[1][j], ways[2][j]) for j in (k, k + 1)], h, s)
+            points[name] = PointPlace(float(y[0]), float(y[1]), float(y[2]), float(off.max()) + closed)
+        places.append(PlacesAt(time, points))
+    return places
 
 
 def _singular_ratio(result: Result, breaks: Sequence[float], closed: float) -> SingularRatio | Absent:

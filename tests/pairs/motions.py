@@ -294,6 +294,7 @@ OUTPUT = {
     "expect": _keys(expect={"status": "ok"}),
     "unmet": _keys(expect={"status": "perfect"}),
     "study": _keys(study={"vary": {"robot.links.fore.mass": [0.9, 1.1]}}),
+    "search": _keys(search={"vary": {"robot.links.fore.mass": "uniform(0.9, 1.1)"}, "starts": 1}),
     "title": _keys(title="A <scene> of pairs, 100 %"),
 }
 
@@ -323,7 +324,9 @@ ASKED = {
     "at_limit": _at_limit,
     "hold": _keys(statics={"find": "hold"}),
     "sweep": lambda draft: draft.section("kinematics").update(
-        sweep={"joint": "a", "start": 0.3, "stop": 0.32}, transmission=["hook", "tip", "base.origin"]
+        sweep={"joint": "a", "start": 0.3, "stop": 0.32},
+        transmission=["hook", "tip", "base.origin"],
+        at=[0.0, 0.013],
     ),
     "position": lambda draft: draft.tree.update(reach={"frame": "tip", "position": [*draft.tip, 0.0][:3]}),
     "branch": lambda draft: draft.tree.update(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,7 +14,7 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, choice, number, utf8
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
-from robodyn_cli.cli.words import table
+from robodyn_cli.cli.words import table, variations
 from robodyn_cli.commands import SAMPLERS
 from robodyn_cli.errors import FAILED, SceneError
 from robodyn_cli.threads import cores
@@ -22,7 +22,6 @@ from robodyn_cli.threads import cores
 if TYPE_CHECKING:
     from types import TracebackType
 
-    from robodyn_cli.expr.statements import Variation
     from robodyn_cli.over.study.study import Make, Study
     from robodyn_cli.report.registry import Drawings
     from robodyn_cli.results.output_dir import OutputDirectory
@@ -83,7 +82,7 @@ def command(
     console = shared.console
     target, family = shared.directory(scene, "sweep"), Family(scene, shared.overrides or ())
     options = options_of(
-        family.own.study, vary=_variations(vary) if vary else None, n=n, sampler=sampler,
+        family.own.study, vary=variations(vary) if vary else None, n=n, sampler=sampler,
         seed=seed, of=tuple(of) if of else None, least_yield=least_yield,
     )  # fmt: skip
     with console.waiting(lambda: "a study"), output(target, scene, console) as directory:
@@ -177,29 +176,6 @@ class Progress:
         now = done - self.before
         left = self.seconds / now * (runs - done) if now else None
         self.console.count(done, runs, left)
-
-
-def _variations(texts: Sequence[str]) -> dict[str, Variation]:
-    """Return what each key varies over.
-
-    Raises
-    ------
-    SceneError : a text is not KEY=SPEC, or names a key that another one names.
-    """
-    from robodyn_cli.expr.statements import FORMS, parse_variation
-
-    variations: dict[str, Variation] = {}
-    for text in texts:
-        key, sign, spec = (part.strip() for part in text.partition("="))
-        if not sign or not key:
-            raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
-        if key in variations:  # other spellings of one key are found once the scene is read
-            raise SceneError(f"--vary {key}: is given twice")
-        try:
-            variations[key] = parse_variation(spec)
-        except SceneError as error:
-            raise SceneError(f"--vary {key}: {error.message}") from error
-    return variations
 
 
 def _judge(summary: Mapping[str, Any], least: float | None, console: Console) -> int:

@@ -110,7 +110,7 @@ def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) 
     return first_of(reasons)
 
 
-def _figure_of(key: str) -> tuple[str, str] | None:
+def figure_of(key: str) -> tuple[str, str] | None:
     """Return the joint and the figure that a key of the summary is about; None where it is no figure of a joint."""
     leaf = leaf_of("inverse", key)
     joint = leaf.names[0] if leaf is not None and leaf.names else ""
@@ -136,7 +136,7 @@ class Figures:
 
     def __getitem__(self, key: str) -> tuple[Array, Array]:
         """Return a figure and the largest error that its declaration names; nan of a joint that is not there."""
-        joint, figure = _figure_of(key) or ("", "")
+        joint, figure = figure_of(key) or ("", "")
         leaf = leaf_of("inverse", key)
         if leaf is None or joint not in self._joints:
             nothing = np.full(self._loaded.tau.shape[1] // max(len(self._joints), 1), np.nan)
@@ -173,7 +173,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
         return InverseStructure(family, keys, row)
 
     def is_plain(self, key: str) -> bool:
-        return _figure_of(key) is not None
+        return figure_of(key) is not None
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, inverse=dataclasses.replace(scene.inverse, samples=samples))

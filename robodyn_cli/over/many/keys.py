@@ -24,7 +24,9 @@ NUMBER, START, OPTION, STRUCTURE = "number", "start", "option", "structure"
 OPTIONS = ("duration",)
 # values that a key is tried with until two are allowed, to see what they change
 TRIED = (0.8137, 1.2871, 0.1019, 0.0123, 7.31, 113.7, -0.8137, -1.2871, 1013.0, 1e5, 3.0, 5.0)
-UNREAD = frozenset({"text", "sources", "expect", "study", "title"})  # what equations do not know of a scene
+UNREAD = frozenset(
+    {"text", "sources", "expect", "study", "search", "title"}
+)  # what equations do not know of a scene
 MOST_KNOWN = 10_000  # values that are known to be allowed, one by one
 CORNERS = 6  # keys of one element whose extremes are checked together; more: run by run
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, Making, ManyRuns
 from robodyn_cli.over.many.groups import Structures
 from robodyn_cli.over.many.keys import Allowed, Key, understand
@@ -166,6 +166,10 @@ class Mechanism(ModelFunctions):
         making, allowed = self._making(command, result, (None, None), 0, threads)
         return result, making.compiled(allowed)
 
+    def refusals(self, values: Array) -> dict[int, SceneError]:
+        """Return the rows of values (N, keys) that the scene does not allow, with the errors."""
+        return self._allowed.refusals(values)
+
     def _refuse_impossible(self, command: str, of: Sequence[str]) -> None:
         """Refuse outputs that no run can have.
 
@@ -190,7 +194,7 @@ class Mechanism(ModelFunctions):
         self, command: BatchCommand[Any], result: ManyRuns, start: Start, samples: int, threads: int
     ) -> tuple[Making, NDArray[np.int64]]:
         """Return what makes the runs, and the numbers of those whose values are allowed."""
-        refused = self._allowed.refusals(result.values)
+        refused = self.refusals(result.values)
         for row, error in refused.items():
             result.code[row], result.reason[row] = error.exit_code, error.message
         allowed = np.array([k for k in range(len(result)) if k not in refused], dtype=np.int64)

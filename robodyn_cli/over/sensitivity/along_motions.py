@@ -21,9 +21,10 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
+from robodyn_cli.over.many.inverse import figure_of
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
+from robodyn_cli.over.sensitivity.gradients import ALL, MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -32,7 +33,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
-from robodyn_cli.summaries.mechanism import KinematicsSummary
+from robodyn_cli.summaries.mechanism import KinematicsSummary, PlacesAt
 from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
@@ -42,6 +43,7 @@ from robodyn_cli.works.kinematics import (
     evaluated,
     leading,
     outputs,
+    places_at,
     plan,
     problem_of,
     report,
@@ -144,6 +146,11 @@ class InverseSlopes:
         lead = program.lead if isinstance(program, ClosedLoops) else None
         return LedCourse.of(program.problem, program.looked_at(scene.inverse.samples), lead)
 
+    @cached_property
+    def _wanted(self) -> set[str]:
+        """The figures of joints that are asked for."""
+        return {own[1] for name in self.asked.task.outputs if (own := figure_of(name)) is not None}
+
     def _figures(self, k: int, step: float, every: int) -> InverseFigures:
         """Return the figures for a key changed by so much, along the derivatives of the samples."""
         sampled, moved = self.sampled, self.moved
@@ -156,7 +163,7 @@ class InverseSlopes:
         loaded = Loaded.of(self.problem, sampled)
         figures = InverseFigures(
             Termination("end of the trajectory", float(times[-1])),
-            joint_figures(self.problem, sampled, loaded),
+            joint_figures(self.problem, sampled, loaded, self._wanted),
         )
         if self.loads is not None:
             data = {path: there[path] for path in self.loads.names}
@@ -205,6 +212,13 @@ def _refuse(program: InverseProgram) -> None:
         raise CapabilityError("the losses of gears depend on how loops share the load")
 
 
+@record
+class PlacesAlone:
+    """The key of the summary of ``kinematics`` that tells where points are."""
+
+    at: list[PlacesAt]
+
+
 class KinematicsSlopes:
     """The samples of a kinematic analysis, and their derivatives by some keys, which are named by their numbers.
 
@@ -251,9 +265,12 @@ class KinematicsSlopes:
         along = self.gradients(groups)
         return {**moved, **{name: along.change(name, moved) for name in self.arrays}}
 
-    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary:
+    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary | PlacesAlone:
         """Return the summary for a key changed by so much, along the derivatives of the samples."""
         (planned, led), moved = self.planned, self.moved
+        alone = all(name.startswith("at.") for name in self.asked.task.outputs)
+        if alone:
+            every = ALL  # these are no figures of samples
         part = every_second(planned.times, every)
         there = {
             name: (x + step * moved[name][:, :, k])[part]
@@ -265,7 +282,11 @@ class KinematicsSlopes:
         motion = dataclasses.replace(planned.motion, q=there["q"], qd=there["v"], qdd=there["a"])
         planned = dataclasses.replace(planned, times=there["t"][:, 0], motion=motion)
         result = report(self.problem, planned, led, {name: there[name] for name in self.arrays})
-        return summarise(self.problem, planned, result, None)
+        return (
+            PlacesAlone(places_at(self.problem.scene, result))
+            if alone
+            else summarise(self.problem, planned, result, None)
+        )
 
 
 def _course(scene: Scene) -> LedCourse:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
@@ -28,7 +29,8 @@ class AskedSlopes:
     """Derivatives that make sense to ask for.
 
     task : the command, the keys and the outputs. keys : what each key is. values : of the keys, in SI units. nominal :
-    the run of the scene as it stands. units, output_units : of keys and outputs.
+    the run of the scene as it stands. units, output_units : of keys and outputs. compared : keys, by number, and code
+    of which it is known that the keys are no structure; others that are asked for at other values share it.
     """
 
     task: Task
@@ -37,6 +39,7 @@ class AskedSlopes:
     nominal: RunRows
     units: tuple[str, ...]
     output_units: tuple[str, ...]
+    compared: set[tuple[int | str, ...]] = dataclasses.field(default_factory=set)
 
     @cached_property
     def scene(self) -> Scene:

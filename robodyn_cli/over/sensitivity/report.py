@@ -84,17 +84,24 @@ def _obstacle(asked: AskedSlopes, key: Key) -> str:
     return ""
 
 
-def refuse_structure(asked: AskedSlopes, numbers: Sequence[int], own: Programs, other: Programs) -> None:
+def refuse_structure(
+    asked: AskedSlopes, numbers: Sequence[int], own: Programs, give: Callable[[Scene], Programs]
+) -> None:
     """Refuse keys whose values are part of the code, or of numbers that do not know it: derivatives would not see them.
 
     Parameters
     ----------
-    own, other : of the scene as it stands, and with the keys changed by ``NEARBY``.
+    own : of the scene as it stands. give : those of a scene, asked for with the keys changed by ``NEARBY``; not for
+        code that was compared before.
 
     Raises
     ------
     CapabilityError
     """
+    code: tuple[int | str, ...] = (*numbers, *(x.digest for x in own))
+    if code in asked.compared:
+        return
+    other = give(asked.changed(numbers, NEARBY))
     if [x.digest for x in own] != [x.digest for x in other]:
         raise CapabilityError(
             "the key is structure: an axis, an attitude, or what decides which terms there are"
@@ -112,6 +119,7 @@ def refuse_structure(asked: AskedSlopes, numbers: Sequence[int], own: Programs, 
             raise CapabilityError(
                 "numbers of the equations follow from the key in a way that has no derivative"
             )
+    asked.compared.add(code)
 
 
 class Direct(Protocol):
@@ -127,8 +135,7 @@ def compared(
 ) -> Found:
     """Return the derivatives of a command without any integration, by keys that are no structure."""
     direct = kind(asked, asked.scene, numbers)
-    other = kind(asked, asked.changed(numbers, NEARBY), numbers)
-    refuse_structure(asked, numbers, direct.programs, other.programs)
+    refuse_structure(asked, numbers, direct.programs, lambda x: kind(asked, x, numbers).programs)
     return direct.slopes()
 
 
@@ -147,8 +154,7 @@ def simulate(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     motion = build_motion(integrable(scene))
     if motion.problem.model.switched:
         raise CapabilityError("payloads are gripped or released on the way")
-    other = build_motion(integrable(asked.changed(numbers, NEARBY)))
-    refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
+    refuse_structure(asked, numbers, programs_of(motion), lambda x: programs_of(build_motion(integrable(x))))
     slopes = MotionSlopes(
         motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(scene.simulate.duration)
     )
@@ -169,8 +175,9 @@ def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
         return {}
     motion = build_deployment(scene, Stopwatch())
-    other = build_deployment(asked.changed(numbers, NEARBY), Stopwatch())
-    refuse_structure(asked, numbers, programs_of(motion), programs_of(other))
+    refuse_structure(
+        asked, numbers, programs_of(motion), lambda x: programs_of(build_deployment(x, Stopwatch()))
+    )
     criterion = scene.deploy.criterion
     found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
     end = decide(motion, found)

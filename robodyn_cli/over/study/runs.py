@@ -73,6 +73,10 @@ class Compiled:
         expected = (key for key in task.family.own.expect if self._command.is_plain(key))
         self._of = tuple(dict.fromkeys([*task.outputs, *expected]))
 
+    def allow(self, values: Array) -> None:
+        """Check values (N, keys) that others will lie between, so that those need no look of their own."""
+        self._mechanism.refusals(values)
+
     def make(self, points: Points) -> RunRows:
         """Return the rows of those runs that could be made; the others are left to be made one by one."""
         task = self.task
@@ -171,7 +175,7 @@ def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[RunRows]:
     """
     if suits(task):
         yield from Compiled(task, jobs).blocks(file.missing())
-    yield from _one_by_one(task, file.missing(), jobs)
+    yield from one_by_one(task, file.missing(), jobs)
 
 
 def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> RunRows:
@@ -183,11 +187,11 @@ def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None 
     if suits(task):
         parts.append((compiled or Compiled(task, jobs)).make(points))
         points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
-    parts += _one_by_one(task, Waiting([points]), jobs)
+    parts += one_by_one(task, Waiting([points]), jobs)
     return joined(parts)
 
 
-def _one_by_one(task: Task, missing: SceneSource, jobs: int) -> Iterator[RunRows]:
+def one_by_one(task: Task, missing: SceneSource, jobs: int) -> Iterator[RunRows]:
     """Yield the rows of runs that are whole commands."""
     if jobs == 1 or missing.left < FEWEST_IN_PROCESSES:
         while missing.left:

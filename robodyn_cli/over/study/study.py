@@ -16,7 +16,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.batch.criteria import lookup, refuse_unknown
 from robodyn_cli.over.many.command import number_of
-from robodyn_cli.over.many.keys import Allowed, setting, understand
+from robodyn_cli.over.many.keys import Allowed, setting, settings, understand
 from robodyn_cli.over.study.design import Design, make_design
 from robodyn_cli.over.study.rows import RowFile, RunRows, Task
 from robodyn_cli.over.study.runs import make_one
@@ -79,10 +79,14 @@ class Study:
 
     def repeat(self, values: Sequence[float]) -> str:
         """Return the command that repeats a run."""
-        family = self.asked.family
-        settings = [*family.overrides, *(setting(key, x) for key, x in zip(self.task.keys, values))]
-        options = " ".join(f"--set {_quoted(text)}" for text in settings)
-        return f"robodyn {self.task.command} {family.path} {options}"
+        return repeated(self.asked.family, self.task, values)
+
+
+def repeated(family: Family, task: Task, values: Sequence[float]) -> str:
+    """Return the command line that repeats a run of a task with these values of its keys."""
+    texts = [*family.overrides, *settings(task.keys, values)]
+    options = " ".join(f"--set {_quoted(text)}" for text in texts)
+    return f"robodyn {task.command} {family.path} {options}"
 
 
 def _quoted(text: str) -> str:
@@ -117,7 +121,7 @@ def prepare(asked: AskedStudy) -> Study:
         )
     design = make_design(options, asked.indices)
     for key, variation in options.vary.items():
-        _check_key(family, key, variation)
+        check_key(family, key, variation)
     refuse_doubles(family.root, options.vary, "--vary")
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
@@ -129,7 +133,7 @@ def prepare(asked: AskedStudy) -> Study:
     return Study(asked, task, design, units, output_units, nominal)
 
 
-def _check_key(family: Family, key: str, variation: Variation) -> None:
+def check_key(family: Family, key: str, variation: Variation) -> None:
     """Refuse a key that the scene does not have, or a value of a grid that it does not take."""
     x = variation.example
     words = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)

@@ -53,17 +53,13 @@ class Check(nodes.Faults):
                 seen.add(name)
 
 
-def key_place(root: nodes.Node, section: str, key: str) -> nodes.Path:
-    """Return where ``expect`` or ``study.of`` names a key of the summary; in maps dots stand for maps in maps."""
-    if section == "expect":
-        return ("expect", *next(_ways(nodes.find(root, ("expect",)), key.split(".")), ()))
-    listed = nodes.find(root, ("study", "of"))
-    names = (
-        [item.text for item in listed.items if isinstance(item, nodes.Scalar)]
-        if isinstance(listed, nodes.Sequence)
-        else []
-    )
-    return ("study", "of", names.index(key))
+def key_place(root: nodes.Node, section: nodes.Path, key: str) -> nodes.Path:
+    """Return where a section, such as ``expect``, names a key of the summary; in maps dots stand for maps in maps."""
+    named = nodes.find(root, section)
+    if isinstance(named, nodes.Sequence):
+        texts = [item.text if isinstance(item, nodes.Scalar) else "" for item in named.items]
+        return (*section, texts.index(key))
+    return (*section, *next(_ways(named, key.split(".")), ()))
 
 
 def _ways(node: nodes.Node | None, steps: SequenceOf[str]) -> Iterator[nodes.Path]:

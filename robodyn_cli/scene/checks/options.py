@@ -1,12 +1,15 @@
-"""Checks of the options of ``deploy``, ``kinematics`` and ``reach``."""
+"""Checks of the options of ``deploy``, ``kinematics`` and ``reach``, and of what ``optimise`` looks for."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from robodyn_cli.errors import unknown_name
+from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.orientation import check_orientation
 from robodyn_cli.scene.checks.robot import check_joints, columns, moving
-from robodyn_cli.scene.nested_options import ReachOptions
+from robodyn_cli.scene.nested_options import ReachOptions, SearchOptions
 from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.robot_types import Robot
 from robodyn_cli.scene.text.nodes import Path
@@ -121,3 +124,47 @@ def _check_frame(robot: Robot, name: str, check: Check) -> None:
             (*REACH, "frame"),
             f"{name!r} is fixed to the base; allowed: points, frames and links that a joint moves",
         )
+
+
+def check_search(options: SearchOptions, check: Check) -> None:
+    """Check what ``optimise`` looks for."""
+    for path, message in search_problems(options):
+        with check:
+            check.fail(("search", *path), message)
+
+
+def search_problems(options: SearchOptions) -> Iterator[tuple[Path, str]]:
+    """Yield what is wrong with a search, each with its place below it."""
+    goals = [name for name in ("minimise", "maximise", "reach") if getattr(options, name)]
+    if len(goals) > 1:
+        yield (goals[1],), f"stands beside {goals[0]!r}; allowed: one of minimise, maximise and reach"
+    for name, variation in options.vary.items():
+        if variation.distribution not in ("", "uniform"):
+            yield (
+                ("vary", name),
+                f"{variation.text!r} has no bounds to search between; allowed: uniform(low, high), or values: "
+                "[a, b, ...], linspace(a, b, n), logspace(a, b, n)",
+            )
+    for name, wanted in options.reach.items():
+        if not is_target(wanted):
+            yield (
+                ("reach", name),
+                f"{wanted.text!r} is no value to reach; allowed: a value, 'a +- b', 'a +- b %'",
+            )
+    for name, kept in options.keep.items():
+        if not is_inequality(kept):
+            yield (
+                ("keep", name),
+                f"{kept.text!r} is no inequality; allowed: '<= a', '< a', '>= a', '> a', 'a .. b'; a value that an "
+                "output is to have belongs to reach",
+            )
+
+
+def is_inequality(expected: Expectation) -> bool:
+    """Tell whether an expectation leaves a number room on one side, or between two bounds."""
+    return expected.numeric and "+-" not in expected.text and expected.low < expected.high
+
+
+def is_target(expected: Expectation) -> bool:
+    """Tell whether an expectation is a value, perhaps with a tolerance."""
+    return expected.numeric and ("+-" in expected.text or expected.low == expected.high)

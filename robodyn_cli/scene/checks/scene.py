@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
@@ -15,6 +15,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check, key_place
 from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
 from robodyn_cli.scene.points import joints_between, point_problem
+from robodyn_cli.scene.text.nodes import Mapping as MappingNode
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
 from robodyn_cli.scene.types import DeployOptions, KinematicsOptions, Robot, Scene, Torque
 from robodyn_cli.trajectories.led import (
@@ -114,7 +115,11 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     if follow is not None:
         scene = _following(scene, follow, check)
     _check_runs(scene, check)
-    if scene.expect or scene.study.of:
+    if scene.search is not None:
+        from robodyn_cli.scene.checks.options import check_search
+
+        check_search(scene.search, check)
+    if scene.expect or scene.study.of or scene.search is not None:
         _check_keys(scene, check)
     return scene
 
@@ -300,8 +305,7 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
-    wanted = [(key, expected.numeric, "expect") for key, expected in scene.expect.items()]
-    for key, number, section in [*wanted, *((key, True, "study") for key in scene.study.of)]:
+    for key, number, section in _named_keys(scene):
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
@@ -311,7 +315,22 @@ def _check_keys(scene: Scene, check: Check) -> None:
 
             with check:
                 message = refusal(commands[0], key, names, number)
-                check.fail(key_place(check.root, section, key), message, at_key=section == "expect")
+                check.fail(
+                    key_place(check.root, section, key),
+                    message,
+                    at_key=isinstance(find(check.root, section), MappingNode),
+                )
+
+
+def _named_keys(scene: Scene) -> Iterator[tuple[str, bool, Path]]:
+    """Yield the keys of summaries that a scene names: each with whether it must be a number, and the section."""
+    yield from ((key, expected.numeric, ("expect",)) for key, expected in scene.expect.items())
+    yield from ((key, True, ("study", "of")) for key in scene.study.of)
+    if scene.search is not None:
+        for name in ("minimise", "maximise", "reach", "keep"):
+            named = getattr(scene.search, name) or ()
+            keys = (named,) if isinstance(named, str) else tuple(named)
+            yield from ((key, True, ("search", name)) for key in keys)
 
 
 def key_names(scene: Scene) -> Names:

@@ -1,0 +1,246 @@
+"""``robodyn optimise``."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, utf8
+from robodyn_cli.cli.runner import begun, output, publish, show, store
+from robodyn_cli.cli.words import number as shown
+from robodyn_cli.cli.words import table, variations
+from robodyn_cli.errors import OF_STATUS, SceneError
+from robodyn_cli.summaries.facts import rounded_up
+from robodyn_cli.threads import cores
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from robodyn_cli.cli.console import Console
+    from robodyn_cli.expr.statements import Expectation
+
+KEEP = re.compile(r"\s*([^<>=\s]+)\s*((?:<|>).*)", re.DOTALL)
+BETWEEN = re.compile(r"\s*([^<>=\s]+)\s*=\s*(.*\.\..*)", re.DOTALL)
+
+
+def command(
+    scene: SceneFile,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option("--vary", metavar="KEY=SPEC", parser=utf8,
+                     help="Key of the scene and its bounds, 'uniform(low, high)', or its choices, '[a, b]'."),
+    ] = None,
+    minimise: Annotated[
+        str | None, typer.Option("--minimise", metavar="OUTPUT", parser=utf8, help="Output that is to be least.")
+    ] = None,
+    maximise: Annotated[
+        str | None, typer.Option("--maximise", metavar="OUTPUT", parser=utf8, help="Output that is to be largest.")
+    ] = None,
+    reach: Annotated[
+        list[str] | None,
+        typer.Option("--reach", metavar="OUTPUT=VALUE", parser=utf8,
+                     help="Output and the value that it is to have, e.g. lock.time=2 or 'lock.time=2 +- 1e-3'."),
+    ] = None,
+    keep: Annotated[
+        list[str] | None,
+        typer.Option("--keep", metavar="OUTPUT<=VALUE", parser=utf8,
+                     help="Constraint, e.g. 'peak_torque.theta1 <= 20', or '>=', or 'OUTPUT = a .. b'."),
+    ] = None,
+    starts: Annotated[
+        int | None,
+        typer.Option("--starts", metavar="N", parser=number("a whole number >= 1", lambda n: n >= 1, int),
+                     help="Points from which the search begins. [default: 4]"),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option("--seed", metavar="S", parser=number("a whole number >= 0", lambda n: n >= 0, int),
+                     help="Seed of these points. [default: 0]"),
+    ] = None,
+    jobs: Jobs = None,
+    *,
+    shared: SharedOptions,
+) -> int:  # fmt: skip
+    """Search; return 1 where a constraint does not hold at the best point, or a target is missed."""
+    from robodyn_cli.over.search.asked import options_of, prepare
+    from robodyn_cli.over.search.journal import SearchJournal
+    from robodyn_cli.over.search.points import PointMaker
+    from robodyn_cli.over.search.report import report
+    from robodyn_cli.over.search.search import run_search
+    from robodyn_cli.scene.load import Family
+
+    console = shared.console
+    target, family = shared.directory(scene, "optimise"), Family(scene, shared.overrides or ())
+    start, progress = time.perf_counter(), SearchProgress(console)
+    options = options_of(
+        family.own.search,
+        {"vary": variations(vary or ()), "minimise": minimise, "maximise": maximise, "reach": _targets(reach or ()),
+         "keep": _limits(keep or ()), "starts": starts, "seed": seed},
+        ("minimise", "maximise", "reach"),
+    )  # fmt: skip
+    with console.waiting(lambda: progress.doing), output(target, scene, console) as directory:
+        search = prepare(family, options)
+        with begun(directory, console):
+            with SearchJournal(directory.path, search.digest) as journal, progress:
+                if journal.taken:
+                    console.note(f"robodyn: {journal.taken} runs are there from an earlier search")
+                maker = PointMaker(search, jobs or cores(), journal, progress)
+                result = report(run_search(search, maker), maker, time.perf_counter() - start)
+            store(result, directory)
+            publish(result, directory, shared.drawings)
+            journal.forget()
+    show(result, directory, console, describe)
+    for text in result.summary.get("not_held", ()):
+        console.error(f"no point that was found holds all that is asked: {text}")
+    return OF_STATUS[result.status]
+
+
+class SearchProgress:
+    """Tells how many runs are made; as a context manager, says what an interrupt leaves."""
+
+    def __init__(self, console: Console) -> None:
+        self.console, self.runs = console, 0
+
+    @property
+    def doing(self) -> str:
+        return f"a search: {self.runs} runs"
+
+    def __enter__(self) -> SearchProgress:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if isinstance(error, KeyboardInterrupt) and self.runs:
+            self.console.note(
+                f"robodyn: {self.runs} runs are done and kept; the same command goes on from there"
+            )
+
+    def __call__(self, runs: int) -> None:
+        self.runs = runs
+
+
+def _targets(texts: Sequence[str]) -> dict[str, Expectation]:
+    """Return the values that outputs are to have.
+
+    Raises
+    ------
+    SceneError : a text is not OUTPUT=VALUE, or names an output that another one names.
+    """
+    from robodyn_cli.expr.statements import parse_expectation
+
+    targets: dict[str, Expectation] = {}
+    for text in texts:
+        name, sign, value = (part.strip() for part in text.partition("="))
+        if not name or not sign or not value:
+            raise SceneError(
+                f"--reach {text}: is not OUTPUT=VALUE; allowed: OUTPUT=VALUE, 'OUTPUT=VALUE +- TOLERANCE'"
+            )
+        if name in targets:
+            raise SceneError(f"--reach {name}: is given twice")
+        try:
+            targets[name] = parse_expectation(value)
+        except SceneError as error:
+            raise SceneError(f"--reach {name}: {error.message}") from error
+    return targets
+
+
+def _limits(texts: Sequence[str]) -> dict[str, Expectation]:
+    """Return the constraints.
+
+    Raises
+    ------
+    SceneError : a text is no inequality, or names an output that another one names.
+    """
+    from robodyn_cli.expr.statements import parse_expectation
+
+    limits: dict[str, Expectation] = {}
+    for text in texts:
+        match = KEEP.fullmatch(text) or BETWEEN.fullmatch(text)
+        if match is None:
+            raise SceneError(
+                f"--keep {text}: is no inequality; allowed: 'OUTPUT <= VALUE', '<', '>=', '>', 'OUTPUT = a .. b'"
+            )
+        name, value = match.groups()
+        if name in limits:
+            raise SceneError(
+                f"--keep {name}: is given twice; allowed: once, with both bounds: '{name} = a .. b'"
+            )
+        try:
+            limits[name] = parse_expectation(value)
+        except SceneError as error:
+            raise SceneError(f"--keep {name}: {error.message}") from error
+    return limits
+
+
+def describe(summary: Mapping[str, Any]) -> str:
+    """Return the summary for the terminal."""
+    effort = summary["search"]
+    lines = [summary["title"], f"  goal               {summary['goal']}"]
+    failed = ", ".join(f"{count} with exit code {code}" for code, count in effort["failures"].items())
+    derived = f", {effort['derivatives']} exact derivatives" if effort["derivatives"] else ""
+    lines.append(
+        f"  search             {effort['runs']} runs of {summary['of']}{derived}, {effort['starts']} starts, "
+        f"{effort['seconds']:.3g} s" + (f"; failed: {failed}" if failed else "")
+    )
+    rows = [["key", "value", "+-", "unit", "bounds", "price of the bound"]]
+    for name, key in summary["keys"].items():
+        bounds = key.get("choices") or f"{shown(key['low'])} .. {shown(key['high'])}"
+        at = f" ({key['at']})" if "at" in key else ""
+        rows.append([name, shown(key["value"], 12), _error(key["uncertainty"]), _unit(key["unit"]), bounds + at,
+                     _priced(key)])  # fmt: skip
+    lines.append(table(rows))
+    rows = [["output", "value", "+-", "unit", "asked for", "price of the limit"]]
+    for name, found in summary["figures"].items():
+        rows.append(
+            [
+                name,
+                shown(found["value"], 12),
+                _error(found["error"]),
+                _unit(found["unit"]),
+                *_asked(summary, name),
+            ]
+        )
+    lines.append(table(rows))
+    lines.append(f"  proof              {summary['proof']['text']}")
+    if (other := summary["other"]) is not None:
+        values = ", ".join(f"{key} = {shown(x)}" for key, x in other["values"].items())
+        lines.append(
+            f"  next best          {shown(other['goal'])} from {other['starts']} of the starts, with {values}"
+            + ("" if other["holds"] else "; a constraint does not hold there")
+        )
+    for code, text in effort["reasons"].items():
+        lines.append(f"  failing runs       exit code {code}: {text}")
+    for name, why in summary["left_out"].items():
+        lines.append(f"  no constraint      expect {name}: {why}")
+    for name, why in summary["not_exact"].items():
+        lines.append(f"  by differences     {name}: {why}")
+    return "\n".join([*lines, f"  {summary['repeat']}"])
+
+
+def _asked(summary: Mapping[str, Any], name: str) -> tuple[str, str]:
+    """Return what is asked for of an output, and what its limit costs."""
+    found, limit = summary["figures"][name], summary["limits"].get(name)
+    if "target" in found:
+        return found["target"] + (" (met)" if found.get("met") else " (missed)"), ""
+    if limit is None:
+        return summary["goal"].partition(" ")[0], ""
+    held = "" if limit["holds"] else " (broken)"
+    return limit["limit"] + (" (active)" if limit["active"] else held), _priced(limit)
+
+
+def _priced(facts: Mapping[str, Any]) -> str:
+    if "price" not in facts:
+        return ""
+    return f"{shown(facts['price'])} +- {_error(facts['price_error'])}"
+
+
+def _error(error: float | None) -> str:
+    return "-" if error is None else f"{rounded_up(error):.2g}"
+
+
+def _unit(unit: str) -> str:
+    return unit if unit not in ("", "1") else "-"

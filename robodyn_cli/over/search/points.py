@@ -1,0 +1,265 @@
+"""The points of a search: their runs, each made once, and derivatives there, exact where the command has such."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.over.many.keys import settings
+from robodyn_cli.over.search.asked import EDGE, Search
+from robodyn_cli.over.search.journal import SearchJournal
+from robodyn_cli.over.sensitivity.asked import AskedSlopes
+from robodyn_cli.over.sensitivity.report import exact_slopes, works
+from robodyn_cli.over.study.rows import Points, RunRows, joined
+from robodyn_cli.over.study.runs import Compiled, Waiting, one_by_one, suits
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+
+WIDEST, NARROWEST = 1e-2, 1e-5  # part of the way between bounds, by which differences change a key
+ROUNDING = 1e-15  # of outputs
+
+
+@record
+class DesignPoint:
+    """A run: its number, values of the keys (K,), outputs and their errors (n,), exit code, why it failed.
+
+    compiled : whether compiled code has made it.
+    """
+
+    run: int
+    x: Array
+    y: Array
+    error: Array
+    code: int
+    reason: str
+    compiled: bool
+
+    @property
+    def is_good(self) -> bool:
+        """Whether the run ended as it should and has all outputs."""
+        return self.code == 0 and bool(np.isfinite(self.y).all())
+
+
+@record
+class OutputSlopes:
+    """Derivatives d output / d key (n, K) at a point and their errors; nan where there is none.
+
+    exact : whether any was computed exactly.
+    """
+
+    values: Array
+    errors: Array
+    exact: bool = False
+
+
+class PointMaker:
+    """Makes the runs and derivatives of a search, each once.
+
+    Parameters
+    ----------
+    jobs : threads or processes. tell : is told how many runs there are.
+
+    Attributes
+    ----------
+    points : all runs, in their order. failures, reasons : of runs that failed, by exit code. exact : derivatives that
+    were computed exactly. not_exact : why others are differences, by key.
+    """
+
+    def __init__(
+        self, search: Search, jobs: int, journal: SearchJournal, tell: Callable[[int], None]
+    ) -> None:
+        self.search, self.jobs, self.tell, self.journal = search, jobs, tell, journal
+        self.points: list[DesignPoint] = []
+        self.failures: Counter[int] = Counter()
+        self.reasons: dict[int, str] = {}
+        self.not_exact: dict[str, str] = {}
+        self._compiled = Compiled(search.task, jobs) if suits(search.task) else None
+        if self._compiled is not None and search.continuous:
+            for values in search.combinations():
+                ends = [search.value_of(np.full(len(search.continuous), u), values) for u in (0.0, 1.0)]
+                self._compiled.allow(np.array(ends))
+                break  # others are looked at as they come
+        self._known: dict[bytes, DesignPoint] = {}
+        self._slopes: dict[tuple[bytes, bool], OutputSlopes] = {}
+        self._compared: set[tuple[int | str, ...]] = set()  # code of which keys are no structure
+        self._able: list[int] | None = None  # keys of which there are exact derivatives
+
+    # -- runs -----------------------------------------------------------------------------------------------
+    def runs(self, xs: Sequence[Array]) -> list[DesignPoint]:
+        """Return the points with these values of the keys (K,)."""
+        new = [x for x in {x.tobytes(): x for x in xs}.values() if x.tobytes() not in self._known]
+        left = []
+        for x in new:
+            if (kept := self.journal.run(x)) is not None:
+                self._take(DesignPoint(len(self.points), x, *kept), is_new=False)
+            else:
+                left.append(x)
+        if left:
+            made, compiled = self._made(Points(np.arange(len(left)), np.array(left)))
+            order = np.argsort(made.runs, kind="stable")
+            for k, (x, row) in enumerate(zip(left, made.rows[order])):
+                y, error, code = row["outputs"].copy(), row["errors"].copy(), int(row["code"])
+                reason = made.reasons.get(k, "")
+                self._take(DesignPoint(len(self.points), x, y, error, code, reason, k in compiled))
+        return [self._known[x.tobytes()] for x in xs]
+
+    def _made(self, points: Points) -> tuple[RunRows, set[int]]:
+        """Return the rows of runs, and the numbers of those that compiled code makes."""
+        parts = []
+        if self._compiled is not None:
+            parts.append(self._compiled.make(points))
+            points = points.part(np.isin(points.runs, parts[0].runs, invert=True))
+        compiled = {run for part in parts for run in part.runs.tolist()}
+        parts += one_by_one(self.search.task, Waiting([points]), self.jobs)
+        return joined(parts), compiled
+
+    def _take(self, point: DesignPoint, is_new: bool = True) -> None:
+        """Keep a run."""
+        self.points.append(point)
+        self._known[point.x.tobytes()] = point
+        if is_new:
+            self.journal.add_run(point.x, (point.y, point.error, point.code, point.reason, point.compiled))
+        if not point.is_good:
+            self.failures[point.code] += 1
+            self.reasons.setdefault(point.code, point.reason or self._lacking(point.y))
+        self.tell(len(self.points))
+
+    def _lacking(self, y: Array) -> str:
+        names = [name for name, value in zip(self.search.task.outputs, y) if not math.isfinite(value)]
+        return f"the run has no {', '.join(names)}"
+
+    # -- derivatives ----------------------------------------------------------------------------------------
+    @cached_property
+    def _by_runs(self) -> bool:
+        """Whether derivatives on the way are differences of runs: in compiled code, without an integration, these are
+        exact to rounding, and a thousand take as long as an exact derivative."""
+        return any(point.compiled for point in self.points) and isinstance(
+            works.get(self.search.task.command), type
+        )
+
+    def slopes(self, points: Sequence[DesignPoint], exact: bool = False) -> list[OutputSlopes]:
+        """Return the derivatives at points by the keys that lie between bounds; others are zero.
+
+        exact : whether they are to be exact, as far as there are such, even where differences of compiled runs serve.
+        """
+        exact = exact or not self._by_runs
+        new: dict[bytes, OutputSlopes] = {}
+        for point in points:
+            x = point.x.tobytes()
+            if (x, exact) in self._slopes or x in new:
+                continue
+            if (kept := self.journal.slopes(point.x, exact)) is not None:
+                self._slopes[x, exact] = OutputSlopes(*kept)
+            else:
+                new[x] = self._exactly(point) if exact else self._nothing(point)
+        self._complete(points, new)
+        for x, own in new.items():
+            self.journal.add_slopes(np.frombuffer(x), (own.values, own.errors, own.exact), exact)
+            self._slopes[x, exact] = own
+        return [self._slopes[point.x.tobytes(), exact] for point in points]
+
+    @property
+    def exact(self) -> int:
+        """How many points have derivatives of which some are exact."""
+        return sum(own.exact for own in self._slopes.values())
+
+    def _nothing(self, point: DesignPoint) -> OutputSlopes:
+        """Return derivatives that are not known yet: nan, but for keys without bounds."""
+        J = np.full((len(point.y), len(point.x)), np.nan)
+        J[:, [k for k in range(len(point.x)) if k not in self.search.continuous]] = 0.0
+        return OutputSlopes(J, J.copy())
+
+    def _exactly(self, point: DesignPoint) -> OutputSlopes:
+        """Return the derivatives at a point that can be computed exactly, nan in the place of others."""
+        search, nothing = self.search, self._nothing(point)
+        J, errors = nothing.values, nothing.errors
+        able = list(search.continuous) if self._able is None else self._able
+        if not able:
+            return OutputSlopes(J, errors)
+        try:
+            found, why = exact_slopes(self._asked(point, able))
+        except RobodynError as obstacle:
+            found, why = {}, dict.fromkeys(range(len(able)), obstacle.message)
+        for (name, k), slope in found.items():
+            row = search.task.outputs.index(name)
+            J[row, able[k]], errors[row, able[k]] = slope.value, slope.error
+        if self._able is None:
+            has = {able[k] for _, k in found}
+            self._able = [k for k in able if k in has]
+            for k, name in enumerate(search.task.keys):
+                if k in able and not np.isfinite(J[:, k]).all():
+                    missing = [
+                        o for o, slope in zip(search.task.outputs, J[:, k]) if not math.isfinite(slope)
+                    ]
+                    text = why.get(able.index(k), f"{', '.join(missing)} has no exact derivatives")
+                    self.not_exact[name] = text
+        return OutputSlopes(J, errors, bool(found))
+
+    def _asked(self, point: DesignPoint, able: Sequence[int]) -> AskedSlopes:
+        """Return what a sensitivity at a point is asked for."""
+        search, task = self.search, self.search.task
+        row = np.zeros(1, task.layout)
+        row["values"], row["outputs"], row["errors"], row["done"] = point.x, point.y, point.error, True
+        own = dataclasses.replace(
+            task,
+            family=task.family.with_values(settings(task.keys, point.x)),
+            keys=tuple(task.keys[k] for k in able),
+        )
+        return AskedSlopes(
+            own, tuple(search.keys[k] for k in able), tuple(float(point.x[k]) for k in able),
+            RunRows(np.zeros(1, dtype=np.int64), row, {}), ("",) * len(able), ("",) * len(task.outputs), self._compared,
+        )  # fmt: skip
+
+    def _complete(self, points: Sequence[DesignPoint], slopes: Mapping[bytes, OutputSlopes]) -> None:
+        """Put differences where derivatives are missing; all runs that they need are made at once."""
+        own = {x: point for point in points if (x := point.x.tobytes()) in slopes}
+        pairs = [
+            (x, k) for x in own for k in self.search.continuous if np.isnan(slopes[x].values[:, k]).any()
+        ]
+        beside = [self._beside(own[x], k) for x, k in pairs]
+        made = iter(self.runs([side for sides in beside for side in sides]))
+        for (x, k), sides in zip(pairs, beside):
+            there = [p for p in [next(made) for _ in sides] if p.is_good]
+            if not there:
+                continue  # stays nan: no derivative
+            J, errors = slopes[x].values, slopes[x].errors
+            missing = np.isnan(J[:, k])
+            value, error = self._difference(own[x], there, k)
+            J[missing, k], errors[missing, k] = value[missing], error[missing]
+
+    def _beside(self, point: DesignPoint, k: int) -> list[Array]:
+        """Return the values on both sides of a point, at a bound on one side twice as far too."""
+        low, high = self.search.bounds[self.search.continuous.index(k)]
+        size = np.maximum(np.abs(point.y), 1e-300)
+        noise = float(np.nanmax(np.append(point.error / size, 0.0)))
+        step = float(np.clip(max(noise, 1e-14) ** (1.0 / 3.0), NARROWEST, WIDEST)) * (high - low)
+        room = EDGE * (high - low)
+        ways = [(1.0, -1.0), (1.0, 2.0), (-1.0, -2.0)]
+        inside = [way for way in ways if all(low - room <= point.x[k] + s * step <= high + room for s in way)]
+        sides = []
+        for s in (inside or ways)[0]:
+            x = point.x.copy()
+            x[k] += s * step
+            sides.append(x)
+        return sides
+
+    def _difference(self, point: DesignPoint, there: Sequence[DesignPoint], k: int) -> tuple[Array, Array]:
+        """Return the derivatives (n,) by key k of the polynomial through a point and those beside it, and their errors.
+
+        These are what the errors of the outputs leave, and what the next power would change.
+        """
+        steps = np.array([p.x[k] - point.x[k] for p in there])
+        changes = np.array([p.y - point.y for p in there])
+        powers = np.vander(steps, len(steps) + 1, increasing=True)[:, 1:]
+        slope = np.linalg.solve(powers, changes)[0]
+        noise = np.nan_to_num(point.error) + np.nan_to_num(np.array([p.error for p in there])).max(axis=0)
+        low, high = self.search.bounds[self.search.continuous.index(k)]
+        bent = np.abs(slope - changes[0] / steps[0]) * 3.0 * np.abs(steps).max() / (high - low)
+        left = bent if len(steps) > 1 else np.abs(slope)
+        return slope, (noise + ROUNDING * np.abs(point.y)) / np.abs(steps).min() + left

@@ -1,0 +1,262 @@
+"""The result of a search: all its runs as datasets, and what is known of the best one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.over.batch.criteria import lookup
+from robodyn_cli.over.search.asked import Constraint
+from robodyn_cli.over.search.optimum import AT_BOUND, Optimum
+from robodyn_cli.over.search.points import DesignPoint, PointMaker
+from robodyn_cli.over.search.search import SAME, EndedSearch
+from robodyn_cli.over.search.solve import ScaledSearch, SolverWay
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.search import (
+    FoundKey,
+    FoundOutput,
+    KeptLimit,
+    OtherOptimum,
+    SearchEffort,
+    SearchProof,
+    SearchSummary,
+)
+
+SMALL = 1e-4  # of the size of a goal, over the way between bounds: a derivative that is left is small
+
+
+def report(ended: EndedSearch, maker: PointMaker, seconds: float) -> Result:
+    """Return the result of a search."""
+    search, own = ended.search, ended.own
+    not_held = broken(ended)
+    result = Result("optimise", search.family.own.title or search.task.command, "missed" if not_held else "ok",
+                    search.family.own.text)  # fmt: skip
+    _store(result, ended, maker.points)
+    same, others = _others(ended)
+    result.summarise(
+        SearchSummary(
+            of=search.task.command,
+            goal=search.goal.words(search.task.outputs),
+            repeat=search.repeat(own.x.tolist()),
+            keys={name: _key(ended, k) for k, name in enumerate(search.task.keys)},
+            figures=_outputs(ended),
+            limits={limit.name: _limit(ended, limit) for limit in search.limits},
+            left_out=search.left_out,
+            not_held=not_held or ABSENT,
+            other=_other(ended, others),
+            proof=_proof(ended, same),
+            not_exact=maker.not_exact,
+            search=SearchEffort(
+                len(maker.points) + 1, maker.exact, search.count, len(ended.ways), same,
+                {str(code): count for code, count in sorted(maker.failures.items())},
+                {str(code): text for code, text in sorted(maker.reasons.items())}, seconds,
+            ),
+        )
+    )  # fmt: skip
+    return result
+
+
+def _store(result: Result, ended: EndedSearch, points: Sequence[DesignPoint]) -> None:
+    """Add all runs of a search to its result: values, outputs, errors, exit codes, and which start asked for each."""
+    search = ended.search
+    for k, key in enumerate(search.task.keys):
+        result.add(f"inputs/{key}", [p.x[k] for p in points], units=search.units[k] or "1",
+                   long_name=f"value of {key}", dims=("run",))  # fmt: skip
+    for k, name in enumerate(search.task.outputs):
+        unit = search.output_units[k]
+        result.add(f"outputs/{name}", [p.y[k] for p in points], units=unit, long_name=name, dims=("run",))
+        result.add(f"errors/{name}", [p.error[k] for p in points], units=unit,
+                   long_name=f"estimated error of {name}", dims=("run",))  # fmt: skip
+    starts = np.full(len(points), -1)
+    for number, (_, way) in reversed(list(enumerate(ended.ways))):
+        starts[[p.run for p in way.points]] = number
+    result.add("runs/exit_code", [p.code for p in points], dims=("run",))
+    result.add("runs/holds", [int(ended.scaled.holds(p)) for p in points], dims=("run",))
+    result.add("runs/start", starts, dims=("run",))
+    result.add("runs/best", [int(p.run == ended.best.run) for p in points], dims=("run",))
+
+
+def broken(ended: EndedSearch) -> list[str]:
+    """Return what the run of the optimum breaks: targets, constraints, and what the scene expects of how a run goes."""
+    search, own, scaled = ended.search, ended.own, ended.scaled
+    if not own.is_good:
+        return [own.reason or "the run lacks an output"]
+    texts = [
+        f"{search.task.outputs[k]} is {own.y[k]:.9g}, not {target.text}"
+        for k, target, miss in zip(
+            search.goal.outputs, search.goal.targets, scaled.misses(own) if search.goal.is_reach else ()
+        )
+        if miss > 1.0
+    ]
+    texts += [
+        f"{limit.name} is {own.y[limit.output]:.9g}, not {limit.expected.text}"
+        for limit in search.limits
+        if not limit.expected.holds(float(own.y[limit.output]))
+    ]
+    for name in search.left_out:
+        expected = search.family.own.expect[name]
+        value = lookup(ended.summary, name)
+        if not ("+-" in expected.text or expected.low == expected.high) and not expected.holds(value):
+            texts.append(f"{name} is {value}, not {expected.text}")
+    return texts
+
+
+def _finite(x: float) -> float | None:
+    return float(x) if math.isfinite(x) else None
+
+
+def _outputs(ended: EndedSearch) -> dict[str, FoundOutput]:
+    """Return the outputs of the run of the optimum."""
+    search, own = ended.search, ended.own
+    goal, outputs = search.goal, {}
+    targets = dict(zip(goal.outputs, goal.targets))
+    if goal.is_reach and own.is_good:
+        tolerances = dict(zip(goal.outputs, ended.scaled.tolerances(own, goal)))
+        misses = dict(zip(goal.outputs, ended.scaled.misses(own)))
+    for k, name in enumerate(search.task.outputs):
+        known = k in targets and own.is_good
+        outputs[name] = FoundOutput(
+            _finite(own.y[k]), search.output_units[k], _finite(own.error[k]),
+            targets[k].text if k in targets else ABSENT,
+            float(tolerances[k]) if known else ABSENT,
+            bool(misses[k] <= 1.0) if known else ABSENT,
+        )  # fmt: skip
+    return outputs
+
+
+def _goal_size(ended: EndedSearch) -> float:
+    """Return the size of the goal, by which it is scaled."""
+    goal = ended.search.goal
+    return 1.0 if goal.is_reach else float(ended.scaled.sizes[goal.outputs[0]]) * goal.sign
+
+
+def _key(ended: EndedSearch, k: int) -> FoundKey:
+    """Return what is known of a key at the optimum."""
+    search, optimum = ended.search, ended.optimum
+    variation, value, unit = search.variations[k], float(ended.own.x[k]), search.units[k]
+    if variation.is_grid or optimum is None:
+        return FoundKey(value, unit, 0.0, choices=variation.text)
+    at = search.continuous.index(k)
+    (low, high), span, size = search.bounds[at], float(ended.scaled.span[at]), _goal_size(ended)
+    side = "lower bound" if optimum.at_low[at] else "upper bound" if optimum.at_high[at] else ABSENT
+    own: dict[str, Any] = {}
+    if not search.goal.is_reach:
+        own["curvature"] = _finite(size * optimum.curved.H[at, at] / span**2)
+        own["curvature_error"] = _finite(abs(size) * optimum.curved.H_error / span**2)
+        if optimum.sides.held[at]:
+            own["price"] = size * float(optimum.sides.bound_prices[at]) / span
+            own["price_error"] = abs(size) * _gradient_error(ended.scaled, optimum) / span
+    return FoundKey(value, unit, _finite(optimum.off[at] * span), float(low), float(high), at=side, **own)
+
+
+def _gradient_error(scaled: ScaledSearch, optimum: Optimum) -> float:
+    """Return the error of the derivatives of the goal, and what of them is left."""
+    rows = list(scaled.goal.outputs)
+    return float(np.nan_to_num(np.abs(optimum.J_error[rows])).max(initial=0.0)) + optimum.left
+
+
+def _limit(ended: EndedSearch, limit: Constraint) -> KeptLimit:
+    """Return what is known of a constraint at the optimum."""
+    own, optimum, scaled = ended.own, ended.optimum, ended.scaled
+    value = float(own.y[limit.output])
+    price: float | Absent = ABSENT
+    error: float | Absent = ABSENT
+    active = False
+    if optimum is not None:
+        for k, (other, sign, _) in enumerate(scaled.sides):
+            if other == limit and k in optimum.sides.binding:
+                ratio = _goal_size(ended) / float(scaled.sizes[limit.output])
+                slope = max(float(np.abs(optimum.sides.gradients[k]).max(initial=0.0)), 1e-300)
+                price, active = -sign * float(optimum.sides.prices[k]) * ratio, True
+                error = abs(ratio) * _gradient_error(scaled, optimum) / slope
+            elif other == limit and abs(optimum.sides.room[k]) <= SMALL * AT_BOUND:
+                active = True
+    return KeptLimit(
+        limit.expected.text, limit.source, _finite(value), _finite(own.error[limit.output]),
+        limit.expected.holds(value), active, price, error,
+    )  # fmt: skip
+
+
+def _others(ended: EndedSearch) -> tuple[int, list[tuple[int, SolverWay]]]:
+    """Return how many starts came to the result, and the ways of others whose ends are runs that went well."""
+    same, others = 0, []
+    for number, (_, way) in enumerate(ended.ways):
+        if _alike(ended, way.best, ended.best):
+            same += 1
+        elif way.best.is_good:
+            others.append((number, way))
+    return same, others
+
+
+def _alike(ended: EndedSearch, one: DesignPoint, two: DesignPoint) -> bool:
+    """Tell whether two points are one but for what a solver leaves."""
+    columns = list(ended.search.continuous)
+    fixed = [k for k in range(len(one.x)) if k not in columns]
+    if not np.array_equal(one.x[fixed], two.x[fixed]):
+        return False
+    return not columns or bool((np.abs(one.x[columns] - two.x[columns]) <= SAME * ended.scaled.span).all())
+
+
+def _other(ended: EndedSearch, others: Sequence[tuple[int, SolverWay]]) -> OtherOptimum | None:
+    """Return the best of the other ends."""
+    if not others:
+        return None
+    scaled = ended.scaled
+    best = min((way for _, way in others), key=lambda way: scaled.rank(way.best)).best
+    goal = scaled.goal
+    number = float(scaled.misses(best).max()) if goal.is_reach else float(best.y[goal.outputs[0]])
+    return OtherOptimum(
+        number, scaled.holds(best), dict(zip(ended.search.task.keys, best.x.tolist())),
+        sum(_alike(ended, way.best, best) for _, way in others),
+    )  # fmt: skip
+
+
+def _proof(ended: EndedSearch, same: int) -> SearchProof:
+    """Return what shows that the values are the best."""
+    search, optimum, count = ended.search, ended.optimum, len(ended.ways)
+    if optimum is None:
+        return SearchProof(f"all {count} combinations were run: none is better")
+    if search.goal.is_reach:
+        free = [
+            search.task.keys[k] for k, off in zip(search.continuous, optimum.off) if not math.isfinite(off)
+        ]
+        if broken(ended):
+            return SearchProof(f"not proved: no start of {count} came nearer, but other values may")
+        others = f"; the targets do not determine {', '.join(free)}: other values do it too" if free else ""
+        return SearchProof(
+            f"the outputs themselves show that the targets are met; {same} of {count} starts came here{others}"
+        )
+    bends = optimum.bends
+    error = _gradient_error(ended.scaled, optimum) - optimum.left
+    known: dict[str, float] = {"first_order": optimum.left, "first_order_error": error}
+    if len(bends):
+        known |= {"second_order": float(bends.min()), "second_order_error": optimum.curved.H_error}
+    text = f"{_first(optimum, error)}, {_second(optimum, bends)}"
+    best = f"that no other is better is not proved: {same} of {count} starts came here"
+    return SearchProof(f"{text}; {best}", **{name: x for name, x in known.items() if math.isfinite(x)})
+
+
+def _first(optimum: Optimum, error: float) -> str:
+    if not optimum.left <= max(SMALL, 10.0 * error):
+        return "no optimum as far as derivatives tell"
+    return "derivatives are those of an optimum"
+
+
+def _second(optimum: Optimum, bends: Array) -> str:
+    """Return in words what the second derivatives say."""
+    if optimum.sides.held.all() or (not len(bends) and np.isfinite(optimum.curved.H).all()):
+        return "which bounds and constraints decide alone"
+    if not len(bends):
+        return "with second derivatives that are not known"
+    if bends.min() > optimum.curved.H_error:
+        return "and the goal rises in all directions that are free"
+    return (
+        "with a direction in which the goal is flat"
+        if bends.min() > -optimum.curved.H_error
+        else "but the goal falls in a direction"
+    )

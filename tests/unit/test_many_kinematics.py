@@ -1,0 +1,118 @@
+"""``kinematics`` of mechanisms for many runs: what compiled runs and the command say is the same, errors too; places of
+points at times, between samples as well."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.over.sensitivity.report import sensitivity
+from robodyn_cli.over.study.rows import Points, Task
+from robodyn_cli.over.study.runs import Compiled, make_one, suits
+from robodyn_cli.scene.load import Family, load_scene, load_scene_text
+from robodyn_cli.works.kinematics import hermite, kinematics
+
+FIVE = Path(__file__).parents[2] / "configs" / "search" / "five_point_four_bar.yaml"
+KEYS = (
+    "robot.joints.coupler.origin.xyz#1",
+    "robot.points.pin.at#1",
+    "robot.points.tip.at#1",
+    "robot.points.trace.at#2",
+)
+OF = tuple(f"at.{k}.points.trace.{axis}" for k in range(3) for axis in "xyz")
+
+
+def task(*changes: str) -> Task:
+    return Task(Family(FIVE, ("expect={}", "kinematics.at=[0, 1.37, 4]", *changes)), "kinematics", KEYS, OF)
+
+
+@pytest.mark.parametrize("changes", [(), ("kinematics.samples=41",), ("kinematics.sweep.stop=-80 deg",)])
+def test_compiled_runs_say_what_the_command_says(changes: tuple[str, ...]) -> None:
+    asked = task(*changes)
+    assert suits(asked)
+    rng = np.random.default_rng(len(changes))
+    values = rng.uniform((0.2, 0.8, 0.6, 0.2), (0.45, 1.3, 1.1, 0.7), size=(24, 4))
+    made = Compiled(asked, 1).make(Points(np.arange(24), values))
+    assert len(made) >= 16
+    for run, row in list(zip(made.runs.tolist(), made.rows))[::4]:
+        one = make_one(asked, run, values[run])[0].rows[0]
+        assert np.abs(row["outputs"] - one["outputs"]).max() <= 1e-12
+        np.testing.assert_allclose(row["errors"], one["errors"], rtol=1e-3, atol=1e-13)
+        assert row["code"] == one["code"] == 0
+    for run in set(range(24)) - set(made.runs.tolist()):  # what is left fails as a command
+        assert make_one(asked, run, values[run])[0].rows["code"][0] in (4, 5)
+
+
+def test_runs_that_meet_a_dead_point_are_left_to_the_command() -> None:
+    asked = task("kinematics.sweep.stop=200 deg", "kinematics.samples=21")
+    values = np.array([[0.35, 1.05, 0.8, 0.4], [0.5, 1.3, 0.3, 0.4], [0.5, 0.8, 0.35, 0.4]])
+    made = Compiled(asked, 1).make(Points(np.arange(3), values))
+    for run in range(3):
+        one = make_one(asked, run, values[run])[0].rows[0]
+        assert (run in made.runs) == (one["code"] == 0)
+
+
+def places(scene: Any) -> tuple[np.ndarray, np.ndarray]:
+    at = kinematics(scene).summary["at"]
+    rows = [[one["points"]["trace"][axis] for axis in ("x", "y", "z", "error")] for one in at]
+    return np.array(rows)[:, :3], np.array(rows)[:, 3]
+
+
+def test_a_place_between_samples_is_within_its_error_whatever_the_samples() -> None:
+    times = "kinematics.at=[0, 0.3, 1.9, 2, 3.77, 4]"
+    truth, small = places(load_scene(FIVE, (times, "kinematics.samples=4001")))
+    assert small.max() < 1e-9
+    worst = 0.0
+    for samples in (5, 9, 12, 40, 101):
+        y, error = places(load_scene(FIVE, (times, f"kinematics.samples={samples}")))
+        assert (np.abs(y - truth).max(axis=1) <= error + small).all()
+        worst = max(worst, float((np.abs(y - truth).max(axis=1) / error).max()))
+    assert worst > 1e-4  # the errors are no mere bounds
+
+
+def test_the_quintic_goes_through_values_rates_and_accelerations() -> None:
+    f = np.polynomial.Polynomial([0.3, -1.0, 0.7, 0.2, -0.4, 0.1])
+    ends = [tuple(np.array([f.deriv(n)(t) if n else f(t)]) for n in range(3)) for t in (0.5, 1.1)]
+    for s in (0.0, 0.25, 0.9, 1.0):
+        value, error = hermite(ends, 0.6, s)  # type: ignore[arg-type]
+        assert value[0] == pytest.approx(f(0.5 + 0.6 * s), abs=1e-14)
+        assert (error[0] > 0.0) == (0.0 < s < 1.0)
+
+
+def test_a_time_behind_the_end_is_refused() -> None:
+    with pytest.raises(SceneError, match=r"kinematics.at.1: 5 s is behind the end of the motion, 4 s"):
+        kinematics(load_scene(FIVE, ("kinematics.at=[1, 5]",)))
+    points = Points(np.arange(1), np.array([[0.35, 1.05, 0.8, 0.4]]))
+    assert not len(Compiled(task("kinematics.at=[0, 1, 5]"), 1).make(points))
+
+
+def test_derivatives_of_places_are_exact() -> None:
+    family = Family(FIVE, ("expect={}", "robot.points.trace.at=[0.55, 0.4, 0]"))
+    result = sensitivity(family, [KEYS[1], KEYS[3]], ["at.2.points.trace.x"])
+    slopes = result.summary["sensitivities"]["at.2.points.trace.x"]
+    assert all(slope["method"] == "exact" for slope in slopes.values())
+    for key in (KEYS[1], KEYS[3]):
+        own = Task(family, "kinematics", (key,), ("at.2.points.trace.x",))
+        here = {KEYS[1]: 1.0, KEYS[3]: 0.4}[key]
+        sides = [make_one(own, 0, np.array([here + way * 1e-5]))[0].rows["outputs"][0, 0] for way in (1, -1)]
+        assert slopes[key]["derivative"] == pytest.approx((sides[0] - sides[1]) / 2e-5, rel=1e-7, abs=1e-9)
+
+
+def test_an_open_chain_has_places_at_times_too() -> None:
+    text = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: a, type: revolute, axis: [0, 0, 1], parent: base}]
+  links: [{name: fore}]
+  points: {tip: {link: fore, at: [2, 0, 0]}, post: {link: base, at: [1, 2, 3]}}
+kinematics: {sweep: {joint: a, start: 0, stop: 2, rate: 1}, samples: 81, at: [0.777]}
+"""
+    points = kinematics(load_scene_text(text)).summary["at"][0]["points"]
+    assert [points["post"][axis] for axis in "xyz"] == [1, 2, 3] and points["post"]["error"] <= 1e-12
+    tip, angle = points["tip"], 0.777
+    assert np.hypot(tip["x"] - 2 * np.cos(angle), tip["y"] - 2 * np.sin(angle)) <= 2 * tip["error"] < 1e-7
