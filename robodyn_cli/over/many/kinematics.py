@@ -33,6 +33,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.works.kinematics import (
     AT_SAMPLE,
     between_samples,
+    closer_times,
     hermite,
     kinematics,
     leading,
@@ -79,7 +80,8 @@ class KinematicsStructure(Built):
         scene = family.scene(settings([key.name for key in keys], row))
         with witnessed() as witnesses:
             self.problem = problem_of(scene)
-            self.lead, self.times = leading(self.problem)
+            self.lead, samples = leading(self.problem)
+            self.times = closer_times(self.problem, samples)
             known = outputs(self.problem)
             places = {path: x for path, x in known.items() if path.partition("/")[0] in PLACES}
             conditions = {} if self.lead is None else self._conditions(self.lead)
