@@ -24,7 +24,7 @@ MOTION = {
     "kinematics": {"samples": 2},
 }
 MAPS = ("parameters", "torques", "drives", "prescribed", "outputs", "expect", "study", "initial", "simulate", "inverse",
-        "deploy", "assemble", "kinematics", "statics", "catalogue", "control", "trajectory", "reach")  # fmt: skip
+        "deploy", "assemble", "kinematics", "statics", "catalogue", "control", "trajectory", "reach", "search")  # fmt: skip
 LISTS = ("loops", "forces", "payloads", "couplers", "actuated")
 
 
