@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.expr import functions as fn
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
+
+if TYPE_CHECKING:
+    from robodyn_cli.expr.units import Dims
 
 CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e}
 MANY = 1000
@@ -76,7 +80,10 @@ class FormulaNode:
 
 @record
 class Num(FormulaNode):
+    """A number; unit : of what it was written in, as powers of the bases, None where it was written without one."""
+
     number: float
+    unit: Dims | None = dataclasses.field(default=None, compare=False, repr=False)
 
     def value(self, env: Mapping[str, Any]) -> Any:
         return self.number

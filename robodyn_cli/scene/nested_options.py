@@ -98,11 +98,9 @@ class Sweep:
     """One joint that goes from one position to another at a constant rate."""
 
     joint: str = key(Name(of="joint"), doc="The joint that is swept.")
-    start: float = key(Number(angle=True), unit="rad or m", doc="Where it begins.")
-    stop: float = key(Number(angle=True), unit="rad or m", doc="Where it ends.")
-    rate: float = key(
-        Number(minimum=0.0, exclusive=True, angle=True), default=1.0, unit="rad/s or m/s", doc="Its speed."
-    )
+    start: float = key(Number(), unit="rad or m", doc="Where it begins.")
+    stop: float = key(Number(), unit="rad or m", doc="Where it ends.")
+    rate: float = key(Number(minimum=0.0, exclusive=True), default=1.0, unit="rad/s or m/s", doc="Its speed.")
 
 
 @record
@@ -142,7 +140,7 @@ class Latch:
         ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
     )
     at: dict[str, float] = key(
-        JointMap(Number(angle=True)),
+        JointMap(Number()),
         default=None,
         unit="rad or m",
         doc="Position of one joint at which it closes, for `criterion: latch`.",

@@ -7,15 +7,13 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
-from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.formula import parse
 from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import Check, key_place
 from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
 from robodyn_cli.scene.points import joints_between, point_problem
-from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
+from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import DeployOptions, KinematicsOptions, Robot, Scene, Torque
 from robodyn_cli.trajectories.led import (
     FOLLOW,
@@ -241,29 +239,6 @@ def _check_initial(scene: Scene, check: Check) -> None:
         check.fail(
             ("initial", "at"), "says when to go on from a stored run, but `from` names none", at_key=True
         )
-    for k, joint in enumerate(scene.robot.joints):
-        if joint_types[joint.type].units != ("m",):
-            continue
-        for path in (
-            ("robot", "joints", k, "offset"),
-            ("initial", "q", joint.name),
-            ("initial", "qd", joint.name),
-        ):
-            with check:
-                if _in_degrees(find(check.root, path)):
-                    message = (
-                        f"'deg' does not fit: joint {joint.name!r} is {joint.type}; allowed: a length in m"
-                    )
-                    check.fail(path, message)
-
-
-def _in_degrees(node: Node | None) -> bool:
-    if not isinstance(node, Scalar) or not isinstance(node.value, str):
-        return False
-    try:
-        return parse(node.value).degrees
-    except SceneError:
-        return False
 
 
 def _check_runs(scene: Scene, check: Check) -> None:
@@ -305,6 +280,11 @@ def _check_keys(scene: Scene, check: Check) -> None:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
+        if section == "expect" and scene.expect[key].unit and leaves and leaves[0].kind is not Any:
+            with check:
+                _check_expected_unit(
+                    scene, key, [leaf.unit(_coordinate_units(scene.robot)) for leaf in leaves], check
+                )
         names = key_names(scene) if not leaves or leaves[0].names else {}
         if not leaves or (names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
@@ -312,6 +292,29 @@ def _check_keys(scene: Scene, check: Check) -> None:
             with check:
                 message = refusal(commands[0], key, names, number)
                 check.fail(key_place(check.root, section, key), message, at_key=section == "expect")
+
+
+def _check_expected_unit(scene: Scene, key: str, allowed: Sequence[str], check: Check) -> None:
+    """Refuse bounds of another kind than the value of a summary that they are for; allowed : its units."""
+    from robodyn_cli.expr import units
+
+    expected = scene.expect[key]
+    given = units.of(expected.unit)
+    assert given is not None
+    faults = [units.fault(given.dims, "rad" if unit == "deg" else unit, expected.text) for unit in allowed]
+    if all(faults):
+        check.fail(key_place(check.root, "expect", key), f"{expected.text!r} does not fit: {faults[0]}")
+
+
+def _coordinate_units(robot: Robot) -> dict[str, str]:
+    """Return the units of the coordinates of all joints by name, as far as they are known."""
+    kinds = [(joint.name, joint_types[joint.type]) for joint in robot.joints]
+    by_rate = {
+        name: unit for joint, x in kinds for name, unit in zip(x.coordinates(joint, x.v_names), x.v_units)
+    }
+    return by_rate | {
+        name: unit for joint, x in kinds for name, unit in zip(x.coordinates(joint, x.names), x.units)
+    }
 
 
 def key_names(scene: Scene) -> Names:
