@@ -227,7 +227,7 @@ def _quantities(parts: Sequence[str], text: str, forms: str = RANGES) -> tuple[t
         except SceneError as error:
             raise SceneError(f"{text!r}: {error.message}; {forms}") from error
         if tree.constant is None or not math.isfinite(tree.constant):
-            raise SceneError(f"{text!r}: {part.strip()!r} is not a number that is finite; {forms}")
+            raise SceneError(f"{text!r}: {part.strip()!r} is not a finite number; {forms}")
         values.append(tree.constant)
     return tuple(values), "" if unit is None else units.written(unit) or "1"
 
