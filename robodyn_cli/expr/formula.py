@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean, shown
 from robodyn_cli.expr.formula_tree import (
+    AXES,
     CONSTANTS,
+    OF_POINTS,
     QUALIFIERS,
-    SPANS,
     FormulaNode,
     Identifier,
     Num,
@@ -37,7 +38,7 @@ class FormulaTree:
 
     text : as written.
     names : free identifiers with the column of their first use; canonical (``t``, ``q.NAME``, ``qd.NAME``,
-        ``p.NAME``, ``length(A, B)``, ``length_rate(A, B)``) after ``resolve``.
+        ``p.NAME``, ``length(A, B)``, ``x(A)`` for ``A.x``) after ``resolve``.
     unit_words : words of units in it, with the column of their first use.
     """
 
@@ -116,7 +117,7 @@ class FormulaTree:
                 fail(
                     self.text,
                     column,
-                    f"{name!r} is not allowed here; allowed: {_listed([*variables])}",
+                    f"{_as_written(name)!r} is not allowed here; allowed: {_listed([*variables])}",
                     self.where,
                 )
             group, dot, rest = name.partition(".")
@@ -152,16 +153,22 @@ class FormulaTree:
 
 
 def _is_own(name: str, variables: Collection[str]) -> bool:
-    """Tell whether a name is a distance of points, or a variable of a force, that a formula may contain."""
+    """Tell whether a name is a function of points, or a variable of a force, that a formula may contain."""
     if name.endswith(")"):
-        return SPANS[name.partition("(")[0]] in variables
+        function = name.partition("(")[0]
+        return (AXES[function] if function in AXES else OF_POINTS[function][1]) in variables
     return name in OWN and name in variables
 
 
-def points_of(name: str) -> tuple[str, str]:
-    """Return the two points of ``length(A, B)``."""
-    first, _, second = name.partition("(")[2].removesuffix(")").partition(", ")
-    return first, second
+def points_of(name: str) -> tuple[str, ...]:
+    """Return the points of ``length(A, B)``, ``x(A)``; none of other names."""
+    return tuple(name.partition("(")[2].removesuffix(")").split(", ")) if name.endswith(")") else ()
+
+
+def _as_written(name: str) -> str:
+    """Return ``A.x`` for the name ``x(A)``, others as they are."""
+    axis, _, point = name.removesuffix(")").partition("(")
+    return f"{point}.{axis}" if axis in AXES and point else name
 
 
 def parse(text: str, where: str = "") -> FormulaTree:

@@ -4,7 +4,7 @@ Nothing of Python can be reached from a formula.
 
     + - * / ^ (or **), unary signs, parentheses, numbers, pi, e, a unit after a number or parenthesis,
     sin(x) ... step(x), min(a, b, ...), max(a, b, ...), if(a < b, x, y), t, NAME, q.NAME, qd.NAME, p.NAME,
-    length(POINT, POINT), length_rate(POINT, POINT)
+    length(POINT, POINT), length_rate(POINT, POINT), angle(POINT, POINT, POINT), speed(POINT), POINT.x ... POINT.vz
 """
 
 from __future__ import annotations
@@ -209,40 +209,46 @@ class Parser:
             if token.text == "deg":
                 self.unexpected(token, "'deg' goes after a number, as in 45 deg")
             group, dot, name = token.text.partition(".")
+            point, _, axis = token.text.rpartition(".")
+            if axis in tree.AXES and point and group not in tree.QUALIFIERS:
+                return self.named(f"{axis}({point})", token)
             if dot and (group not in tree.QUALIFIERS or name.count(".") > (group != "p")):
                 self.fail(
                     token,
                     f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
-                    "p.PARAMETER, and beside a controller in ref.JOINT, refd.JOINT, refdd.JOINT, tau.JOINT and s.STATE",
+                    f"p.PARAMETER, behind points in POINT.{', POINT.'.join(tree.AXES)}, and beside a controller in "
+                    "ref.JOINT, refd.JOINT, refdd.JOINT, tau.JOINT and s.STATE",
                 )
-            self.names.setdefault(token.text, token.column)
-            return tree.Identifier(token.text)
+            return self.named(token.text, token)
         self.unexpected(token, "a number, a name or '(' is needed here")
 
     def call(self, name: Token, depth: int) -> tree.FormulaNode:
-        if name.text in tree.SPANS:
-            return self.span(name)
+        if name.text in tree.OF_POINTS:
+            return self.of_points(name)
         if name.text != "if" and name.text not in tree.FUNCTIONS:
-            known = [*tree.FUNCTIONS, "if", *tree.SPANS]
+            known = [*tree.FUNCTIONS, "if", *tree.OF_POINTS]
             self.fail(name, unknown_name("function", name.text, known))
         self.expect("(")
         node = self.conditional(name, depth + 1) if name.text == "if" else self.function(name, depth + 1)
         self.expect(")")
         return node
 
-    def span(self, function: Token) -> tree.FormulaNode:
-        """Return the name of a distance; its arguments are points."""
-        points = []
-        for sign in ("(", ","):
-            self.expect(sign)
+    def of_points(self, function: Token) -> tree.FormulaNode:
+        """Return the name of a function of points, such as their distance."""
+        points: list[str] = []
+        for _ in range(tree.OF_POINTS[function.text][0]):
+            self.expect("," if points else "(")
             if self.token.kind != "name":
                 self.unexpected(
                     self.token, "a point is needed here: a name, or LINK.origin, LINK.end, LINK.com"
                 )
             points.append(self.next().text)
         self.expect(")")
-        name = f"{function.text}({', '.join(points)})"
-        self.names.setdefault(name, function.column)
+        return self.named(f"{function.text}({', '.join(points)})", function)
+
+    def named(self, name: str, token: Token) -> tree.FormulaNode:
+        """Return a free name, which stands first where a token does."""
+        self.names.setdefault(name, token.column)
         return tree.Identifier(name)
 
     def function(self, name: Token, depth: int) -> tree.FormulaNode:

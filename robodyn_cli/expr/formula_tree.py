@@ -48,8 +48,11 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
 
 # what stands before a dot: positions, rates, parameters; reference, states and torques of a controller
 QUALIFIERS = ("q", "qd", "p", "ref", "refd", "refdd", "s", "tau")
-# distances of two points [m] and their rates, as names of their own: length(tip, base.origin)
-SPANS = {"length": "q", "length_rate": "qd"}
+# what formulas ask of points, as names of their own such as length(tip, base.origin): of how many points, and whether
+# it is of positions or of rates
+OF_POINTS = {"length": (2, "q"), "length_rate": (2, "qd"), "angle": (3, "q"), "speed": (1, "qd")}
+# coordinates and velocities of a point in the world, which are written tip.x and named x(tip)
+AXES = {"x": "q", "y": "q", "z": "q", "vx": "qd", "vy": "qd", "vz": "qd"}
 
 
 def fail(text: str, column: int, message: str, where: str = "") -> NoReturn:

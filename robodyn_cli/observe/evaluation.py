@@ -315,7 +315,8 @@ def _environment(problem: Problem, t: float, q: Array, v: Array) -> dict[str, fl
     env = {"t": t, **{f"p.{name}": x for name, x in scene.parameters.items()}}
     env |= {f"q.{name}": x for name, x in zip(model.q_names, q.tolist())}
     env |= {f"qd.{name}": x for name, x in zip(model.v_names, v.tolist())}
-    return env | dict(zip(problem.spans, problem.numbers(list(problem.spans.values()), q, t, v).tolist()))
+    of_points = problem.of_points
+    return env | dict(zip(of_points, problem.numbers(list(of_points.values()), q, t, v).tolist()))
 
 
 def _of(problem: Problem) -> Iterator[FormulaTree]:
