@@ -119,6 +119,26 @@ RUN: tuple[Entry, ...] = (
     ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
     Entry(
+        "flights/PAYLOAD/time",
+        ("PAYLOAD_flight",),
+        "s",
+        "times of the flight of a payload, from its release on",
+    ),
+    Entry(
+        "flights/PAYLOAD/position",
+        ("PAYLOAD_flight", "axis"),
+        "m",
+        "its centre of mass in the world frame",
+        XYZ,
+    ),
+    Entry(
+        "flights/PAYLOAD/velocity",
+        ("PAYLOAD_flight", "axis"),
+        "m/s",
+        "velocity of that in the world frame",
+        XYZ,
+    ),
+    Entry(
         "pieces",
         ("piece", "coefficient"),
         "s, rad or m, and per s^N",

@@ -38,6 +38,21 @@ class Instant:
 
 
 @record
+class Plane:
+    """The plane in the world to which a released payload comes down."""
+
+    through: tuple[float, ...] = key(
+        Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="A point of it; default: the world's origin."
+    )
+    normal: tuple[float, ...] | None = key(
+        Direction(),
+        default=None,
+        unit="1",
+        doc="Its normal, on whose side the payload flies; default: against gravity.",
+    )
+
+
+@record
 class Payload:
     """A rigid body that a link carries for a while."""
 
@@ -59,6 +74,12 @@ class Payload:
         doc="When it is gripped; without this key it is carried from the start.",
     )
     until: Instant | None = key(Section(Instant), default=None, doc="When it is released.")
+    plane: Plane | None = key(
+        Section(Plane),
+        default=None,
+        name="range",
+        doc="Where its flight ends after the release: its centre of mass comes down to this plane.",
+    )
     velocity: tuple[float, ...] = key(
         Vector(3),
         default=(0.0, 0.0, 0.0),
