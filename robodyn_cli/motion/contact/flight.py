@@ -75,8 +75,8 @@ class Flight:
         """Return times of the flight: its release, the samples of a run (T,) that follow, its landing if it has one."""
         end = samples[-1] if landed is None else landed
         within = samples[(samples > self.time) & (samples < end)]
-        beyond = np.linspace(samples[-1], end, BEYOND)[1:] if end > samples[-1] else np.array([end])
-        return np.concatenate([[self.time], within, samples[-1:] if end > samples[-1] else [], beyond])
+        beyond = np.linspace(samples[-1], end, BEYOND) if end > samples[-1] else np.array([end])
+        return np.unique(np.concatenate([[self.time], within, beyond]))
 
 
 def by_axis(x: Sequence[Any] | Array) -> dict[str, float]:
