@@ -38,7 +38,7 @@ class Instant:
 
 
 @record
-class Plane:
+class LandingPlane:
     """The plane in the world to which a released payload comes down."""
 
     through: tuple[float, ...] = key(
@@ -74,8 +74,8 @@ class Payload:
         doc="When it is gripped; without this key it is carried from the start.",
     )
     until: Instant | None = key(Section(Instant), default=None, doc="When it is released.")
-    plane: Plane | None = key(
-        Section(Plane),
+    plane: LandingPlane | None = key(
+        Section(LandingPlane),
         default=None,
         name="range",
         doc="Where its flight ends after the release: its centre of mass comes down to this plane.",

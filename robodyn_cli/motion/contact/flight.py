@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.scene.nested_options import Plane
+from robodyn_cli.scene.nested_options import LandingPlane
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Landing, Release
 
@@ -46,7 +46,7 @@ class Flight:
         """The figures of the release."""
         return Release(by_axis(self.position), by_axis(self.velocity), by_axis(self.spin), self.energy)
 
-    def landing(self, plane: Plane) -> Landing | None:
+    def landing(self, plane: LandingPlane) -> Landing | None:
         """Return where the centre of mass comes down to a plane, None where it never does."""
         normal, height = self._above(plane)
         rise, bend = float(normal @ self.velocity), float(normal @ self.gravity)
@@ -65,7 +65,7 @@ class Flight:
             highest=height + 0.5 * rise * min(apex, since),
         )
 
-    def _above(self, plane: Plane) -> tuple[Array, float]:
+    def _above(self, plane: LandingPlane) -> tuple[Array, float]:
         """Return the unit normal of a plane, by default against gravity, and the height above it at the release."""
         given = np.array([float(x) for x in plane.normal or -self.gravity])
         normal: Array = given / np.linalg.norm(given)
