@@ -148,10 +148,14 @@ AXES = ("x", "y", "z")
 class Release:
     """A payload where it was released, in the world."""
 
-    position: dict[str, float] = fact("of its centre of mass", "m", names=AXES, errors=(".position_error",))
-    velocity: dict[str, float] = fact("of that", "m/s", names=AXES, errors=(".velocity_error",))
+    position: dict[str, float] = fact(
+        "of its centre of mass", "m", names=AXES, errors=("payloads.PAYLOAD.release.position_error",)
+    )
+    velocity: dict[str, float] = fact(
+        "of that", "m/s", names=AXES, errors=("payloads.PAYLOAD.release.velocity_error",)
+    )
     angular_velocity: dict[str, float] = fact(
-        "of the payload", "rad/s", names=AXES, errors=(".angular_velocity_error",)
+        "of the payload", "rad/s", names=AXES, errors=("payloads.PAYLOAD.release.angular_velocity_error",)
     )
     energy: float = fact("its kinetic energy", "J", errors=(".energy_error",))
     position_error: float | Absent | None = fact("error of the place", "m", default=ABSENT)
@@ -167,8 +171,12 @@ class Landing:
     """Where the flight of a payload came down to the plane of its `range`, in the world."""
 
     time: float = fact("when, perhaps after the end of the run", "s", errors=(".time_error",))
-    position: dict[str, float] = fact("of its centre of mass", "m", names=AXES, errors=(".position_error",))
-    velocity: dict[str, float] = fact("of that", "m/s", names=AXES, errors=(".velocity_error",))
+    position: dict[str, float] = fact(
+        "of its centre of mass", "m", names=AXES, errors=("payloads.PAYLOAD.landing.position_error",)
+    )
+    velocity: dict[str, float] = fact(
+        "of that", "m/s", names=AXES, errors=("payloads.PAYLOAD.landing.velocity_error",)
+    )
     range: float = fact("way along the plane from the release", "m", errors=(".range_error",))
     highest: float = fact("largest height above the plane", "m", errors=(".highest_error",))
     time_error: float | Absent | None = fact("error of the time", "s", default=ABSENT)
