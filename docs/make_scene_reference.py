@@ -3,7 +3,8 @@
     python docs/make_scene_reference.py            rewrite the tables
     python docs/make_scene_reference.py --check    exit 1 if a table is out of date
 
-A table stands between ``<!-- keys: CLASS -->`` and ``<!-- end -->``; the text around it is written by hand.
+A table stands between ``<!-- keys: CLASS -->`` and ``<!-- end -->``, that of the units between ``<!-- units -->`` and
+``<!-- end -->``; the text around them is written by hand.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
+from robodyn_cli.expr import units
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.fields import (
     REQUIRED,
@@ -37,6 +39,7 @@ from robodyn_cli.schema.fields import (
 
 PAGE = Path(__file__).parent / "scene.md"
 TABLE = re.compile(r"(<!-- keys: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
+UNITS = re.compile(r"(<!-- units -->\n).*?(<!-- end -->)", re.DOTALL)
 HEADING = re.compile(r"^#+ (.+)$", re.MULTILINE)
 
 
@@ -127,8 +130,7 @@ def _value(kind: Kind, anchors: dict[str, str]) -> str:
         return f"{bound}: {_value(kind.item, anchors)}"
     if isinstance(kind, MapOf) and isinstance(kind.item, (Section, Either)):
         return f"map from names of {kind.of}s to: {_value(kind.item, anchors)}"
-    words = describe(kind).removeprefix("a ").replace(" such as '45 deg'", "")
-    return words.replace("or an angle", "or angle")
+    return describe(kind).removeprefix("a ")
 
 
 def _default(field: dataclasses.Field[Any]) -> str:
@@ -146,6 +148,17 @@ def _default(field: dataclasses.Field[Any]) -> str:
     return f"`{value}`" if isinstance(value, (int, str)) else f"`{value:g}`"
 
 
+def units_table() -> str:
+    """Return the table of all units that a number may have, by what they measure."""
+    by_kind: dict[str, list[str]] = {}
+    for word, unit in units.table().items():
+        by_kind.setdefault(units.written(unit.dims), []).append(f"`{word}`")
+    rows = [
+        f"| {units.KINDS.get(unit, '')} [{unit}] | {', '.join(words)} |" for unit, words in by_kind.items()
+    ]
+    return "\n".join(["| of | units |", "|---|---|", *rows]) + "\n"
+
+
 def slug(heading: str) -> str:
     """Return the anchor that GitHub gives a heading."""
     return re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-")
@@ -158,6 +171,7 @@ def rewritten(text: str) -> str:
         heading = HEADING.findall(text, 0, match.start())[-1]
         anchors[match.group(2)] = slug(heading)
     known = sections()
+    text = UNITS.sub(lambda m: m.group(1) + units_table() + m.group(2), text)
     return TABLE.sub(lambda m: m.group(1) + table(known[m.group(2)], anchors) + m.group(3), text)
 
 

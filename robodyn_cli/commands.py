@@ -55,6 +55,8 @@ MOTION = (
     "constraints:singular_values",
     "mechanism:mechanism",
 )
+# drawings of named points
+POINTS = ("mechanism:tip_path", "joints:point_coordinates")
 # drawings of joints, and of torques
 JOINTS = ("joints:joint_angles", "joints:joint_rates")
 DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits")
@@ -76,7 +78,7 @@ COMMANDS: dict[str, Command] = {
             *JOINTS,
             "joints:joint_accelerations",
             *DRIVEN,
-            "mechanism:tip_path",
+            *POINTS,
             "energy:energy",
             *MOTION,
         ),
@@ -94,7 +96,7 @@ COMMANDS: dict[str, Command] = {
             *JOINTS,
             "joints:tracking",
             *DRIVEN,
-            "mechanism:tip_path",
+            *POINTS,
             "energy:energy",
             "energy:energy_drift",
             *MOTION,
@@ -111,7 +113,7 @@ COMMANDS: dict[str, Command] = {
         batch="over.many.simulate:Deploy",
         slopes="over.sensitivity.report:deploy",
         good="locked",
-        plots=("joints:joint_angles", "mechanism:tip_path", *MOTION),
+        plots=("joints:joint_angles", *POINTS, *MOTION),
         streamed=True,
     ),
     "kinematics": Command(
@@ -122,7 +124,7 @@ COMMANDS: dict[str, Command] = {
         batch="over.many.kinematics:KinematicsRuns",
         slopes="over.sensitivity.along_motions:KinematicsSlopes",
         given=("trajectory", "kinematics"),
-        plots=(*JOINTS, "mechanism:tip_path", "joints:point_motion", "joints:transmission_angle", *MOTION),
+        plots=(*JOINTS, *POINTS, "joints:point_motion", "joints:transmission_angle", *MOTION),
         blames="trajectory",
     ),
     "assemble": Command(

@@ -58,7 +58,7 @@ class Lqr(Controller):
     type: str = key(Choice(("lqr",)), doc="Kind of controller.")
     gains: Weights = key(Section(Weights), default=Weights(), doc="Weights Q (`q`, `qd`) and R (`tau`).")
     pose: dict[str, float] = key(
-        JointMap(Number(angle=True)), default=None, unit="rad or m", doc="The pose q_0; by default the start."
+        JointMap(Number()), default=None, unit="rad or m", doc="The pose q_0; by default the start."
     )
     regulator: Any = dataclasses.field(default=None, compare=False, repr=False)
 

@@ -4,6 +4,7 @@ points and between bodies, with their energy and power."""
 from __future__ import annotations
 
 import dataclasses
+import functools
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,11 +13,13 @@ from robodyn_cli.algorithms.external import PathKinematics, common_axis, path_to
 from robodyn_cli.equations.contact_joints import ContactJoint
 from robodyn_cli.equations.gears import depends_on_load
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.functions import interpolate
+from robodyn_cli.expr.formula_tree import AXES
+from robodyn_cli.expr.functions import absolute, atan2, interpolate, sqrt
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
+from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.model import BASE, FixedFrame, Force, JointForce, Model
 from robodyn_cli.scene.types import Torque
-from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, dot, vector, zeros
+from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, cross, dot, vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.forces.element import Action, Effect, HalfTurn, LineOfAction
@@ -169,18 +172,52 @@ class Elements:
         return places
 
 
-def spans(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[str, Scalar]:
-    """Return the distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give."""
-    by_name: dict[str, Scalar] = {}
-    if not model.spans:
-        return by_name
-    from robodyn_cli.forces.element import LineOfAction
+def functions_of_points(model: Model, X: Sequence[Transform], q: Values, v: Values) -> dict[str, Scalar]:
+    """Return what formulas ask of points, by the names that these give: distances [m], angles [rad], coordinates in the
+    world [m], and their rates.
 
-    for name, ends in model.spans.items():
-        kinematics = PathKinematics(model, X, q, v, model.common_ancestor(ends[0].body, ends[1].body))
-        line = LineOfAction.of(tuple(kinematics.end(end) for end in ends))
-        by_name[name] = line.length if name.startswith("length(") else line.rate
+    Each is built relative to the last common ancestor of its points, coordinates and speeds to the base.
+    """
+    by_name: dict[str, Scalar] = {}
+    to_world = model.base.E.T
+    for name, frames in model.of_points.items():
+        function, bodies = name.partition("(")[0], [frame.body for frame in frames]
+        root = BASE if len(frames) == 1 else functools.reduce(model.common_ancestor, bodies)
+        kinematics = PathKinematics(model, X, q, v, root)
+        ends = tuple(kinematics.end(frame) for frame in frames)
+        if function in AXES:
+            place = model.base.point(ends[0].p) if AXES[function] == "q" else to_world @ ends[0].v
+            by_name[name] = place["xyz".index(function[-1])]
+        elif function == "speed":
+            by_name[name] = _norm(ends[0].v)
+        elif function == "angle":
+            a, c = ends[0].p - ends[1].p, ends[2].p - ends[1].p
+            by_name[name] = atan2(_norm(cross(a, c)), dot(a, c))
+        else:
+            from robodyn_cli.forces.element import LineOfAction  # few scenes have forces
+
+            line = LineOfAction.of(ends)
+            by_name[name] = line.length if function == "length" else line.rate
     return by_name
+
+
+TINY = 1e-300  # beside a square whose root is taken: no more than rounding, but the slope at zero is zero then, not 0/0
+
+
+def _norm(x: Vector) -> Scalar:
+    """Return the norm of a vector.
+
+    Steps of an integration end where it bends at zero: that of points in a plane or on a line, which has a single
+    component, and that of a velocity which a single joint gives, c(q) q-dot.
+    """
+    entries = [entry for entry in x if is_nonzero(entry)]
+    rates = {s.value[2]: s for s in free_symbols(entries) if s.value[1] == "v"}
+    if len(entries) > 1 and len(rates) == 1:
+        ((k, rate),) = rates.items()
+        still, unit = (renamed(entries, {"v": {k: number}}) for number in (0.0, 1.0))
+        if not any(map(is_nonzero, still)):
+            return absolute(rate) * _norm(vector(unit))
+    return absolute(entries[0]) if len(entries) == 1 else sqrt(dot(entries, entries) + TINY)
 
 
 def given_torques(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from robodyn_cli.algorithms.energy import body_kinetic_energy
 from robodyn_cli.algorithms.external import PathKinematics, path_torques
 from robodyn_cli.equations.problem import Problem
@@ -10,7 +12,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, FixedFrame, RigidPart
 from robodyn_cli.model.parts import CarriedMass
 from robodyn_cli.scene import types as sc
-from robodyn_cli.spatial.algebra import Twist, Vector, cross, vector, zeros
+from robodyn_cli.spatial.algebra import Twist, Vector, cross, identity, vector, zeros
 
 
 def switched_problem(scene: sc.Scene) -> Problem:
@@ -27,6 +29,25 @@ def own_motion(problem: Problem, payload: CarriedMass) -> tuple[Vector, Scalar]:
     wrenches = {payload.body: part.inertia @ velocity}
     momentum = path_torques(problem.model, problem.q, problem.X, wrenches)
     return momentum, body_kinetic_energy(part.inertia, velocity)
+
+
+def carried_motions(problem: Problem, payloads: Sequence[CarriedMass]) -> list[Scalar]:
+    """Return ten numbers of each payload that moves with its carrier: place (3) [m] and velocity (3) [m/s] of its
+    centre of mass, angular velocity (3) [rad/s], all in the world, and kinetic energy [J]."""
+    model, motions = problem.model, list[Scalar]()
+    kinematics = PathKinematics(model, problem.X, problem.q, problem.v, BASE)
+    to_world = model.base.E.T
+    for payload in payloads:
+        if payload.part is None:
+            motions += [0.0] * 10
+            continue
+        centre = payload.part.frame.point(payload.part.c)
+        end = kinematics.end(FixedFrame(payload.body, centre, identity()))
+        origin = kinematics.end(FixedFrame(payload.body, zeros(3), identity())).velocity
+        own = origin.rotated(problem.pose[payload.body].R.T)
+        motions += [*model.base.point(end.p), *(to_world @ end.v), *(to_world @ end.w)]
+        motions.append(body_kinetic_energy(payload.part.inertia, own))
+    return motions
 
 
 def relative_energies(problem: Problem) -> list[Scalar]:

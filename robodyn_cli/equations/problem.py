@@ -20,7 +20,7 @@ from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
 from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
-from robodyn_cli.equations.elements import Elements, JointForces, given_torques, spans
+from robodyn_cli.equations.elements import Elements, JointForces, functions_of_points, given_torques
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
 from robodyn_cli.expr.rebuild import numbers
@@ -163,15 +163,15 @@ class Problem:
     @cached_property
     def environment(self) -> dict[str, Any]:
         """What formulas of the scene may name."""
-        env: dict[str, Any] = {"t": self.t, **self.spans}
+        env: dict[str, Any] = {"t": self.t, **self.of_points}
         env |= {f"q.{name}": q for name, q in zip(self.model.q_names, self.q)}
         env |= {f"qd.{name}": v for name, v in zip(self.model.v_names, self.v)}
         return env | {f"p.{name}": value for name, value in self.scene.parameters.items()}
 
     @cached_property
-    def spans(self) -> dict[str, Scalar]:
-        """Distances of points [m] and their rates [m/s] that formulas ask for, by the names that these give them."""
-        return spans(self.model, self.X, self.q, self.v)
+    def of_points(self) -> dict[str, Scalar]:
+        """Distances, angles, coordinates and speeds of points that formulas ask for, by the names that these give."""
+        return functions_of_points(self.model, self.X, self.q, self.v) if self.model.of_points else {}
 
     @cached_property
     def actuator_torques(self) -> Vector:

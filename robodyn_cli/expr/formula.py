@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Iterator, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean, shown
 from robodyn_cli.expr.formula_tree import (
+    AXES,
     CONSTANTS,
+    OF_POINTS,
     QUALIFIERS,
-    SPANS,
     FormulaNode,
     Identifier,
     Num,
@@ -19,6 +20,9 @@ from robodyn_cli.expr.formula_tree import (
 )
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
+
+if TYPE_CHECKING:
+    from robodyn_cli.expr.units import Dims
 
 MAX_LENGTH = 10_000
 
@@ -34,14 +38,14 @@ class FormulaTree:
 
     text : as written.
     names : free identifiers with the column of their first use; canonical (``t``, ``q.NAME``, ``qd.NAME``,
-        ``p.NAME``, ``length(A, B)``, ``length_rate(A, B)``) after ``resolve``.
-    degrees : whether ``deg`` is applied outside function arguments, so that the value is an angle.
+        ``p.NAME``, ``length(A, B)``, ``x(A)`` for ``A.x``) after ``resolve``.
+    unit_words : words of units in it, with the column of their first use.
     """
 
     root: FormulaNode
     text: str = dataclasses.field(compare=False)
     columns: Mapping[str, int] = dataclasses.field(default_factory=dict, compare=False, repr=False)
-    degrees: bool = dataclasses.field(default=False, compare=False)
+    unit_words: Mapping[str, int] = dataclasses.field(default_factory=dict, compare=False, repr=False)
     where: str = dataclasses.field(default="", compare=False, repr=False)
 
     @staticmethod
@@ -58,6 +62,11 @@ class FormulaTree:
     def constant(self) -> float | None:
         """The value, where it depends on nothing."""
         return self.root.number if isinstance(self.root, Num) else None
+
+    @property
+    def unit(self) -> Dims | None:
+        """The unit of a constant, as powers of the bases; None where it was written without one."""
+        return self.root.unit if isinstance(self.root, Num) else None
 
     def evaluate(self, env: Mapping[str, Any]) -> Any:
         """Return the value with ``env`` giving each name a float, an array or a graph expression.
@@ -95,6 +104,8 @@ class FormulaTree:
         ------
         SceneError : a name that is unknown, or not among ``variables``.
         """
+        self._refuse_clashes(parameters, "parameter")
+        self._refuse_clashes(joints, "joint")
         canonical = {name: name for name in self.columns if _is_own(name, variables)}
         rates = joints if rates is None else rates
         known = {"p": parameters, "q": joints, "qd": rates, "s": states}
@@ -106,7 +117,7 @@ class FormulaTree:
                 fail(
                     self.text,
                     column,
-                    f"{name!r} is not allowed here; allowed: {_listed([*variables])}",
+                    f"{_as_written(name)!r} is not allowed here; allowed: {_listed([*variables])}",
                     self.where,
                 )
             group, dot, rest = name.partition(".")
@@ -133,18 +144,31 @@ class FormulaTree:
             columns={canonical[name]: column for name, column in self.columns.items()},
         )
 
+    def _refuse_clashes(self, names: Collection[str], kind: str) -> None:
+        """Refuse a unit whose word names something of a kind, too."""
+        for word, column in self.unit_words.items():
+            if word in names:
+                clash = f"{word!r} is a unit here, and the name of a {kind}"
+                fail(self.text, column, f"{clash}; write '*' or '/ (' for the {kind}", self.where)
+
 
 def _is_own(name: str, variables: Collection[str]) -> bool:
-    """Tell whether a name is a distance of points, or a variable of a force, that a formula may contain."""
+    """Tell whether a name is a function of points, or a variable of a force, that a formula may contain."""
     if name.endswith(")"):
-        return SPANS[name.partition("(")[0]] in variables
+        function = name.partition("(")[0]
+        return (AXES[function] if function in AXES else OF_POINTS[function][1]) in variables
     return name in OWN and name in variables
 
 
-def points_of(name: str) -> tuple[str, str]:
-    """Return the two points of ``length(A, B)``."""
-    first, _, second = name.partition("(")[2].removesuffix(")").partition(", ")
-    return first, second
+def points_of(name: str) -> tuple[str, ...]:
+    """Return the points of ``length(A, B)``, ``x(A)``; none of other names."""
+    return tuple(name.partition("(")[2].removesuffix(")").split(", ")) if name.endswith(")") else ()
+
+
+def _as_written(name: str) -> str:
+    """Return ``A.x`` for the name ``x(A)``, others as they are."""
+    axis, _, point = name.removesuffix(")").partition("(")
+    return f"{point}.{axis}" if axis in AXES and point else name
 
 
 def parse(text: str, where: str = "") -> FormulaTree:
@@ -165,7 +189,7 @@ def parse(text: str, where: str = "") -> FormulaTree:
         raise SceneError(f"{prefix(where)}formula of {len(text)} characters; allowed: at most {MAX_LENGTH}")
     parser = Parser(text, where)
     root = parser.whole()
-    return FormulaTree(root, text, parser.names, parser.degrees, where)
+    return FormulaTree(root, text, parser.names, parser.units, where)
 
 
 def formulas_in(value: Any) -> Iterator[FormulaTree]:

@@ -2,27 +2,27 @@
 
 Nothing of Python can be reached from a formula.
 
-    + - * / ^ (or **), unary signs, parentheses, numbers, pi, e, `deg` after a number or parenthesis,
+    + - * / ^ (or **), unary signs, parentheses, numbers, pi, e, a unit after a number or parenthesis,
     sin(x) ... step(x), min(a, b, ...), max(a, b, ...), if(a < b, x, y), t, NAME, q.NAME, qd.NAME, p.NAME,
-    length(POINT, POINT), length_rate(POINT, POINT)
+    length(POINT, POINT), length_rate(POINT, POINT), angle(POINT, POINT, POINT), speed(POINT), POINT.x ... POINT.vz
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NoReturn
 
-from robodyn_cli.errors import unknown_name
+from robodyn_cli.errors import SceneError, unknown_name
 from robodyn_cli.expr import formula_tree as tree
+from robodyn_cli.expr import units
 from robodyn_cli.record import record
 
 MAX_DEPTH = 60
 # each adds an event function, and compile time grows faster than their number
 MAX_SWITCHES = 100
 
-_DEGREE = math.pi / 180.0
 _BINDING = {"+": 10, "-": 10, "*": 20, "/": 20, "^": 40, "**": 40}
 _UNARY_BINDING = 30
 _COMPARISONS = ("<", "<=", ">", ">=")
@@ -72,8 +72,8 @@ class Parser:
         self.tokens = tokens(text, where)
         self.position = 0
         self.names: dict[str, int] = {}
-        self.degrees = False
-        self.calls = 0
+        self.units: dict[str, int] = {}  # words of units, with the columns of their first use
+        self.behind_unit = -1  # the position behind the last unit
         self.switches = 0
 
     def whole(self) -> tree.FormulaNode:
@@ -105,6 +105,9 @@ class Parser:
             wanted = "a comparison is allowed only as the first argument of if(a < b, x, y)"
         elif not wanted and token.kind in ("number", "name"):
             wanted = "an operator such as '*' is missing before it"
+            before = self.tokens[self.tokens.index(token) - 1]
+            if token.kind == "name" and before.kind == "number" and token.text not in units.table():
+                wanted = f"{units.unknown(token.text)}, and {wanted}"
         self.fail(token, f"unexpected {shown}" + (f"; {wanted}" if wanted else ""))
 
     def fold(self, node: tree.FormulaNode, token: Token, *arguments: tree.FormulaNode) -> tree.FormulaNode:
@@ -117,7 +120,14 @@ class Parser:
             self.fail(token, f"{token.text!r} has no value here: {error}")
         if not math.isfinite(number):
             self.fail(token, f"{token.text!r} gives {number}; allowed: finite numbers")
-        return tree.Num(number)
+        return tree.Num(number, self.checked(token, lambda: _unit_of(node)))
+
+    def checked(self, token: Token, unit: Callable[[], units.Dims | None]) -> units.Dims | None:
+        """Return a unit; what has none is refused at a place of the formula."""
+        try:
+            return unit()
+        except SceneError as error:
+            self.fail(token, error.message)
 
     def expression(self, binding: int, depth: int) -> tree.FormulaNode:
         if depth > MAX_DEPTH:
@@ -135,11 +145,10 @@ class Parser:
         else:
             right = self.expression(level + 1, depth + 1)
             node = self.chain(left, token.text, right)
-        if token.text in ("/", "^", "**") and self.tokens[self.position - 1].text == "deg":
+        if token.text in ("/", "^", "**") and self.position == self.behind_unit:
             # 360/7 deg reads as (360/7) deg to people, and as 360/(7 deg) to grammars: refuse to guess
-            self.fail(
-                self.tokens[self.position - 1], f"'deg' after {token.text!r} is ambiguous; use parentheses"
-            )
+            last = self.tokens[self.position - 1]
+            self.fail(last, f"{last.text!r} after {token.text!r} is ambiguous; use parentheses")
         if token.text == "/" and right == tree.Num(0.0):
             self.fail(token, "division by zero")
         return self.fold(node, token, left, right)
@@ -158,14 +167,29 @@ class Parser:
         return self.postfix(self.primary(token, depth), token)
 
     def postfix(self, node: tree.FormulaNode, token: Token) -> tree.FormulaNode:
-        if self.token.text != "deg":
+        """Return a number with the unit behind it in SI units; behind a name only ``deg`` is one."""
+        last = self.tokens[self.position - 1]
+        read = units.match(self.text, last.column - 1 + len(last.text))
+        if self.token.kind != "name" or read is None:
             return node
-        self.next()
-        if self.token.text == "deg":
-            self.unexpected(self.token, "'deg' is allowed once")
-        self.degrees = self.degrees or self.calls == 0
-        degree = tree.Num(_DEGREE)
-        return self.fold(self.chain(node, "*", degree), token, node, degree)
+        unit, end = read
+        if token.kind == "name" and self.token.text != "deg":
+            return node
+        while self.token.column - 1 < end and self.token.kind != "end":
+            if self.token.kind == "name":
+                self.units.setdefault(self.token.text, self.token.column)
+            self.next()
+        if self.token.text in unit.words:
+            self.unexpected(self.token, f"{self.token.text!r} is allowed once")
+        self.behind_unit = self.position
+        if last is token and token.kind == "number":
+            number = unit.value(token.text)
+            if not math.isfinite(number):
+                self.fail(token, f"number {token.text[:40]} is too large")
+            return tree.Num(number, unit.dims)
+        return self.fold(
+            self.chain(node, "*", tree.Num(unit.factor, unit.dims)), token, node, tree.Num(unit.factor)
+        )
 
     def primary(self, token: Token, depth: int) -> tree.FormulaNode:
         if token.kind == "number":
@@ -185,42 +209,46 @@ class Parser:
             if token.text == "deg":
                 self.unexpected(token, "'deg' goes after a number, as in 45 deg")
             group, dot, name = token.text.partition(".")
+            point, _, axis = token.text.rpartition(".")
+            if axis in tree.AXES and point and group not in tree.QUALIFIERS:
+                return self.named(f"{axis}({point})", token)
             if dot and (group not in tree.QUALIFIERS or name.count(".") > (group != "p")):
                 self.fail(
                     token,
                     f"unknown name {token.text!r}; a dot is allowed only in q.JOINT, qd.JOINT, q.JOINT.COORDINATE and "
-                    "p.PARAMETER, and beside a controller in ref.JOINT, refd.JOINT, refdd.JOINT, tau.JOINT and s.STATE",
+                    f"p.PARAMETER, behind points in POINT.{', POINT.'.join(tree.AXES)}, and beside a controller in "
+                    "ref.JOINT, refd.JOINT, refdd.JOINT, tau.JOINT and s.STATE",
                 )
-            self.names.setdefault(token.text, token.column)
-            return tree.Identifier(token.text)
+            return self.named(token.text, token)
         self.unexpected(token, "a number, a name or '(' is needed here")
 
     def call(self, name: Token, depth: int) -> tree.FormulaNode:
-        if name.text in tree.SPANS:
-            return self.span(name)
+        if name.text in tree.OF_POINTS:
+            return self.of_points(name)
         if name.text != "if" and name.text not in tree.FUNCTIONS:
-            known = [*tree.FUNCTIONS, "if", *tree.SPANS]
+            known = [*tree.FUNCTIONS, "if", *tree.OF_POINTS]
             self.fail(name, unknown_name("function", name.text, known))
         self.expect("(")
-        self.calls += 1
         node = self.conditional(name, depth + 1) if name.text == "if" else self.function(name, depth + 1)
-        self.calls -= 1
         self.expect(")")
         return node
 
-    def span(self, function: Token) -> tree.FormulaNode:
-        """Return the name of a distance; its arguments are points."""
-        points = []
-        for sign in ("(", ","):
-            self.expect(sign)
+    def of_points(self, function: Token) -> tree.FormulaNode:
+        """Return the name of a function of points, such as their distance."""
+        points: list[str] = []
+        for _ in range(tree.OF_POINTS[function.text][0]):
+            self.expect("," if points else "(")
             if self.token.kind != "name":
                 self.unexpected(
                     self.token, "a point is needed here: a name, or LINK.origin, LINK.end, LINK.com"
                 )
             points.append(self.next().text)
         self.expect(")")
-        name = f"{function.text}({', '.join(points)})"
-        self.names.setdefault(name, function.column)
+        return self.named(f"{function.text}({', '.join(points)})", function)
+
+    def named(self, name: str, token: Token) -> tree.FormulaNode:
+        """Return a free name, which stands first where a token does."""
+        self.names.setdefault(name, token.column)
         return tree.Identifier(name)
 
     def function(self, name: Token, depth: int) -> tree.FormulaNode:
@@ -265,3 +293,38 @@ class Parser:
         self.count_switches(name, 1, (left, right))
         node = tree.If(comparison.text, left, right, yes, no)
         return self.fold(node, name, left, right, yes, no)
+
+
+# functions of which a number keeps its unit; of the others it is a plain one
+_KEEPING = ("abs", "min", "max")
+
+
+def _unit_of(node: tree.FormulaNode) -> units.Dims | None:
+    """Return the unit of an operation between numbers.
+
+    Raises
+    ------
+    SceneError : it has none: lengths and masses do not add up.
+    """
+    if isinstance(node, tree.Num):
+        return node.unit
+    if isinstance(node, tree.Negative):
+        return _unit_of(node.operand)
+    if isinstance(node, tree.Chain):
+        unit = _unit_of(node.first)
+        for op, other in node.rest:
+            unit = units.combined(op, unit, _unit_of(other))
+        return unit
+    if isinstance(node, tree.Power):
+        exponent = node.exponent
+        return units.raised(_unit_of(node.base), exponent.number if isinstance(exponent, tree.Num) else 1.0)
+    if isinstance(node, tree.If):
+        return units.combined("+", _unit_of(node.yes), _unit_of(node.no))
+    if isinstance(node, tree.Call) and node.function == "sqrt":
+        return units.raised(_unit_of(node.arguments[0]), 0.5, "sqrt")
+    if isinstance(node, tree.Call) and node.function in _KEEPING:
+        unit = None
+        for argument in node.arguments:
+            unit = units.combined("+", unit, _unit_of(argument))
+        return unit
+    return None

@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import math
 import operator
 from collections.abc import Callable, Mapping
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.expr import functions as fn
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
+
+if TYPE_CHECKING:
+    from robodyn_cli.expr.units import Dims
 
 CONSTANTS: dict[str, float] = {"pi": math.pi, "e": math.e}
 MANY = 1000
@@ -44,8 +48,11 @@ _BINARY: dict[str, Callable[[Any, Any], Any]] = {
 
 # what stands before a dot: positions, rates, parameters; reference, states and torques of a controller
 QUALIFIERS = ("q", "qd", "p", "ref", "refd", "refdd", "s", "tau")
-# distances of two points [m] and their rates, as names of their own: length(tip, base.origin)
-SPANS = {"length": "q", "length_rate": "qd"}
+# what formulas ask of points, as names of their own such as length(tip, base.origin): of how many points, and whether
+# it is of positions or of rates
+OF_POINTS = {"length": (2, "q"), "length_rate": (2, "qd"), "angle": (3, "q"), "speed": (1, "qd")}
+# coordinates and velocities of a point in the world, which are written tip.x and named x(tip)
+AXES = {"x": "q", "y": "q", "z": "q", "vx": "qd", "vy": "qd", "vz": "qd"}
 
 
 def fail(text: str, column: int, message: str, where: str = "") -> NoReturn:
@@ -76,7 +83,10 @@ class FormulaNode:
 
 @record
 class Num(FormulaNode):
+    """A number; unit : of what it was written in, as powers of the bases, None where it was written without one."""
+
     number: float
+    unit: Dims | None = dataclasses.field(default=None, compare=False, repr=False)
 
     def value(self, env: Mapping[str, Any]) -> Any:
         return self.number

@@ -19,7 +19,10 @@ _BOUND = re.compile(r"(<=|>=|<|>)(.*)", re.DOTALL)
 
 @record
 class Expectation:
-    """The value that is expected: between ``low`` and ``high`` (excluded where ``strict``), or exactly ``value``."""
+    """The value that is expected: between ``low`` and ``high`` (excluded where ``strict``), or exactly ``value``.
+
+    unit : in which its numbers are written, as SI unit; empty where they have none. They are in SI units here.
+    """
 
     text: str
     low: float = -math.inf
@@ -27,6 +30,7 @@ class Expectation:
     strict: bool = False
     value: bool | str | None = None
     numeric: bool = False
+    unit: str = ""
 
     def holds(self, actual: Any) -> bool:
         """Tell whether a value is as expected."""
@@ -56,46 +60,33 @@ def parse_expectation(value: bool | int | float | str | None) -> Expectation:
         )
     text = " ".join(value.replace("\N{PLUS-MINUS SIGN}", "+-").split())
     if match := _BOUND.match(text):
-        sign, limit = match.group(1), _number(match.group(2), text)
+        sign, (limit,), unit = match.group(1), *_quantities([match.group(2)], text, FORMS)
         bounds = (limit, math.inf) if sign.startswith(">") else (-math.inf, limit)
-        return Expectation(text, *bounds, strict="=" not in sign, numeric=True)
+        return Expectation(text, *bounds, strict="=" not in sign, numeric=True, unit=unit)
     if "+-" in text:
         return _around(text)
     if ".." in text:
-        low, _, high = text.partition("..")
-        expectation = Expectation(text, _number(low, text), _number(high, text), numeric=True)
+        (least, most), unit = _quantities(text.split("..", 1), text, FORMS)
+        expectation = Expectation(text, least, most, numeric=True, unit=unit)
         if expectation.low > expectation.high:
             raise SceneError(f"{text!r}: the first number is the larger one; {FORMS}")
         return expectation
-    exact = _constant(text) if any(c.isdigit() for c in text) else None
-    return Expectation(text, value=text) if exact is None else Expectation(text, exact, exact, numeric=True)
+    try:
+        (exact,), unit = _quantities([text] if any(c.isdigit() for c in text) else ["no number"], text, FORMS)
+    except SceneError:
+        return Expectation(text, value=text)
+    return Expectation(text, exact, exact, numeric=True, unit=unit)
 
 
 def _around(text: str) -> Expectation:
     left, _, right = text.partition("+-")
-    centre = _number(left, text)
     percent = right.rstrip().endswith("%")
-    width = _number(right.rstrip().removesuffix("%"), text)
+    (centre, width), unit = _quantities([left, right.rstrip().removesuffix("%")], text, FORMS)
     if percent:
         width *= abs(centre) / 100.0
     if width < 0.0:
         raise SceneError(f"{text!r}: the tolerance is negative; {FORMS}")
-    return Expectation(text, centre - width, centre + width, numeric=True)
-
-
-def _number(part: str, text: str) -> float:
-    constant = _constant(part.strip())
-    if constant is None:
-        raise SceneError(f"{text!r}: {part.strip()!r} is not a number; {FORMS}")
-    return constant
-
-
-def _constant(text: str) -> float | None:
-    """Return the value of a constant expression, None if the text is something else."""
-    try:
-        return fm.parse(text).constant
-    except SceneError:
-        return None
+    return Expectation(text, centre - width, centre + width, numeric=True, unit=unit)
 
 
 RANGES = (
@@ -112,14 +103,14 @@ class Variation:
     """What one key varies over.
 
     text : as it is written. values : of a grid, in SI units. distribution, arguments : the name of a distribution and
-    its parameters, in SI units; without values. degrees : the numbers are given with ``deg``.
+    its parameters, in SI units; without values. unit : in which the numbers are written, as SI unit.
     """
 
     text: str
     values: tuple[float, ...] = ()
     distribution: str = ""
     arguments: tuple[float, ...] = ()
-    degrees: bool = False
+    unit: str = ""
 
     @property
     def is_grid(self) -> bool:
@@ -156,16 +147,17 @@ def parse_variation(given: Any) -> Variation:
 def _listed(parts: Sequence[str], text: str) -> Variation:
     if not parts:
         raise SceneError(f"{text!r} has no values; {RANGES}")
-    values, degrees = _numbers(parts, text)
-    return Variation(text, values, degrees=degrees)
+    values, unit = _quantities(parts, text)
+    return Variation(text, values, unit=unit)
 
 
 def _space(name: str, parts: Sequence[str], text: str) -> Variation:
     """Return ``linspace`` or ``logspace``: n values from a to b, equally spaced or with equal ratios."""
     if len(parts) != 3:
         raise SceneError(f"{text!r}: {name} takes three numbers; {RANGES}")
-    (a, b, n), degrees = _numbers(parts, text)
-    if not n.is_integer() or not 1 <= n <= MOST_VALUES:
+    (a, b), unit = _quantities(parts[:2], text)
+    (n,), unit_of_n = _quantities(parts[2:], text)
+    if unit_of_n or not n.is_integer() or not 1 <= n <= MOST_VALUES:
         raise SceneError(
             f"{text!r}: the number of values is {parts[2].strip()}; allowed: a whole number from 1 to {MOST_VALUES}"
         )
@@ -177,34 +169,34 @@ def _space(name: str, parts: Sequence[str], text: str) -> Variation:
     values = [a + (b - a) * s if linear else a * (b / a) ** s for s in parts_of_way]
     if count > 1:
         values[-1] = b
-    return Variation(text, tuple(values), degrees=degrees)
+    return Variation(text, tuple(values), unit=unit)
 
 
 def _uniform(name: str, parts: Sequence[str], text: str) -> Variation:
-    (low, high), degrees = _arguments(name, parts, 2, text)
+    (low, high), unit = _arguments(name, parts, 2, text)
     if not low < high:
         raise SceneError(f"{text!r}: the lower bound is not below the upper one")
-    return Variation(text, distribution=name, arguments=(low, high), degrees=degrees)
+    return Variation(text, distribution=name, arguments=(low, high), unit=unit)
 
 
 def _triangular(name: str, parts: Sequence[str], text: str) -> Variation:
-    (low, mode, high), degrees = _arguments(name, parts, 3, text)
+    (low, mode, high), unit = _arguments(name, parts, 3, text)
     if not (low <= mode <= high and low < high):
         raise SceneError(f"{text!r}: needed are low <= mode <= high and low < high")
-    return Variation(text, distribution=name, arguments=(low, mode, high), degrees=degrees)
+    return Variation(text, distribution=name, arguments=(low, mode, high), unit=unit)
 
 
 def _normal(name: str, parts: Sequence[str], text: str) -> Variation:
     percent = len(parts) == 2 and parts[1].rstrip().endswith("%")
     plain = [parts[0], parts[1].rstrip().removesuffix("%")] if percent else parts
-    (mean, sd), degrees = _arguments(name, plain, 2, text)
+    (mean, sd), unit = _arguments(name, plain, 2, text)
     if percent:
         if mean == 0.0:
             raise SceneError(f"{text!r}: a percentage of a mean of 0 is no scale; give sd as a number")
         sd *= abs(mean) / 100.0
     if not sd > 0.0:
         raise SceneError(f"{text!r}: the standard deviation is {sd:g}; allowed: a number > 0")
-    return Variation(text, distribution=name, arguments=(mean, sd), degrees=degrees)
+    return Variation(text, distribution=name, arguments=(mean, sd), unit=unit)
 
 
 _READERS: dict[str, Callable[[str, Sequence[str], str], Variation]] = {
@@ -216,25 +208,28 @@ _READERS: dict[str, Callable[[str, Sequence[str], str], Variation]] = {
 }
 
 
-def _arguments(name: str, parts: Sequence[str], count: int, text: str) -> tuple[tuple[float, ...], bool]:
+def _arguments(name: str, parts: Sequence[str], count: int, text: str) -> tuple[tuple[float, ...], str]:
     if len(parts) != count:
         raise SceneError(f"{text!r}: {name} takes {count} numbers; {RANGES}")
-    return _numbers(parts, text)
+    return _quantities(parts, text)
 
 
-def _numbers(parts: Sequence[str], text: str) -> tuple[tuple[float, ...], bool]:
-    """Return the values of constant expressions, and whether any is in degrees."""
-    values, degrees = [], False
+def _quantities(parts: Sequence[str], text: str, forms: str = RANGES) -> tuple[tuple[float, ...], str]:
+    """Return the values of constant expressions in SI units, and their unit; empty where none has one."""
+    from robodyn_cli.expr import units
+
+    values = []
+    unit: units.Dims | None = None
     for part in parts:
         try:
             tree = fm.parse(part.strip())
+            unit = units.combined("+", unit, tree.unit)
         except SceneError as error:
-            raise SceneError(f"{text!r}: {error.message}; {RANGES}") from error
+            raise SceneError(f"{text!r}: {error.message}; {forms}") from error
         if tree.constant is None or not math.isfinite(tree.constant):
-            raise SceneError(f"{text!r}: {part.strip()!r} is not a finite number; {RANGES}")
+            raise SceneError(f"{text!r}: {part.strip()!r} is not a finite number; {forms}")
         values.append(tree.constant)
-        degrees = degrees or tree.degrees
-    return tuple(values), degrees
+    return tuple(values), "" if unit is None else units.written(unit) or "1"
 
 
 def _split(text: str) -> list[str]:

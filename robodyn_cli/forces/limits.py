@@ -10,7 +10,7 @@ from robodyn_cli.expr.graph import Expr
 from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Number, Section, key
-from robodyn_cli.schema.spans import Span, span_fault, span_kind
+from robodyn_cli.schema.spans import SPAN, Span, span_fault
 
 BOUNDS = ("lower", "upper", "speed", "acceleration", "jerk", "effort")
 
@@ -62,32 +62,28 @@ class Limits(InJoint):
 
     term: ClassVar[str] = "stops"
 
-    lower: float | None = key(
-        Number(angle=True), default=None, unit="rad or m", doc="Least q; none by default."
-    )
-    upper: float | None = key(
-        Number(angle=True), default=None, unit="rad or m", doc="Largest q; none by default."
-    )
+    lower: float | None = key(Number(), default=None, unit="rad or m", doc="Least q; none by default.")
+    upper: float | None = key(Number(), default=None, unit="rad or m", doc="Largest q; none by default.")
     speed: Span | None = key(
-        span_kind(angle=True),
+        SPAN,
         default=None,
         unit="rad/s or m/s",
         doc="Largest speed, either way; or least and largest rate.",
     )
     acceleration: Span | None = key(
-        span_kind(angle=True),
+        SPAN,
         default=None,
         unit="rad/s^2 or m/s^2",
         doc="Largest acceleration, either way; or the least and the largest one.",
     )
     jerk: float | None = key(
-        Number(minimum=0.0, exclusive=True, angle=True),
+        Number(minimum=0.0, exclusive=True),
         default=None,
         unit="rad/s^3 or m/s^3",
         doc="Largest rate of the acceleration, either way.",
     )
     effort: Span | None = key(
-        span_kind(angle=False),
+        SPAN,
         default=None,
         unit="N m or N",
         doc="Largest torque or force of the drive, either way; or the least and the largest one.",

@@ -48,7 +48,7 @@ class Spring(InJoint):
 
     stiffness: float = key(Number(minimum=0.0), unit="N m/rad or N/m", doc="Stiffness k.")
     rest: Any = key(
-        Either((Number(angle=True), Vector(3, angle=True))),
+        Either((Number(), Vector(3))),
         default=0.0,
         unit="rad or m",
         doc="Position q0 at which the torque is zero; in space a rotation vector or a displacement.",
@@ -256,7 +256,7 @@ class TorsionalSpring(Between):
     )
     stiffness: float = key(Number(minimum=0.0), default=0.0, unit="N m/rad", doc="Stiffness k.")
     rest: float = key(
-        Number(angle=True), default=0.0, unit="rad", doc="Angle theta0 at which the spring is free of torque."
+        Number(), default=0.0, unit="rad", doc="Angle theta0 at which the spring is free of torque."
     )
     damping: float = key(Number(minimum=0.0), default=0.0, unit="N m s/rad", doc="Damping c.")
 

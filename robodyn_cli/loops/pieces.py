@@ -30,7 +30,7 @@ def axis_key(doc: str, **default: Any) -> Any:
 def attitude_key() -> Any:
     """Return the key of the attitude in which a closure holds two links."""
     return key(
-        Vector(3, angle=True),
+        Vector(3),
         default=(0.0, 0.0, 0.0),
         unit="rad",
         doc="Attitude of the second link's frame in the first link's: roll, pitch, yaw.",

@@ -187,7 +187,7 @@ def build_model(
         q_units=tuple(unit for _, joint in joints for unit in joint.units),
         v_units=tuple(unit for _, joint in joints for unit in joint.v_units),
         parameters=(*symbolic, *(f"payloads.{payload.name}" for payload in changing)),
-        spans={name: places.span(name) for name in _spans(scene)},
+        of_points={name: tuple(map(places.at, points_of(name))) for name in _names_of_points(scene)},
         payloads=payloads,
         switched=tuple(float(payload.spec.start is None) for payload in changing),
     )
@@ -332,11 +332,6 @@ class _Places:
         first, second = (self.at(text) for text in element.between)
         return Loop(element.name, element, first, second)
 
-    def span(self, name: str) -> tuple[FixedFrame, FixedFrame]:
-        """Return the points of a distance that a formula asks for."""
-        first, second = points_of(name)
-        return self.at(first), self.at(second)
-
     def of(self, text: str) -> FixedFrame:
         """Return a named frame with its own axes, or a point as ``at`` does."""
         return self.frames[text] if text in self.frames else self.at(text)
@@ -363,8 +358,8 @@ def _take_up(places: _Places, moving: Sequence[_Moving], values: _Values, switch
     return tuple(payloads)
 
 
-def _spans(scene: sc.Scene) -> list[str]:
-    """Return the distances of points that formulas ask for, in the order of the scene."""
+def _names_of_points(scene: sc.Scene) -> list[str]:
+    """Return the names of what formulas ask of points, in the order of the scene."""
     formulas = formulas_in(
         [scene.torques, scene.forces, scene.payloads, scene.control, scene.outputs.signals]
     )

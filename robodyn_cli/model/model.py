@@ -158,8 +158,8 @@ class Model:
     joint_names : of the joints that move, in the order of the YAML, which places in q and v follow. q_names,
         v_names : of the columns of q and v (``hinge``, ``ball.qw``, ``ball.wx``). q_units : ``rad``, ``m`` or ``1``;
         v_units : ``rad`` or ``m``, per second those of v.
-    outlines : for each link, the points that a drawing connects. spans : points whose distance, or its rate, formulas
-        ask for, by the name that they give it. payloads : masses that bodies carry or pick up.
+    outlines : for each link, the points that a drawing connects. of_points : points of which formulas ask
+        something, by the name that they give it. payloads : masses that bodies carry or pick up.
     switched : of payloads that parameters p switch, the last of ``parameters``, their values at t = 0.
     """
 
@@ -183,7 +183,7 @@ class Model:
     q_units: tuple[str, ...] = ()
     v_units: tuple[str, ...] = ()
     parameters: tuple[str, ...] = ()
-    spans: Mapping[str, tuple[FixedFrame, FixedFrame]] = dataclasses.field(default_factory=dict)
+    of_points: Mapping[str, tuple[FixedFrame, ...]] = dataclasses.field(default_factory=dict)
     payloads: tuple[Any, ...] = ()
     switched: tuple[float, ...] = ()
 

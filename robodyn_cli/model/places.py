@@ -154,7 +154,7 @@ def _record(value: Any, place: str, number: Callable[[float, str], float]) -> An
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
         turns = isinstance(value, Orientation) and field.name in _ORIENTATION
-        if turns or _is_attitude(field.metadata.get("kind")):
+        if turns or _is_attitude(field):
             continue
         if (
             own is None
@@ -168,9 +168,10 @@ def _record(value: Any, place: str, number: Callable[[float, str], float]) -> An
     return dataclasses.replace(value, **changed) if changed else value
 
 
-def _is_attitude(kind: Any) -> bool:
+def _is_attitude(field: dataclasses.Field[Any]) -> bool:
     """Tell whether a key is a direction or a list of angles."""
-    return isinstance(kind, Direction) or (isinstance(kind, Vector) and kind.angle)
+    kind = field.metadata.get("kind")
+    return isinstance(kind, Direction) or (isinstance(kind, Vector) and field.metadata["unit"] == "rad")
 
 
 def _formula(formula: FormulaTree, place: str, number: Callable[[float, str], float]) -> FormulaTree:

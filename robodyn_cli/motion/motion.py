@@ -24,6 +24,7 @@ from robodyn_cli.summaries.motion import Gains
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.conditioning import Conditioning
+    from robodyn_cli.results.result import Result
 
 
 @record
@@ -79,6 +80,9 @@ class Watcher:
     def kernels(self) -> dict[str, SampleKernel]:
         """What it evaluates beside its event functions, by name, once it has taken the motion."""
         return {}
+
+    def add_to(self, result: Result) -> None:
+        """Add datasets of its own to the result of a run."""
 
     def follow(self, motion: Motion) -> None:
         """Take the motion, once it is built."""

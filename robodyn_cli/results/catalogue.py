@@ -118,6 +118,9 @@ RUN: tuple[Entry, ...] = (
         "forces/power", ("time", "force"), "W", "power of each entry of `forces` beside its potential energy"
     ),
     Entry("points/NAME", ("time", "axis"), "m", "position of a point in the world frame", XYZ),
+    Entry("flights/PAYLOAD/time", ("PAYLOAD_flight",), "s", "times of a flight, from the release on"),
+    Entry("flights/PAYLOAD/position", ("PAYLOAD_flight", "axis"), "m", "its place in the world frame", XYZ),
+    Entry("flights/PAYLOAD/velocity", ("PAYLOAD_flight", "axis"), "m/s", "velocity of that place", XYZ),
     Entry(
         "pieces",
         ("piece", "coefficient"),

@@ -42,6 +42,21 @@ class Instant:
 
 
 @record
+class LandingPlane:
+    """The plane in the world to which a released payload comes down."""
+
+    through: tuple[float, ...] = key(
+        Vector(3), default=(0.0, 0.0, 0.0), unit="m", doc="A point of it; default: the world's origin."
+    )
+    normal: tuple[float, ...] | None = key(
+        Direction(),
+        default=None,
+        unit="1",
+        doc="Its normal, on whose side the payload flies; default: against gravity.",
+    )
+
+
+@record
 class Payload:
     """A rigid body that a link carries for a while."""
 
@@ -63,6 +78,12 @@ class Payload:
         doc="When it is gripped; without this key it is carried from the start.",
     )
     until: Instant | None = key(Section(Instant), default=None, doc="When it is released.")
+    plane: LandingPlane | None = key(
+        Section(LandingPlane),
+        default=None,
+        name="range",
+        doc="Where its flight ends after the release: its centre of mass comes down to this plane.",
+    )
     velocity: tuple[float, ...] = key(
         Vector(3),
         default=(0.0, 0.0, 0.0),
@@ -102,11 +123,9 @@ class Sweep:
     """One joint that goes from one position to another at a constant rate."""
 
     joint: str = key(Name(of="joint"), doc="The joint that is swept.")
-    start: float = key(Number(angle=True), unit="rad or m", doc="Where it begins.")
-    stop: float = key(Number(angle=True), unit="rad or m", doc="Where it ends.")
-    rate: float = key(
-        Number(minimum=0.0, exclusive=True, angle=True), default=1.0, unit="rad/s or m/s", doc="Its speed."
-    )
+    start: float = key(Number(), unit="rad or m", doc="Where it begins.")
+    stop: float = key(Number(), unit="rad or m", doc="Where it ends.")
+    rate: float = key(Number(minimum=0.0, exclusive=True), default=1.0, unit="rad/s or m/s", doc="Its speed.")
 
 
 @record
@@ -146,7 +165,7 @@ class Latch:
         ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
     )
     at: dict[str, float] = key(
-        JointMap(Number(angle=True)),
+        JointMap(Number()),
         default=None,
         unit="rad or m",
         doc="Position of one joint at which it closes, for `criterion: latch`.",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections.abc import Iterable
@@ -11,8 +12,11 @@ from typing import Any
 
 from robodyn_cli.errors import SceneError, did_you_mean, nearest_word, unknown_name
 from robodyn_cli.expr.statements import Expectation, Variation, parse_expectation, parse_variation
+from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
-from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader, joint_map
+from robodyn_cli.scene.read_joints import coordinate_of, joint_map
+from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader
+from robodyn_cli.scene.robot_types import Joint
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import concrete
 from robodyn_cli.schema import fields as kinds
@@ -20,6 +24,8 @@ from robodyn_cli.schema import fields as kinds
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
 _LONGEST = 1e100
+# keys of summaries whose figures are in degrees
+IN_DEGREES = frozenset({"angles_deg", "smallest_deg", "largest_deg"})
 
 
 def _entries(node: nodes.Sequence) -> str:
@@ -58,6 +64,13 @@ class _Keys:
     def needed(self) -> list[str]:
         """The keys without a default."""
         return [name for name, field in self.fields.items() if _is_needed(field)]
+
+
+def _in_unit_of(key: str, path: nodes.Path, expected: Expectation) -> Expectation:
+    """Return what is expected of a figure in the unit of the figure, where that is no SI unit."""
+    if expected.unit != "rad" or not IN_DEGREES.intersection(".".join((*map(str, path), key)).split(".")):
+        return expected
+    return dataclasses.replace(expected, low=math.degrees(expected.low), high=math.degrees(expected.high))
 
 
 def _is_needed(field: dataclasses.Field[Any]) -> bool:
@@ -101,9 +114,9 @@ class Reader(ScalarReader):
             raise self.wrong(kind, node, path, unit)
         if kind.size and len(node.items) != kind.size:
             raise self.wrong(kind, node, path, unit, _entries(node))
-        entry = kinds.Number(angle=kind.angle)
+        units = kinds.units_of_entries(kind, unit, len(node.items))
         return tuple(
-            self.plain_number(entry, item, (*path, k), unit, kind.angle) for k, item in enumerate(node.items)
+            self.plain_number(kinds.Number(), item, (*path, k), units[k]) for k, item in enumerate(node.items)
         )
 
     def direction(
@@ -141,7 +154,9 @@ class Reader(ScalarReader):
         for key, item in self.entries_of(kind, node, path, unit):
             with self.faults:
                 self.check_name(kind.of, key, (*path, key.text))
-            value = self.value(kind.item, item, (*path, key.text), unit)
+            of = self.names.types.get(key.text) if kind.of == "joint" else None
+            with self.of_coordinate(coordinate_of(joint_types.get(of or "")), key.text if of else ""):
+                value = self.value(kind.item, item, (*path, key.text), unit)
             if value is not BROKEN:
                 result[key.text] = value
         return result
@@ -158,7 +173,7 @@ class Reader(ScalarReader):
                 result.update({f"{key.text}.{name}": expected for name, expected in inner.items()})
             elif isinstance(item, nodes.Scalar):
                 try:
-                    result[key.text] = parse_expectation(item.value)
+                    result[key.text] = _in_unit_of(key.text, path, parse_expectation(item.value))
                 except SceneError as error:
                     self.faults.report(nodes.located(item, nodes.dotted(here), error.message))
             else:
@@ -244,12 +259,20 @@ class Reader(ScalarReader):
             )
             message = f"{fault} (value {nodes.describe_node(node)}); allowed: a map with keys {listed}"
             raise nodes.located(node, nodes.dotted(path), message)
-        values = self.section_values(keys, node, path)
+        joint = self.joint_of(kind.cls, node)
+        coordinate = coordinate_of(joint_types.get(self.names.types.get(joint, "")))
+        with self.of_coordinate(coordinate, joint) if joint else contextlib.nullcontext():
+            values = self.section_values(keys, node, path)
         self.check_missing(keys, values, node, path)
         known = {keys.field(name): value for name, value in values.items() if value is not BROKEN}
         if not path:
             known = {**self.stand_ins, **known}
         return kind.cls(**known) if all(keys.field(name) in known for name in keys.needed) else BROKEN
+
+    def joint_of(self, cls: type, node: nodes.Mapping) -> str:
+        """Return the joint that a section describes, or that its key ``joint`` names; empty without one."""
+        name = node.get("name" if cls is Joint else "joint")
+        return name.text if isinstance(name, nodes.Scalar) and name.text in self.names.types else ""
 
     def section_values(self, keys: _Keys, node: nodes.Mapping, path: nodes.Path) -> dict[str, Any]:
         """Return the values by field; keys that do not exist are faults."""

@@ -1,29 +1,22 @@
-"""Read scalars of a tree (numbers, words, names, formulas) and values by joint; complaints name file, line and key.
-
-Values by joint are flat, by column: ``slide.theta``, ``ball.qw``. Attitudes may be given as a quaternion, as roll,
-pitch and yaw or as a rotation vector; numbers become the quaternion, formulas stay under ``ball.rpy``.
-"""
+"""Read scalars of a tree (numbers, words, names, formulas) and values by joint; complaints name file, line and key."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
-from robodyn_cli.errors import SceneError, did_you_mean, shown, unknown_name
+from robodyn_cli.errors import SceneError, did_you_mean, shown
 from robodyn_cli.expr import formula as fm
-from robodyn_cli.joints.base import Joint
-from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import (
     Faults,
-    Mapping,
     Node,
     Path,
     Scalar,
-    Sequence,
     describe_node,
     dotted,
     doubts_of_angle,
@@ -35,13 +28,14 @@ from robodyn_cli.schema.fields import (
     CsvFile,
     Formula,
     Integer,
-    JointMap,
     Kind,
     MeshFile,
     Name,
     Number,
     Text,
     describe,
+    for_coordinate,
+    of_angle,
 )
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
@@ -68,6 +62,7 @@ class ScalarReader:
         self.names = names
         self.faults = faults
         self.doubts: list[str] = []
+        self.coordinate, self.joint = "", ""  # unit and joint that values which depend on these are of
         # looked up for each formula: as sets, but in the order of the scene
         self.joints = dict.fromkeys(names.joints)
         self.rates = dict.fromkeys(names.rates or names.joints)
@@ -83,6 +78,16 @@ class ScalarReader:
             CsvFile: self.text,
             MeshFile: self.text,
         }
+
+    @contextlib.contextmanager
+    def of_coordinate(self, unit: str, joint: str = "") -> Iterator[None]:
+        """Read values of a coordinate in ``rad`` or ``m`` in this block; of other units, of a joint of either kind."""
+        before = self.coordinate, self.joint
+        self.coordinate, self.joint = unit, joint
+        try:
+            yield
+        finally:
+            self.coordinate, self.joint = before
 
     def value(self, kind: Kind, node: Node, path: Path, unit: str = "") -> Any:
         """Return the value of ``node`` as ``kind`` asks; report a fault and return BROKEN where it cannot be read."""
@@ -108,26 +113,37 @@ class ScalarReader:
         )
 
     def number(self, kind: Number, node: Node, path: Path, unit: str) -> float:
-        value = self.plain_number(kind, node, path, unit, kind.angle)
+        value = self.plain_number(kind, node, path, unit)
         self.check_range(kind, value, node, path, unit)
         return value
 
-    def plain_number(self, kind: Kind, node: Node, path: Path, unit: str, angle: bool) -> float:
-        """Return a finite number, from a number or from text that is a constant formula."""
+    def plain_number(self, kind: Kind, node: Node, path: Path, unit: str) -> float:
+        """Return a finite number in SI units, from a number or from text that is a constant formula."""
         if not isinstance(node, Scalar) or node.value is None or isinstance(node.value, bool):
             raise self.wrong(kind, node, path, unit)
         if not isinstance(node.value, str):
             value = self.finite(node, path)
-            if angle and abs(value) > math.tau:
+            if abs(value) > math.tau and of_angle(for_coordinate(unit, self.coordinate)):
                 self.doubts += doubts_of_angle(value, node, path)
             return value
         tree = self.parse(kind, node, path, unit)
         if tree.constant is None:
             name = sorted(tree.names)[0]
             raise self.wrong(kind, node, path, unit, f"is not a number: {name!r} is part of it")
-        if tree.degrees and not angle:
-            raise self.wrong(kind, node, path, unit, "'deg' does not fit: this is not an angle")
+        self.check_unit(kind, tree, node, path, unit)
         return tree.constant
+
+    def check_unit(self, kind: Kind, tree: fm.FormulaTree, node: Scalar, path: Path, unit: str) -> None:
+        """Refuse a constant of another kind than its key; a key without a unit, such as a parameter, takes any."""
+        if tree.unit is None or not unit:
+            return
+        from robodyn_cli.expr import units
+
+        unit = for_coordinate(unit, self.coordinate)
+        if fault := units.fault(tree.unit, unit, node.text):
+            words = ", ".join(repr(word) for word in tree.unit_words)
+            of = f" of joint {self.joint!r}" if self.joint else ""
+            raise self.wrong(kind, node, path, unit, f"{words} does not fit{of}: {fault}")
 
     def finite(self, node: Scalar, path: Path) -> float:
         value = float(node.value) if isinstance(node.value, (int, float)) else math.nan
@@ -148,7 +164,7 @@ class ScalarReader:
             raise self.wrong(kind, node, path, unit, "is too large")
 
     def integer(self, kind: Integer, node: Node, path: Path, unit: str) -> int:
-        value = self.plain_number(kind, node, path, unit, False)
+        value = self.plain_number(kind, node, path, unit or "1")
         if not value.is_integer():
             raise self.wrong(kind, node, path, unit, "is not a whole number")
         self.check_range(kind, value, node, path, unit)
@@ -210,6 +226,7 @@ class ScalarReader:
         if not isinstance(node.value, str):
             return fm.FormulaTree.number(self.finite(node, path))
         tree = self.parse(kind, node, path, unit)
+        self.check_unit(kind, tree, node, path, unit)
         self.check_moving(tree, node, path)
         try:
             tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates, self.names.states)
@@ -235,166 +252,3 @@ class ScalarReader:
             return fm.parse(node.text)
         except SceneError as error:
             raise located(node, dotted(path), f"{error.message}; allowed: {describe(kind, unit)}") from None
-
-
-ATTITUDES = {"quaternion": 4, "rpy": 3, "rotation_vector": 3}
-QUATERNION = ("qw", "qx", "qy", "qz")
-POSITION = ("x", "y", "z")
-LENGTH = 1e-3  # tolerance of a quaternion's length 1: three digits
-
-
-def joint_map(reader: ScalarReader, kind: JointMap, node: Node, path: Path, unit: str) -> dict[str, Any]:
-    """Return values by column of q or v."""
-    if isinstance(node, Scalar) and node.value is None:
-        return {}
-    if not isinstance(node, Mapping):
-        raise reader.wrong(kind, node, path, unit)
-    result: dict[str, Any] = {}
-    for key, item in node.entries:
-        here = (*path, key.text)
-        with reader.faults:
-            reader.check_name(kind.of, key, here)
-            values = joint_values(reader, kind, key.text, item, here, unit)
-            result.update({name: value for name, value in values.items() if value is not BROKEN})
-    return result
-
-
-def joint_values(
-    reader: ScalarReader, kind: JointMap, name: str, node: Node, path: Path, unit: str
-) -> dict[str, Any]:
-    """Return what is given for the joint called ``name``, by column.
-
-    Raises
-    ------
-    SceneError : the value does not fit the joint's coordinates.
-    """
-    if kind.word and isinstance(node, Scalar) and node.text == kind.word:
-        return {name: kind.word}
-    joint = joint_types.get(reader.names.types.get(name, ""))
-    items = {} if joint is None else _items(kind, joint)
-    if joint is None or not items:
-        slides = joint is not None and joint.units == ("m",)
-        item = _item(kind.item, "m") if slides and kind.coordinates == "q" else kind.item
-        return {name: reader.value(item, node, path, unit)}
-    names = tuple(items)
-    if isinstance(node, Sequence):
-        if len(node.items) != len(names):
-            raise located(
-                node, dotted(path), f"has {len(node.items)} entries; needed: {len(names)}, {', '.join(names)}"
-            )
-        values = {
-            x: reader.value(items[x], item, (*path, k), unit)
-            for k, (x, item) in enumerate(zip(names, node.items))
-        }
-    elif isinstance(node, Mapping):
-        values = _from_map(reader, kind, joint, node, path, unit)
-    else:
-        raise located(
-            node, dotted(path), f"{_wanted(joint, kind, name, names)} (value {describe_node(node)})"
-        )
-    if any(value is BROKEN for value in values.values()):
-        return {}
-    if joint.quasi and kind.coordinates == "q":
-        values = _attitude(kind, joint, values, node, path)
-    return {f"{name}.{x}": value for x, value in values.items()}
-
-
-def _items(kind: JointMap, joint: Joint) -> dict[str, Kind]:
-    """Return the kind of each coordinate of a joint; nothing for a single one, which has the joint's own name."""
-    if kind.coordinates == "q":
-        return {name: _item(kind.item, unit) for name, unit in zip(joint.names, joint.units)}
-    return {name: _item(kind.item, unit) for name, unit in zip(joint.v_names, joint.v_units)}
-
-
-def _item(item: Kind, unit: str) -> Kind:
-    """Return the kind of one coordinate: only angles may be written in degrees."""
-    return dataclasses.replace(item, angle=unit == "rad") if isinstance(item, Number) else item
-
-
-def _wanted(joint: Joint, kind: JointMap, name: str, names: tuple[str, ...]) -> str:
-    text = (
-        f"joint {name!r} is {joint.type} and has {len(names)} coordinates here; allowed: a list or a map of"
-    )
-    forms = ""
-    if joint.quasi and kind.coordinates == "q":
-        place = "xyz and " if "x" in joint.names else ""
-        forms = f"; or {place}one of {', '.join(ATTITUDES)}"
-    return f"{text} {', '.join(names)}{forms}"
-
-
-def _from_map(
-    reader: ScalarReader, kind: JointMap, joint: Joint, node: Mapping, path: Path, unit: str
-) -> dict[str, Any]:
-    """Return what a map gives: coordinates by name, and lists for ``xyz`` and the forms of an attitude."""
-    items = _items(kind, joint)
-    groups: dict[str, int] = {}
-    if joint.quasi and kind.coordinates == "q":
-        groups = dict(ATTITUDES)
-        if "x" in joint.names:
-            groups["xyz"] = 3
-    values: dict[str, Any] = {}
-    for key, item in node.entries:
-        here = (*path, key.text)
-        if key.text in items:
-            values[key.text] = reader.value(items[key.text], item, here, unit)
-        elif key.text in groups:
-            values.update(_group(reader, kind, key, item, groups[key.text], here))
-        else:
-            allowed = [*items, *groups]
-            raise located(key, dotted(here), unknown_name("coordinate", key.text, allowed))
-    return values
-
-
-def _group(
-    reader: ScalarReader, kind: JointMap, key: Scalar, node: Node, size: int, path: Path
-) -> dict[str, Any]:
-    """Return a list of so many entries: positions by coordinate, an attitude under its own name."""
-    item = _item(kind.item, "rad" if key.text in ("rpy", "rotation_vector") else "m")
-    if not isinstance(node, Sequence) or len(node.items) != size:
-        raise located(
-            node, dotted(path), f"(value {describe_node(node)}) is not allowed here; allowed: {size} entries, each "
-            f"{describe(item)}"
-        )  # fmt: skip
-    values = tuple(reader.value(item, x, (*path, k), "") for k, x in enumerate(node.items))
-    if any(value is BROKEN for value in values):
-        return {key.text: BROKEN}
-    return dict(zip(POSITION, values)) if key.text == "xyz" else {key.text: values}
-
-
-def _attitude(
-    kind: JointMap, joint: Joint, entries: dict[str, Any], node: Node, path: Path
-) -> dict[str, Any]:
-    """Return the columns with one whole attitude and position; numbers as a unit quaternion."""
-    given = [x for x in ATTITUDES if x in entries]
-    parts = [x for x in QUATERNION if x in entries]
-    forms = f"one of {', '.join(ATTITUDES)}"
-    if len(given) + bool(parts) != 1:
-        fault = "gives the attitude twice" if given or parts else "lacks the attitude"
-        raise located(node, dotted(path), f"{fault}; needed: {forms}")
-    if parts and len(parts) < 4:
-        raise located(node, dotted(path), f"lacks {', '.join(x for x in QUATERNION if x not in parts)}; needed: all of "
-                      f"{', '.join(QUATERNION)}, or {forms}")  # fmt: skip
-    missing = [x for x in joint.names if x in POSITION and x not in entries]
-    if missing:
-        raise located(node, dotted(path), f"lacks {', '.join(missing)}; needed: xyz, or x, y and z")
-    form = given[0] if given else "quaternion"
-    values = entries[form] if given else tuple(entries[x] for x in QUATERNION)
-    rest = {x: value for x, value in entries.items() if x in POSITION}
-    if not isinstance(kind.item, Number):
-        return {**rest, form: values}
-    return {**rest, **dict(zip(QUATERNION, _quaternion(form, values, node, path)))}
-
-
-def _quaternion(form: str, values: tuple[float, ...], node: Node, path: Path) -> tuple[float, ...]:
-    """Return the unit quaternion of an attitude in numbers."""
-    from robodyn_cli.spatial import quaternion
-
-    if form == "rpy":
-        return tuple(quaternion.from_rpy(values))
-    if form == "rotation_vector":
-        return tuple(quaternion.from_rotation_vector(values))
-    length = math.sqrt(sum(x * x for x in values))
-    if abs(length - 1.0) > LENGTH:
-        message = f"the quaternion (w, x, y, z) has length {length:.6g}; needed: length 1, to three digits"
-        raise located(node, dotted(path), message)
-    return tuple(x / length for x in values)

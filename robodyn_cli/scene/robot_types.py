@@ -66,14 +66,10 @@ class Joint:
         doc="Link that it moves; default: the link at the same place in `links`.",
     )
     a: float | None = key(Number(), default=None, unit="m", doc="D-H length.")
-    alpha: float | None = key(Number(angle=True), default=None, unit="rad", doc="D-H twist.")
+    alpha: float | None = key(Number(), default=None, unit="rad", doc="D-H twist.")
     d: float | None = key(Number(), default=None, unit="m", doc="D-H offset (revolute, fixed).")
-    theta: float | None = key(
-        Number(angle=True), default=None, unit="rad", doc="D-H angle (prismatic, fixed)."
-    )
-    offset: float = key(
-        Number(angle=True), default=0.0, unit="rad or m", doc="Added to q to give the D-H variable."
-    )
+    theta: float | None = key(Number(), default=None, unit="rad", doc="D-H angle (prismatic, fixed).")
+    offset: float = key(Number(), default=0.0, unit="rad or m", doc="Added to q to give the D-H variable.")
     origin: Placement | None = key(
         Section(Placement),
         default=None,

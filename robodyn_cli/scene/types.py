@@ -66,13 +66,13 @@ class Initial:
     """The state at t = 0."""
 
     q: dict[str, float] = key(
-        JointMap(Number(angle=True)),
+        JointMap(Number()),
         default=None,
         unit="rad or m",
         doc="Positions; a list or a map by coordinate for joints with several.",
     )
     qd: dict[str, float] = key(
-        JointMap(Number(angle=True), coordinates="v"),
+        JointMap(Number(), coordinates="v"),
         default=None,
         unit="rad/s or m/s",
         doc="Rates; 0 where not given.",
@@ -307,7 +307,7 @@ class Scene:
         Choice(SCENE_COMMANDS), default=None, doc="What `robodyn run` does with this file."
     )
     parameters: dict[str, float] = key(
-        MapOf(Number(angle=True), of="parameter"), default=None, doc="Named constants for formulas."
+        MapOf(Number(), of="parameter"), default=None, doc="Named constants for formulas."
     )
     loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types)), default=(), doc="Loop closures.")
     forces: tuple[Any, ...] = key(

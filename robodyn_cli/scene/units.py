@@ -11,7 +11,7 @@ from robodyn_cli.scene.text.includes import child_kind, concrete
 from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Sequence, dotted, index_of, name_of
 from robodyn_cli.scene.text.numbers import WrittenNumber, at_key, counted, number_at
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.schema.fields import Inline, Kind, Section, key_name
+from robodyn_cli.schema.fields import Inline, Kind, Section, for_coordinate, key_name
 
 
 def unit_of(root: Node, key: str) -> str:
@@ -23,7 +23,7 @@ def unit_of(root: Node, key: str) -> str:
     written = written_number(root, key)
     if written is not None:
         if written.inside:
-            return "deg" if written.is_degrees else ""
+            return written.unit
         key = ".".join((counted(key)[0], *map(str, written.path)))
     kind: Kind | None = Section(Scene)
     node: Node | None = root
@@ -49,12 +49,7 @@ def in_joint(unit: str, key: str, joint_units: TypingMapping[str, str], driven: 
         unit = columns[int(last)]
     named = [joint_units[step] for step in (*path, last) if step in joint_units]
     of = set(named or [joint_units[name] for name in driven if name in joint_units])
-    forms = unit.split(" or ")
-    if len(forms) != 2 or len(of) != 1:
-        return unit
-    turning = [form for form in forms if "N m" in form or "rad" in form]
-    sliding = [form for form in forms if form not in turning]
-    return (turning if of == {"rad"} else sliding or forms)[0]
+    return for_coordinate(unit, of.pop()) if len(of) == 1 else unit
 
 
 def place_of(root: Node, key: str) -> Path:

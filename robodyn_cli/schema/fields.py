@@ -25,15 +25,14 @@ class Kind:
 
 @record
 class Number(Kind):
-    """A finite number; text such as ``"pi/2"`` or ``-90 deg`` is a constant expression.
+    """A finite number; text such as ``"pi/2"`` or ``-90 deg`` is a constant expression, with units of the key's kind.
 
-    ``angle`` allows the ``deg`` suffix; ``minimum``/``maximum`` are inclusive unless ``exclusive``.
+    ``minimum``/``maximum`` are inclusive unless ``exclusive``.
     """
 
     minimum: float | None = None
     maximum: float | None = None
     exclusive: bool = False
-    angle: bool = False
 
 
 @record
@@ -72,7 +71,6 @@ class Vector(Kind):
     """A list of ``size`` numbers (``size`` 0: any length)."""
 
     size: int = 3
-    angle: bool = False
 
 
 @record
@@ -259,7 +257,7 @@ class Orientation:
     """How a frame is turned in the frame around it, in one of five forms; without any it is not turned."""
 
     rpy: tuple[float, ...] | None = key(
-        Vector(3, angle=True), default=None, unit="rad", doc="Roll, pitch, yaw about fixed axes."
+        Vector(3), default=None, unit="rad", doc="Roll, pitch, yaw about fixed axes."
     )
     quaternion: tuple[float, ...] | None = key(
         Vector(4), default=None, unit="1", doc="Unit quaternion, scalar first."
@@ -267,9 +265,7 @@ class Orientation:
     axis: tuple[float, ...] | None = key(
         Direction(), default=None, unit="1", doc="Axis of one rotation, by `angle`."
     )
-    angle: float | None = key(
-        Number(angle=True), default=None, unit="rad", doc="Angle of the rotation about `axis`."
-    )
+    angle: float | None = key(Number(), default=None, unit="rad", doc="Angle of the rotation about `axis`.")
     matrix: tuple[tuple[float, ...], ...] | None = key(
         ListOf(Vector(3), minimum=3, maximum=3),
         default=None,
@@ -296,10 +292,33 @@ class Placement(Orientation):
 
 def describe(kind: Kind, unit: str = "") -> str:
     """Return what ``kind`` allows, such as ``a number > 0 [m]``."""
-    return _plain(kind) + (f" [{unit}]" if unit and unit != "1" else "")
+    return _plain(kind, of_angle(unit)) + (f" [{unit}]" if unit and unit != "1" else "")
 
 
-def _plain(kind: Kind) -> str:
+def for_coordinate(unit: str, coordinate: str) -> str:
+    """Return the one of ``N m/rad or N/m`` that is for a coordinate in ``rad`` or ``m``; other units as they are."""
+    forms = unit.split(" or ")
+    if len(forms) != 2 or coordinate not in ("rad", "m"):
+        return unit
+    turning = [form for form in forms if "N m" in form or "rad" in form]
+    sliding = [form for form in forms if form not in turning]
+    return (turning if coordinate == "rad" else sliding or forms)[0]
+
+
+def units_of_entries(kind: Vector, unit: str, count: int) -> list[str]:
+    """Return the unit of each entry of a list: of ``s, N m`` that of its column or, of six entries, of its half."""
+    columns = unit.split(", ")
+    if len(columns) != 2:
+        return [unit] * count
+    return [columns[k // 3 if kind.size == 6 else min(k, 1)] for k in range(count)]
+
+
+def of_angle(unit: str) -> bool:
+    """Tell whether a unit is that of an angle, or of one of its rates."""
+    return any(form.startswith("rad") for form in unit.split(" or "))
+
+
+def _plain(kind: Kind, turns: bool = False) -> str:
     if isinstance(kind, (Number, Integer)):
         strict = isinstance(kind, Number) and kind.exclusive
         noun = "a whole number" if isinstance(kind, Integer) else "a number"
@@ -310,7 +329,7 @@ def _plain(kind: Kind) -> str:
             bounds.append(f"{'>' if strict else '>='} {_bound(kind.minimum)}")
         if kind.maximum is not None:
             bounds.append(f"{'<' if strict else '<='} {_bound(kind.maximum)}")
-        angle = " or an angle such as '45 deg'" if isinstance(kind, Number) and kind.angle else ""
+        angle = " or an angle such as '45 deg'" if isinstance(kind, Number) and turns else ""
         return " ".join([noun, " and ".join(bounds)]).strip() + angle
     if isinstance(kind, Boolean):
         return "true or false"
@@ -322,7 +341,7 @@ def _plain(kind: Kind) -> str:
         return ", ".join(kind.options)
     if isinstance(kind, Vector):
         count = f"{kind.size} numbers" if kind.size else "numbers"
-        return f"a list of {count}" + (" or angles" if kind.angle else "")
+        return f"a list of {count}" + (" or angles" if turns else "")
     if isinstance(kind, Formula):
         return f"a number or a formula in {', '.join(kind.variables)} and parameters"
     if isinstance(kind, (ListOf, MapOf)):
@@ -330,10 +349,10 @@ def _plain(kind: Kind) -> str:
     if isinstance(kind, Tagged):
         return f"a map whose {kind.tag!r} is one of {', '.join(kind.registry())}"
     if isinstance(kind, Either):
-        return ", or ".join(_plain(k) for k in kind.kinds)
+        return ", or ".join(_plain(k, turns) for k in kind.kinds)
     if isinstance(kind, OrFile):
         other = " or URDF" if kind.robot else " or CSV" if kind.catalogue else ""
-        return f"{_plain(kind.item)}, or the path of a YAML{other} file"
+        return f"{_plain(kind.item, turns)}, or the path of a YAML{other} file"
     if isinstance(kind, (Section, ByPart)):
         return "a map"
     if isinstance(kind, Inline):

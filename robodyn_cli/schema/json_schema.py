@@ -126,7 +126,7 @@ class _Maker:
             return {"enum": list(kind.options)}
         if isinstance(kind, kinds.Vector):
             size = {"minItems": kind.size, "maxItems": kind.size} if kind.size else {}
-            return {"type": "array", "items": self.number(kinds.Number(angle=kind.angle)), **size}
+            return {"type": "array", "items": self.number(kinds.Number()), **size}
         if isinstance(kind, kinds.Formula):
             return {"type": ["number", "string"]}
         if isinstance(kind, kinds.Criteria):

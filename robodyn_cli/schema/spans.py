@@ -5,15 +5,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.schema.fields import Either, Kind, Number, Vector
+from robodyn_cli.schema.fields import Either, Number, Vector
 
 Array = NDArray[np.float64]
 Span = float | tuple[float, float]
 
 
-def span_kind(angle: bool) -> Kind:
-    """Return the kind of such a limit."""
-    return Either((Number(minimum=0.0, exclusive=True, angle=angle), Vector(2, angle)))
+SPAN = Either((Number(minimum=0.0, exclusive=True), Vector(2)))  # the kind of such a limit
 
 
 def sides(limit: Span) -> tuple[float, float]:

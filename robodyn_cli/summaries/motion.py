@@ -141,6 +141,51 @@ class MethodKeys:
     )
 
 
+AXES = ("x", "y", "z")
+
+
+@record
+class Release:
+    """A payload where it was released, in the world."""
+
+    position: dict[str, float] = fact(
+        "of its centre of mass", "m", names=AXES, errors=("payloads.PAYLOAD.release.position_error",)
+    )
+    velocity: dict[str, float] = fact(
+        "of that", "m/s", names=AXES, errors=("payloads.PAYLOAD.release.velocity_error",)
+    )
+    angular_velocity: dict[str, float] = fact(
+        "of the payload", "rad/s", names=AXES, errors=("payloads.PAYLOAD.release.angular_velocity_error",)
+    )
+    energy: float = fact("its kinetic energy", "J", errors=(".energy_error",))
+    position_error: float | Absent | None = fact("error of the place", "m", default=ABSENT)
+    velocity_error: float | Absent | None = fact("error of the velocity", "m/s", default=ABSENT)
+    angular_velocity_error: float | Absent | None = fact(
+        "error of the angular velocity", "rad/s", default=ABSENT
+    )
+    energy_error: float | Absent | None = fact("error of the energy", "J", default=ABSENT)
+
+
+@record
+class Landing:
+    """Where the flight of a payload came down to the plane of its `range`, in the world."""
+
+    time: float = fact("when, perhaps after the end of the run", "s", errors=(".time_error",))
+    position: dict[str, float] = fact(
+        "of its centre of mass", "m", names=AXES, errors=("payloads.PAYLOAD.landing.position_error",)
+    )
+    velocity: dict[str, float] = fact(
+        "of that", "m/s", names=AXES, errors=("payloads.PAYLOAD.landing.velocity_error",)
+    )
+    range: float = fact("way along the plane from the release", "m", errors=(".range_error",))
+    highest: float = fact("largest height above the plane", "m", errors=(".highest_error",))
+    time_error: float | Absent | None = fact("error of the time", "s", default=ABSENT)
+    position_error: float | Absent | None = fact("error of the place", "m", default=ABSENT)
+    velocity_error: float | Absent | None = fact("error of the velocity", "m/s", default=ABSENT)
+    range_error: float | Absent | None = fact("error of the range", "m", default=ABSENT)
+    highest_error: float | Absent | None = fact("error of the height", "m", default=ABSENT)
+
+
 @record
 class PayloadFacts:
     """What happened to a payload; nothing of one that was neither gripped nor released."""
@@ -155,6 +200,8 @@ class PayloadFacts:
     released_error: float | Absent | None = fact(
         "error of the time when it was released", "s", default=ABSENT
     )
+    release: Release | Absent = fact("where and how fast it was then", default=ABSENT)
+    landing: Landing | Absent = fact("with `range`: where its flight came down", default=ABSENT)
 
 
 @record

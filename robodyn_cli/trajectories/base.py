@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeVar
 
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Choice, Integer, JointMap, Number, Text, key
-from robodyn_cli.schema.spans import Span, either_way, sides, span_fault, span_kind, span_text
+from robodyn_cli.schema.spans import SPAN, Span, either_way, sides, span_fault, span_text
 
 if TYPE_CHECKING:
     from robodyn_cli.spatial.algebra import Array
@@ -77,9 +77,9 @@ class SceneNames(Protocol):
         ...
 
 
-def limit_key(limit: str, unit: str, angle: bool = True, spans: bool = False) -> Any:
+def limit_key(limit: str, unit: str, spans: bool = False) -> Any:
     """Declare a key with a limit of each joint. spans : it may differ by direction."""
-    item = span_kind(angle) if spans else Number(minimum=0.0, exclusive=True, angle=angle)
+    item = SPAN if spans else Number(minimum=0.0, exclusive=True)
     other = ", or [least, largest]" if spans else ""
     return key(
         JointMap(item, coordinates="v"),
@@ -115,7 +115,7 @@ class Ik:
         "SCARA robots; shoulder, elbow and wrist of arms with a spherical wrist or three parallel axes.",
     )
     guess: dict[str, float] = key(
-        JointMap(Number(angle=True)),
+        JointMap(Number()),
         default=None,
         unit="rad or m",
         doc="Start of Newton's method at t = 0.",

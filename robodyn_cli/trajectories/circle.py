@@ -32,7 +32,7 @@ class CircleTrajectory(TaskSpaceTrajectory):
     radius: float = key(Number(minimum=0.0, exclusive=True), unit="m", doc="Radius.")
     duration: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Time of the whole motion.")
     start: float = key(
-        Number(angle=True),
+        Number(),
         default=0.0,
         unit="rad",
         doc="Angle phi at t = 0, from the world's x axis projected into the plane.",

@@ -48,7 +48,7 @@ BOUNDS = ("speed", "acceleration", "effort")
 class PathPoint:
     """A position that the path goes through."""
 
-    q: dict[str, float] = key(JointMap(Number(angle=True)), unit="rad or m", doc="Positions of all joints.")
+    q: dict[str, float] = key(JointMap(Number()), unit="rad or m", doc="Positions of all joints.")
 
 
 @record
@@ -98,7 +98,7 @@ class FastestTrajectory(Trajectory):
     )
     speed: dict[str, Span] = limit_key("speed", "rad/s or m/s", spans=True)
     acceleration: dict[str, Span] = limit_key("acceleration", "rad/s^2 or m/s^2", spans=True)
-    effort: dict[str, Span] = limit_key("torque or force of the drive", "N m or N", angle=False, spans=True)
+    effort: dict[str, Span] = limit_key("torque or force of the drive", "N m or N", spans=True)
     tolerance: float = key(
         Number(minimum=1e-7, maximum=0.1),
         default=1e-4,

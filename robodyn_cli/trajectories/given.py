@@ -72,7 +72,7 @@ class JointTrajectory(JointSpaceTrajectory):
 
 def _series(label: str) -> Any:
     return key(
-        ListOf(JointMap(Number(angle=True), coordinates="v")),
+        ListOf(JointMap(Number(), coordinates="v")),
         default=(),
         unit="rad or m",
         doc=f"Amplitudes of {label}, k = 1, 2, ..., by joint; 0 where a joint is left out.",
@@ -84,9 +84,7 @@ class FourierTrajectory(JointSpaceTrajectory):
     """q = offset + sum_k sine_k sin(k w t) + cosine_k cos(k w t) with w = 2 pi / period (Swevers et al. 1997)."""
 
     type: str = key(Choice(("fourier",)), doc="Kind of trajectory.")
-    offset: dict[str, float] = key(
-        JointMap(Number(angle=True)), unit="rad or m", doc="Mean position of each joint."
-    )
+    offset: dict[str, float] = key(JointMap(Number()), unit="rad or m", doc="Mean position of each joint.")
     period: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Period of the first harmonic.")
     duration: float = key(Number(minimum=0.0, exclusive=True), unit="s", doc="Length of the motion.")
     sine: tuple[dict[str, float], ...] = _series("sin(k w t)")

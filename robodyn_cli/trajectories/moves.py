@@ -37,7 +37,7 @@ STILL = 1e-14  # rad or m: no way at all
 class StopPoint:
     """Where the joints go, and how long they stay."""
 
-    q: dict[str, float] = key(JointMap(Number(angle=True)), unit="rad or m", doc="Positions of all joints.")
+    q: dict[str, float] = key(JointMap(Number()), unit="rad or m", doc="Positions of all joints.")
     dwell: float = key(Number(minimum=0.0), default=0.0, unit="s", doc="Time at rest there.")
     duration: float | None = key(
         Number(minimum=0.0, exclusive=True),

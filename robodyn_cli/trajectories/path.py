@@ -63,8 +63,8 @@ class PathFacing:
     )
 
 
-def _limit(doc: str, unit: str, angle: bool = False) -> Any:
-    return key(Number(minimum=0.0, exclusive=True, angle=angle), default=None, unit=unit, doc=doc)
+def _limit(doc: str, unit: str) -> Any:
+    return key(Number(minimum=0.0, exclusive=True), default=None, unit=unit, doc=doc)
 
 
 @record
@@ -91,9 +91,9 @@ class PathTrajectory(TaskSpaceTrajectory):
     speed: float | None = _limit("Largest speed of the frame's origin.", "m/s")
     acceleration: float | None = _limit("Largest acceleration of it.", "m/s^2")
     jerk: float | None = _limit("Largest rate of its acceleration.", "m/s^3")
-    angular_speed: float | None = _limit("Largest angular speed of the frame.", "rad/s", angle=True)
-    angular_acceleration: float | None = _limit("Largest angular acceleration of it.", "rad/s^2", angle=True)
-    angular_jerk: float | None = _limit("Largest rate of its angular acceleration.", "rad/s^3", angle=True)
+    angular_speed: float | None = _limit("Largest angular speed of the frame.", "rad/s")
+    angular_acceleration: float | None = _limit("Largest angular acceleration of it.", "rad/s^2")
+    angular_jerk: float | None = _limit("Largest rate of its angular acceleration.", "rad/s^3")
     ik: Ik = key(Section(Ik), default=Ik(), doc="Options of the inverse kinematics.")
 
     # -- checks ---------------------------------------------------------------------------------------

@@ -25,15 +25,15 @@ class WayPoint:
     """A time and what the joints do there."""
 
     t: float = key(Number(minimum=0.0), unit="s", doc="Time, of arrival where the joints wait.")
-    q: dict[str, float] = key(JointMap(Number(angle=True)), unit="rad or m", doc="Positions of all joints.")
+    q: dict[str, float] = key(JointMap(Number()), unit="rad or m", doc="Positions of all joints.")
     qd: dict[str, float] = key(
-        JointMap(Number(angle=True), coordinates="v"),
+        JointMap(Number(), coordinates="v"),
         default=None,
         unit="rad/s or m/s",
         doc="Rates of all joints.",
     )
     qdd: dict[str, float] = key(
-        JointMap(Number(angle=True), coordinates="v"),
+        JointMap(Number(), coordinates="v"),
         default=None,
         unit="rad/s^2 or m/s^2",
         doc="Accelerations of all joints; with `quintic` only.",

@@ -148,6 +148,8 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     result = Result.of("simulate", run.motion.scene, "ok" if failure is None else "failed")
     result.events = run.driver.log
     run.recorder.fill(result)
+    for watcher in run.driver.watchers:
+        watcher.add_to(result)
     if run.motion.scene.robot.limited:
         add_joint_limits(result, run.motion.scene, run.motion.problem.model)
     records = motion_records(run, judgement, estimate)

@@ -16,17 +16,25 @@ from tests.leaves import undeclared
 
 SCENES = sorted(path.stem for path in CONFIGS.glob("*.yaml"))
 EXIT = {"parallelogram": 4}
-INVERSE = {"joint_angles", "joint_rates", "joint_accelerations", "torques", "torque_terms", "tip_path", "energy",
-           "mechanism"}  # fmt: skip
-SIMULATE = {"joint_angles", "joint_rates", "tip_path", "energy", "energy_drift", "mechanism"}
+INVERSE = {"joint_angles", "joint_rates", "joint_accelerations", "torques", "torque_terms", "tip_path", "point_coordinates",
+           "energy", "mechanism"}  # fmt: skip
+SIMULATE = {
+    "joint_angles",
+    "joint_rates",
+    "tip_path",
+    "point_coordinates",
+    "energy",
+    "energy_drift",
+    "mechanism",
+}
 DEPLOY = {"joint_angles", "multipliers", "constraint_residual", "singular_values", "mechanism"}
 DRAWINGS = {
     "2r_drives": INVERSE | {"drives"},
     "cart_pole_lqr": SIMULATE | {"torques", "tracking"},
     "controlled_arm": SIMULATE | {"torques", "tracking"},
     "double_pendulum": SIMULATE,
-    "four_bar_deploy": DEPLOY | {"tip_path"},
-    "four_bar_prescribed": DEPLOY | {"tip_path"},
+    "four_bar_deploy": DEPLOY | {"tip_path", "point_coordinates"},
+    "four_bar_prescribed": DEPLOY | {"tip_path", "point_coordinates"},
     "parallelogram": DEPLOY,
     "spinning_top": SIMULATE,
     "bouncing_pendulum": SIMULATE,

@@ -86,6 +86,9 @@ ROBOT: dict[str, Feature] = {
     "attach": _attach,
     "base": _placed,
     "parameters": _keys(parameters={"k": 2.0}),
+    "units": lambda draft: draft.robot["links"][-1].update(
+        mass="800 gram", com=["400 mm", 0, 0], inertia={**INERTIA, "zz": "400 kg cm^2"}
+    ),
     "visual": lambda draft: draft.robot["links"][-1].update(
         visual=[{"box": [0.1, 0.1, 0.1]}, {"sphere": 0.1}]
     ),
@@ -350,6 +353,9 @@ PAYLOAD = {
     "gripped": _payload(**{"from": {"time": 0.02}, "velocity": [0.1, 0.2, 0]}),
     "released": _payload(until={"time": 0.03}),
     "caught": _payload(**{"from": {"when": "t - 0.021"}, "until": {"when": "t - 0.04"}}),
+    "thrown": _payload(
+        until={"when": "tip.y - tip.y + t - 0.035"}, range={"through": [0, "-200 cm", 0], "normal": [0, 1, 0]}
+    ),
 }
 
 BODIES: dict[str, Mapping[str, Feature]] = {

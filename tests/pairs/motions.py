@@ -21,6 +21,7 @@ def _torques(value: Any) -> Feature:
 TORQUE = {
     "formula": _torques("1 - 0.1*qd.a"),
     "table": _torques({"table": [[0, 0], [0.02, 2], [1, 2]]}),
+    "points": _torques("0.2*tip.y - 0.1*speed(tip) + 0.05*angle(hook, tip, base.origin) - 0.1*fore.com.vx"),
 }
 
 
@@ -232,6 +233,7 @@ CONTROL = {
     "task_pd": _control("task_pd", gains={"kp": 50, "kd": 5}),
     "lqr": _lqr,
     "formulas": _control("formulas", law={"a": "20*(ref.a - a) - 2*qd.a + s.sum"}, state=STATE),
+    "of_points": _control("formulas", law={"a": "5*(1 - tip.x) - tip.vx - 0.1*speed(tip)"}),
     "python": _control("python", period=0.01),
 }
 
@@ -282,6 +284,12 @@ FORM = {
 # -- what is asked ---------------------------------------------------------------------------------------------------
 def _signals(draft: Draft) -> None:
     signals: dict[str, Any] = {"power": {"value": "tau.a*qd.a", "unit": "W"}, "reach": "length(tip, hook)"}
+    signals |= {
+        "height": "tip.z - fore.com.y",
+        "rate": "tip.vx",
+        "speed": "speed(tip)",
+        "turn": "angle(hook, tip, fore.com)",
+    }
     if "control" in draft.tree:
         signals["lag"] = "ref.a - a"
     draft.section("outputs")["signals"] = signals

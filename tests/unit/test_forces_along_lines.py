@@ -145,11 +145,11 @@ def test_distances_and_their_rates_at_random_states() -> None:
         "  - {name: f, type: force, at: tip, force: ['length(tip, m1.com)', 'length_rate(m1.com, tip)', 0]}\n"
     )
     problem = Problem(load_scene_text(text))
-    assert set(problem.spans) == {"length(tip, m1.com)", "length_rate(m1.com, tip)"}
+    assert set(problem.of_points) == {"length(tip, m1.com)", "length_rate(m1.com, tip)"}
     rng = np.random.default_rng(5)
     model = problem.model
     tip = model.points["tip"]
-    length, rate = problem.spans["length(tip, m1.com)"], problem.spans["length_rate(m1.com, tip)"]
+    length, rate = problem.of_points["length(tip, m1.com)"], problem.of_points["length_rate(m1.com, tip)"]
     body = next(b for b in model.bodies if b.name == "m1")
     part = body.parts[0]
     com = FixedFrame(model.bodies.index(body), part.frame.point(part.c), tip.R)

@@ -233,11 +233,10 @@ def test_no_value_at_run_time(text: str) -> None:
 
 
 def test_degrees_mark_angles_but_not_inside_functions() -> None:
-    assert parse("45 deg").degrees
-    assert parse("1 + t deg").degrees
-    assert not parse("2*sin(45 deg)").degrees
-    assert not parse("pi/2").degrees
-    assert parse("sin(1) + 45 deg").degrees
+    angle = parse("1 rad").unit
+    assert angle is not None and parse("45 deg").unit == angle == parse("sin(1) + 45 deg").unit
+    assert parse("2*sin(45 deg)").unit is None and parse("pi/2").unit is None
+    assert parse("1 + t deg").unit is None and list(parse("1 + t deg").unit_words) == ["deg"]
 
 
 def test_formulas_compare_by_meaning_of_the_tree() -> None:

@@ -16,6 +16,7 @@ from matplotlib.lines import Line2D
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.over.commands import functions
 from robodyn_cli.report import draw
+from robodyn_cli.report.drawing.places import moving_paths
 from robodyn_cli.report.overlay import draw_over
 from robodyn_cli.report.page.charts import Arrays, chart_data
 from robodyn_cli.report.registry import applicable
@@ -89,6 +90,7 @@ SHOWN: dict[str, Callable[[Result], list[Array]]] = {
         np.linalg.norm(v.data, axis=1)
         for g in ("point_velocities", "point_accelerations") for v in r.group(g).values()
     ],
+    "point_coordinates": lambda r: [x for path in moving_paths(r).values() for x in path.T],
     "transmission_angle": lambda r: [np.degrees(r["transmission_angle"])],
     "tracking": lambda r: columns(r, "control/reference", "control/error", "control/torque")
     + list((r["control/reference"] - r["control/error"]).T),

@@ -32,8 +32,16 @@ from robodyn_cli.results.output_dir import SIGNATURE, is_ours
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import chain_result, four_bar_result, inverse_result, pendulum_result
 
-INVERSE = ["joint_angles", "joint_rates", "joint_accelerations", "torques", "torque_terms", "tip_path"]
-SIMULATE = ["joint_angles", "joint_rates", "tip_path", "energy", "energy_drift"]
+INVERSE = [
+    "joint_angles",
+    "joint_rates",
+    "joint_accelerations",
+    "torques",
+    "torque_terms",
+    "tip_path",
+    "point_coordinates",
+]
+SIMULATE = ["joint_angles", "joint_rates", "tip_path", "point_coordinates", "energy", "energy_drift"]
 DEPLOY = ["joint_angles", "multipliers", "constraint_residual", "singular_values", "mechanism"]
 
 
@@ -109,7 +117,7 @@ def test_names_that_look_like_formulas(tmp_path: Path) -> None:
     for path in ("q", "qd", "qdd", "tau"):
         result.variables[path].names = ("_hidden", r"$\frac{")
     result.variables["points/$a_b"] = result.variables.pop("points/tip")
-    assert len(draw_all(result, tmp_path)) == 6
+    assert len(draw_all(result, tmp_path)) == 7
 
 
 def texts(result: Result, name: str) -> str:

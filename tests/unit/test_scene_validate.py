@@ -116,7 +116,7 @@ BAD = {
         "theta: 0, offset: §5 deg",
         "robot.joints.1.offset",
         "'deg'",
-        "prismatic",
+        "length in m expected",
     ),
     "deg of prismatic q": ("{q: {j1: 0.1}}", "{q: {j2: §5 deg}}", "initial.q.j2", "'deg' does not fit"),
     "deg of prismatic qd": ("{q: {j1: 0.1}}", "{qd: {j2: §5 deg}}", "initial.qd.j2", "'deg' does not fit"),

@@ -8,6 +8,7 @@ from typing import Any
 
 from robodyn_cli.control.base import PointTask
 from robodyn_cli.equations.control.model import ControlledEquations, ControllerModel, Reference
+from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.record import record
 from robodyn_cli.solve.inverse_kinematics import moving_reference, target_of
 from robodyn_cli.spatial.algebra import Array
@@ -52,12 +53,18 @@ class At:
 
     def names(self) -> dict[str, Any]:
         """Return what formulas may ask for, by name."""
-        model, values = self.problem.model, dict(self.env)
+        model, values = self.problem.model, {**self.env, **self._of_points()}
         values |= {f"q.{name}": x for name, x in zip(model.q_names, self.seen.q)}
         values |= {f"qd.{name}": x for name, x in zip(model.v_names, self.seen.v)}
         for group, entries in zip(("ref", "refd", "refdd"), self.reference):
             values |= {f"{group}.{name}": x for name, x in zip(self.joints, entries)}
         return values | {f"s.{name}": x for name, x in zip(self.state_names, self.states)}
+
+    def _of_points(self) -> dict[str, Any]:
+        """Return what formulas ask of points, at the positions and rates that the controller sees."""
+        given = self.problem.of_points
+        seen = {"q": dict(enumerate(self.seen.q)), "v": dict(enumerate(self.seen.v))}
+        return dict(zip(given, renamed(list(given.values()), seen)))
 
     # -- the controller's model -----------------------------------------------------------------------
     @cached_property

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.payloads import own_motion
+from robodyn_cli.equations.payloads import carried_motions, own_motion
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.expr.graph import Scalar
@@ -23,13 +23,16 @@ from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.model.parts import CarriedMass, changing
+from robodyn_cli.motion.contact.flight import Flight
 from robodyn_cli.motion.contact.impact import joined
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.observe.observe import potential_energy
 from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.motion import PayloadFacts
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import AXES, Landing, PayloadFacts
 
 WAITING, CARRIED, RELEASED = "waiting", "carried", "released"
 KEYS = {WAITING: ("from", "until"), CARRIED: ("until",), RELEASED: ()}  # of what may end a phase
@@ -76,16 +79,21 @@ class Payloads(Watcher):
     def _clear(self) -> None:
         self.phase = [WAITING if x.spec.start is not None else CARRIED for x in self.payloads]
         self._log: list[dict[str, Any]] = []
-        self._early: dict[
-            int, float
-        ] = {}  # times of events of release before gripping, by number of the payload
+        # by number of the payload: times of events of release before gripping, and flights
+        self._early: dict[int, float] = {}
+        self._flights: dict[int, Flight] = {}
 
     @property
     def warnings(self) -> list[str]:
-        return [
+        early = [
             f"payload {self.payloads[k].name!r}: its event of release happened at {time:.6g} s, before it was gripped, "
             "and does not count; it is let go when the event happens again"
             for k, time in self._early.items()
+        ]
+        return early + [
+            f"payload {self.payloads[k].name!r}: its flight never comes down to the plane of its 'range'"
+            for k in self._flights
+            if self.payloads[k].spec.plane is not None and self._landing(k) is None
         ]
 
     def follow(self, motion: Motion) -> None:
@@ -107,7 +115,26 @@ class Payloads(Watcher):
             gripped = event["kind"] == "grip"
             more = {"gripped": time, "energy_lost": event["energy_lost"]} if gripped else {"released": time}
             facts[name] = dataclasses.replace(facts[name], **more)
+        for k, flight in self._flights.items():
+            name = self.payloads[k].name
+            landing = self._landing(k) or ABSENT
+            facts[name] = dataclasses.replace(facts[name], release=flight.release, landing=landing)
         return {"payloads": facts}
+
+    def _landing(self, k: int) -> Landing | None:
+        plane = self.payloads[k].spec.plane
+        return None if plane is None else self._flights[k].landing(plane)
+
+    def add_to(self, result: Result) -> None:
+        for k, flight in self._flights.items():
+            landing = self._landing(k)
+            times = flight.times(result.time, None if landing is None else landing.time)
+            places, velocities = flight.at(times)
+            path = f"flights/{self.payloads[k].name}"
+            dims = (f"{self.payloads[k].name}_flight", "axis")
+            result.add(f"{path}/time", times, dims=dims[:1])
+            result.add(f"{path}/position", places, dims=dims, names=AXES)
+            result.add(f"{path}/velocity", velocities, dims=dims, names=AXES)
 
     def again(self) -> Payloads:
         other = copy.copy(self)
@@ -172,7 +199,7 @@ class Payloads(Watcher):
     def _go_on(self, t: float, x: Array, changed: Mapping[int, str]) -> Jump:
         """Bring some payloads to new phases; the run goes on with other velocities and another work done on it."""
         phase, s = [changed.get(k, old) for k, old in enumerate(self.phase)], self.system
-        step = self._step(t, x, phase)
+        step, before = self._step(t, x, phase), x
         x = x.copy()
         x[list(s.v_places)] = step.after
         if s.work_place is not None:
@@ -180,6 +207,8 @@ class Payloads(Watcher):
         for k in changed:
             if CARRIED in (phase[k], self.phase[k]):
                 self._note(t, k, phase[k], step)
+            if (self.phase[k], phase[k]) == (CARRIED, RELEASED):
+                self._flights[k] = self._flight(t, k, before)
         self.phase = phase
         return Jump(x, self._p(phase))
 
@@ -206,6 +235,13 @@ class Payloads(Watcher):
         change = 0.5 * float(then @ after @ then - v @ before @ v)
         lost = float(old["own"][gripped].sum()) - change if gripped else 0.0
         return PayloadStep(v, then, lost, change + float(new["potential"][0] - old["potential"][0]))
+
+    def _flight(self, t: float, k: int, x: Array) -> Flight:
+        """Return the flight of payload k that begins at t, where the state of its carrier is x."""
+        values = self._numbers(t, x, self.phase)["flight"].reshape(-1, 10)[k]
+        place, velocity, spin = values[:9].reshape(3, 3)
+        gravity = np.array([float(g) for g in self.problem.scene.gravity])
+        return Flight(t, place, velocity, spin, float(values[9]), gravity)
 
     def _numbers(self, t: float, x: Array, phase: Sequence[str]) -> dict[str, Array]:
         groups = self.system.groups(np.array([[t]]), x[None, :], self._p(phase))
@@ -247,7 +283,8 @@ def _functions(problem: Problem, owner: Payloads) -> list[Change]:
 
 
 def _outputs(problem: Problem, payloads: Sequence[CarriedMass]) -> dict[str, list[Scalar]]:
-    """Return M, Psi, the potential energy, and of each payload's own motion the generalised momentum and the energy."""
+    """Return M, Psi, the potential energy, of each payload's own motion the generalised momentum and the energy, and of
+    its motion with what carries it place, velocity, angular velocity (in the world) and energy."""
     own = [own_motion(problem, payload) for payload in payloads]
     outputs: dict[str, list[Scalar]] = {
         "M": list(problem.mass_matrix.ravel()),
@@ -255,6 +292,7 @@ def _outputs(problem: Problem, payloads: Sequence[CarriedMass]) -> dict[str, lis
         "potential": [potential_energy(problem)],
         "momentum": [x for momentum, _ in own for x in momentum],
         "own": [energy for _, energy in own],
+        "flight": carried_motions(problem, payloads),
     }
     return {name: entries for name, entries in outputs.items() if entries}
 

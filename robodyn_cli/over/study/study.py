@@ -136,7 +136,7 @@ def prepare(asked: AskedStudy) -> Study:
 def check_key(family: Family, key: str, variation: Variation) -> None:
     """Refuse a key that the scene does not have, or a value of a grid that it does not take."""
     x = variation.example
-    words = f"{key}={math.degrees(x)!r} deg" if variation.degrees else setting(key, x)
+    words = f"{key}={x!r} {variation.unit}" if variation.unit else setting(key, x)
     try:
         family.scene([words])
         values = np.array(variation.values)[:, None]

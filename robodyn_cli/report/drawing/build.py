@@ -11,7 +11,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.report.drawing.parts import Connections, Links, colour_of, hide, payload_parts
+from robodyn_cli.report.drawing.parts import Connections, Links, colour_of, payload_parts, put_payloads
 from robodyn_cli.report.drawing.places import STILL, DrawnExpressions, arrows, evenly, loads, moving_paths
 from robodyn_cli.report.drawing.record import Drawing, Pin, Trail
 from robodyn_cli.report.lines import finite
@@ -114,7 +114,7 @@ def drawing_of(
     vertices = finite(vertices)
     flat = flat_axis(vertices[:, :of_mechanism])
     if payloads:
-        hide(result, model, payloads, t, vertices)
+        put_payloads(result, model, payloads, t, vertices)
     return Drawing(
         times=t,
         vertices=vertices,

@@ -219,14 +219,45 @@ def carried(payload: Any, events: Mapping[str, float], times: Array) -> Array:
     return held
 
 
-def hide(result: Result, model: Model, parts: list[DrawnPart], times: Array, vertices: Array) -> None:
-    """Put the vertices (T, N, 3) of payloads nowhere at times at which they are not carried."""
+def put_payloads(result: Result, model: Model, parts: list[DrawnPart], times: Array, vertices: Array) -> None:
+    """Put vertices (T, N, 3) of payloads where these fly after their release, and nowhere before they are gripped."""
     places = {part.name: np.array(part.vertices) for part in parts}
     for payload in model.payloads:
         events = {e["kind"]: float(e["time"]) for e in result.events if e.get("name") == payload.name}
-        if payload.name in places:
-            absent = np.flatnonzero(~carried(payload.spec, events, times))
-            vertices[np.ix_(absent, places[payload.name])] = np.nan
+        if payload.name not in places:
+            continue
+        held = carried(payload.spec, events, times)
+        absent, last = np.flatnonzero(~held), np.flatnonzero(held)[-1:]
+        corners = vertices[last][:, places[payload.name]]
+        vertices[np.ix_(absent, places[payload.name])] = np.nan
+        path = f"flights/{payload.name}"
+        flying = absent[times[absent] > events.get("let_go", np.inf)]
+        if len(last) and len(flying) and f"{path}/time" in result:
+            since = times[flying] - times[last]
+            flown = _flown(result, payload.name, times[flying])
+            turned = _turned(corners[0] - corners[0].mean(axis=0), result, payload.name, since)
+            vertices[np.ix_(flying, places[payload.name])] = flown[:, None, :] + turned
+
+
+def _flown(result: Result, name: str, times: Array) -> Array:
+    """Return where the centre of mass of a released payload is (T, 3), at its landing from then on."""
+    flight = result.group(f"flights/{name}")
+    known, places, rates = (flight[key].data for key in ("time", "position", "velocity"))
+    k = np.clip(np.searchsorted(known, times, side="right") - 1, 0, len(known) - 1)
+    bend = (rates[-1] - rates[0]) / (known[-1] - known[0])
+    since = (np.minimum(times, known[-1]) - known[k])[:, None]
+    return np.asarray(places[k] + (rates[k] + 0.5 * bend * since) * since)
+
+
+def _turned(corners: Array, result: Result, name: str, since: Array) -> Array:
+    """Return corners (N, 3) about a centre as they turn on (T, N, 3): with the angular velocity of the release, as
+    bodies do about a principal axis."""
+    spin = np.array(list(result.summary["payloads"][name]["release"]["angular_velocity"].values()))
+    rate = float(np.linalg.norm(spin))
+    axis = spin / rate if rate > 0.0 else np.zeros(3)
+    sine, cosine = np.sin(rate * since)[:, None, None], np.cos(rate * since)[:, None, None]
+    along = np.outer(corners @ axis, axis)
+    return np.asarray(along + cosine * (corners - along) + sine * np.cross(axis, corners))
 
 
 # by how many rotations and translations a joint allows

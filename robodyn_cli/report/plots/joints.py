@@ -9,6 +9,7 @@ import numpy as np
 
 from robodyn_cli.report import style
 from robodyn_cli.report.curves import DrawnCurves, curves, curves_of, fit_axis
+from robodyn_cli.report.drawing.places import moving_paths
 from robodyn_cli.report.lines import envelope, finite
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import error_number, labelled, load_label, number, position_word
@@ -63,6 +64,34 @@ def point_motion(result: Result) -> Any:
         if np.any(shown.data):
             ax.set_ylim(bottom=0.0)
     sheet.finish(handles, labels)
+    return sheet.figure
+
+
+@plot(lambda result: "time" in result and bool(moving_paths(result)))
+def point_coordinates(result: Result) -> Any:
+    """Coordinates of the named points that move over time, a panel for each axis of the world along which one moves."""
+    paths = moving_paths(result)
+    names = list(paths)[: style.FEW]
+    panels = {
+        axis: curves(
+            np.column_stack([path[:, k] for path in paths.values()]), list(paths), ["m"] * len(paths)
+        )
+        for k, axis in enumerate("xyz")
+    }
+    shown = {
+        axis: one.part(range(len(names))) for axis, one in panels.items() if np.ptp(one.data, axis=0).any()
+    }
+    nothing = [text for one in shown.values() for text in one.nothing]
+    some = f" ({len(names)} of {len(paths)})" if len(names) < len(paths) else ""
+    sheet = TimeSheet(
+        result, f"Coordinates of the named points in the world{some}", "points", nothing, panels=len(shown),
+        height=panel_height(len(shown)), labels=names,
+    )  # fmt: skip
+    handles: list[Any] = []
+    for ax, (axis, one) in zip(sheet.axes, shown.items()):
+        handles = sheet.draw(ax, one)
+        ax.set_ylabel(f"{axis} [m]")
+    sheet.finish(handles, names)
     return sheet.figure
 
 

@@ -56,6 +56,11 @@ def check_payloads(scene: Scene, check: Check) -> None:
         with check:
             _check_place(scene, payload, path, check)
         _check_instants(payload, path, check)
+        with check:
+            if payload.plane is not None and payload.until is None:
+                check.fail((*path, "range"), "ends its flight, and it is not released; add 'until'", True)
+            if payload.plane is not None and payload.plane.normal is None and not any(scene.gravity):
+                check.fail((*path, "range"), "key 'normal' is missing: without gravity no side is up")
 
 
 def _check_place(scene: Scene, payload: Payload, path: Path, check: Check) -> None:

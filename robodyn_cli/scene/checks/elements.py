@@ -27,7 +27,7 @@ def check_elements(scene: Scene, check: Check) -> Scene:
         from robodyn_cli.scene.checks.carried import check_payloads
 
         check_payloads(scene, check)
-    check_spans(scene, check)
+    check_points_of_formulas(scene, check)
     return scene
 
 
@@ -91,21 +91,33 @@ def check_forces(scene: Scene, check: Check) -> None:
                 check.fail((*path, *where), message)
 
 
-def check_spans(scene: Scene, check: Check) -> None:
-    """Distances in formulas are between points that exist."""
+def check_points_of_formulas(scene: Scene, check: Check) -> None:
+    """Points that formulas name exist, and no joint or link has the same name."""
     places: list[tuple[Path, object]] = [
         (("torques", *name.split(".")), x) for name, x in scene.torques.items()
     ]
     places += [(("forces", k), force) for k, force in enumerate(scene.forces)]
     places += [(("payloads", k), payload) for k, payload in enumerate(scene.payloads)]
+    places += [(("outputs", "signals", name), x) for name, x in scene.outputs.signals.items()]
+    for key in ("law", "state") if scene.control is not None else ():
+        places += [(("control", key, name), x) for name, x in getattr(scene.control, key).items()]
     for path, value in places:
         for formula in formulas_in(value):
-            for name in formula.names:
-                for reference in points_of(name) if name.endswith(")") else ():
-                    problem = point_problem(scene.robot, reference)
-                    with check:
-                        if problem is not None:
-                            check.fail(path, f"formula {formula.text!r}: {problem}")
+            for reference in (point for name in formula.names for point in points_of(name)):
+                problem = _clash(scene.robot, reference) or point_problem(scene.robot, reference)
+                with check:
+                    if problem:
+                        check.fail(path, f"formula {formula.text!r}: {problem}")
+
+
+def _clash(robot: Robot, reference: str) -> str:
+    """Return what else the name of a point may mean in a formula; empty where there is nothing."""
+    if reference in [joint.name for joint in robot.joints]:
+        point = ", and of a point; rename one of them" if reference in robot.points else ""
+        return f"{reference!r} is the name of a joint{point}; a coordinate of a joint is q.{reference}"
+    if reference in robot.points and reference in [link.name for link in robot.links]:
+        return f"{reference!r} is the name of a point, and of a link; rename one of them"
+    return ""
 
 
 def _check_places(robot: Robot, force: object, check: Check, path: Path) -> None:

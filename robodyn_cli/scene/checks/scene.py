@@ -7,8 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
-from robodyn_cli.errors import SceneError
-from robodyn_cli.expr.formula import parse
+from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
@@ -16,7 +15,7 @@ from robodyn_cli.scene.checks.check import Check, key_place
 from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
 from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
-from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
+from robodyn_cli.scene.text.nodes import Path, find
 from robodyn_cli.scene.types import DeployOptions, KinematicsOptions, Robot, Scene, Torque
 from robodyn_cli.trajectories.led import (
     FOLLOW,
@@ -91,7 +90,8 @@ def check_scene(scene: Scene, check: Check) -> Scene:
             if name in joints:
                 message = f"{name!r} is a joint already; choose another name"
                 check.fail(("parameters", name), message, at_key=True)
-    if any((scene.loops, scene.couplers, robot.couplers, scene.forces, scene.payloads, scene.torques)):
+    elements = (scene.loops, scene.couplers, robot.couplers, scene.forces, scene.payloads, scene.torques)
+    if any((*elements, scene.outputs.signals, scene.control)):
         from robodyn_cli.scene.checks.elements import check_elements
 
         scene = check_elements(scene, check)
@@ -246,29 +246,6 @@ def _check_initial(scene: Scene, check: Check) -> None:
         check.fail(
             ("initial", "at"), "says when to go on from a stored run, but `from` names none", at_key=True
         )
-    for k, joint in enumerate(scene.robot.joints):
-        if joint_types[joint.type].units != ("m",):
-            continue
-        for path in (
-            ("robot", "joints", k, "offset"),
-            ("initial", "q", joint.name),
-            ("initial", "qd", joint.name),
-        ):
-            with check:
-                if _in_degrees(find(check.root, path)):
-                    message = (
-                        f"'deg' does not fit: joint {joint.name!r} is {joint.type}; allowed: a length in m"
-                    )
-                    check.fail(path, message)
-
-
-def _in_degrees(node: Node | None) -> bool:
-    if not isinstance(node, Scalar) or not isinstance(node.value, str):
-        return False
-    try:
-        return parse(node.value).degrees
-    except SceneError:
-        return False
 
 
 def _check_runs(scene: Scene, check: Check) -> None:
@@ -305,10 +282,17 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
-    for key, number, section in _named_keys(scene):
+    for key, expected, section in _named_keys(scene):
+        number = expected is None or section[0] == "search" or expected.numeric
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
+        if expected is not None and expected.unit and leaves and leaves[0].kind is not Any:
+            units_of = _coordinate_units(scene.robot)
+            with check:
+                _check_expected_unit(
+                    expected, key_place(check.root, section, key), [x.unit(units_of) for x in leaves], check
+                )
         names = key_names(scene) if not leaves or leaves[0].names else {}
         if not leaves or (names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
@@ -322,15 +306,38 @@ def _check_keys(scene: Scene, check: Check) -> None:
                 )
 
 
-def _named_keys(scene: Scene) -> Iterator[tuple[str, bool, Path]]:
-    """Yield the keys of summaries that a scene names: each with whether it must be a number, and the section."""
-    yield from ((key, expected.numeric, ("expect",)) for key, expected in scene.expect.items())
-    yield from ((key, True, ("study", "of")) for key in scene.study.of)
-    if scene.search is not None:
-        for name in ("minimise", "maximise", "reach", "keep"):
-            named = getattr(scene.search, name) or ()
-            keys = (named,) if isinstance(named, str) else tuple(named)
-            yield from ((key, True, ("search", name)) for key in keys)
+def _named_keys(scene: Scene) -> Iterator[tuple[str, Expectation | None, Path]]:
+    """Yield the keys of summaries that a scene names: each with what is expected of it, and the section."""
+    yield from ((key, expected, ("expect",)) for key, expected in scene.expect.items())
+    yield from ((key, None, ("study", "of")) for key in scene.study.of)
+    search = scene.search
+    if search is not None:
+        yield from ((key, None, ("search", "minimise")) for key in (search.minimise,) if key)
+        yield from ((key, None, ("search", "maximise")) for key in (search.maximise,) if key)
+        yield from ((key, expected, ("search", "reach")) for key, expected in (search.reach or {}).items())
+        yield from ((key, expected, ("search", "keep")) for key, expected in (search.keep or {}).items())
+
+
+def _check_expected_unit(expected: Expectation, place: Path, allowed: Sequence[str], check: Check) -> None:
+    """Refuse bounds of another kind than the value of a summary that they are for; allowed : its units."""
+    from robodyn_cli.expr import units
+
+    given = units.of(expected.unit)
+    assert given is not None
+    faults = [units.fault(given.dims, "rad" if unit == "deg" else unit, expected.text) for unit in allowed]
+    if all(faults):
+        check.fail(place, f"{expected.text!r} does not fit: {faults[0]}")
+
+
+def _coordinate_units(robot: Robot) -> dict[str, str]:
+    """Return the units of the coordinates of all joints by name, as far as they are known."""
+    kinds = [(joint.name, joint_types[joint.type]) for joint in robot.joints]
+    by_rate = {
+        name: unit for joint, x in kinds for name, unit in zip(x.coordinates(joint, x.v_names), x.v_units)
+    }
+    return by_rate | {
+        name: unit for joint, x in kinds for name, unit in zip(x.coordinates(joint, x.names), x.units)
+    }
 
 
 def key_names(scene: Scene) -> Names:

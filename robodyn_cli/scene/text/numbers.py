@@ -44,10 +44,12 @@ class WrittenNumber:
     inside: bool
 
     @property
-    def is_degrees(self) -> bool:
-        """Whether the text is this number of degrees, and nothing else."""
-        before, behind = (x.replace(" ", "") for x in (self.text[: self.start], self.text[self.end :]))
-        return bool(re.fullmatch(r"[-+(]*", before) and re.fullmatch(r"\)*deg\)*", behind))
+    def unit(self) -> str:
+        """The unit behind the number, where the text is this number and nothing else; "" without one."""
+        from robodyn_cli.expr import units
+
+        behind = self.text[self.end :].strip(" )")
+        return behind if not self.text[: self.start].strip(" -+(") and units.of(behind) is not None else ""
 
     def replaced(self, text: str) -> str:
         """Return the text of the scalar with another number here."""
@@ -83,7 +85,7 @@ def numbers_in(node: Node | None, kind: Kind | None, path: Path = ()) -> Iterato
 def below(kind: Kind | None, step: str) -> Kind | None:
     """Return what stands under a step of a path; the items of a vector are numbers."""
     if isinstance(kind, Vector):
-        return Number(angle=kind.angle)
+        return Number()
     return child_kind(kind, step)
 
 
@@ -95,16 +97,21 @@ def _has_formulas(kind: Kind | None) -> bool:
 
 
 def _in_text(text: str, path: Path) -> Iterator[WrittenNumber]:
+    from robodyn_cli.expr import units
     from robodyn_cli.expr.formula_parser import tokens
 
     try:
         found = tokens(text)
     except SceneError:
         return
+    inside = 0  # of a unit: the 2 of m^2 is no number of its own
     for token in found:
-        if token.kind == "number":
-            start = token.column - 1
-            yield WrittenNumber(path, text, start, start + len(token.text), float(token.text), True)
+        start = token.column - 1
+        end = start + len(token.text)
+        if token.kind == "number" and start >= inside:
+            yield WrittenNumber(path, text, start, end, float(token.text), True)
+        unit = units.match(text, end) if token.kind == "number" or token.text == ")" else None
+        inside = unit[1] if unit is not None else inside
 
 
 def number_at(node: Node | None, kind: Kind | None, n: int) -> WrittenNumber | None:

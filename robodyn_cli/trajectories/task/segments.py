@@ -275,7 +275,7 @@ class CircleSegment(PathSegment):
         Direction(), default=(0.0, 0.0, 1.0), unit="1", doc="Normal of its plane, about which it turns."
     )
     angle: float = key(
-        Number(angle=True), default=2.0 * math.pi, unit="rad", doc="How far; negative: the other way round."
+        Number(), default=2.0 * math.pi, unit="rad", doc="How far; negative: the other way round."
     )
     orientation: Orientation | None = like(Arrival, "orientation")
     dwell: float = like(Arrival, "dwell")
