@@ -81,7 +81,7 @@ class Driver:
     supervisor : may change the method. parameters : values of p; by default those of the system.
 
     tick, where set, is told the time every few milliseconds of a run. end : of the present one [s]. changes : of the
-    method on the way.
+    method on the way. met : times [s] at which the motion may have jumped: of events, stops and leaps.
     """
 
     def __init__(
@@ -99,6 +99,7 @@ class Driver:
         self.given = parameters
         self.tick: Callable[[float], None] | None = None
         self.end = 0.0
+        self.met: list[float] = []
         self._paused = (0.0, 0)  # time and steps when the supervisor was last asked
         self.first = method
         self._begin_anew()
@@ -162,6 +163,7 @@ class Driver:
         if self.changes:
             self._begin_anew()
         self._done = Counters()
+        self.met = []
         self._paused = (time, 0)
         for watcher in self.watchers:
             state = watcher.begin(time, state, self.options)
@@ -177,7 +179,7 @@ class Driver:
         self._go_on_from(beginning.time, beginning.state)
 
     def _go_on_from(self, time: float, state: Array) -> None:
-        self.integrator.tick = self.tick
+        self.integrator.tick, self.integrator.met = self.tick, self.met
         self.integrator.reset(time, state, self.options)
         self.integrator.before = self._done.attempts
         self._set_pause()
@@ -241,6 +243,7 @@ class Driver:
 
     def _answer_stop(self, stop: float) -> None:
         """Ask the watchers that have one there how the run goes on."""
+        self.met.append(stop)
         for watcher in self.watchers:
             if stop in watcher.stops():
                 self.integrator.apply(watcher.at_stop(stop, self.state), watcher)
@@ -254,6 +257,7 @@ class Driver:
     def _leap(self, leap: Leap, end: float, grid: Grid, emit: Emit) -> None:
         """Go on behind a stretch that an owner has integrated itself, with its samples."""
         start, behind = self.time, min(leap.time, end)
+        self.met += [start, behind]
         first, last = grid.first_at(start), min(grid.first_at(behind), grid.count)
         first += grid.begins_by(first, start)
         if last > first:

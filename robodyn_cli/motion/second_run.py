@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.options import Grid
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.error import (
     AT_ROUNDING,
@@ -64,7 +64,8 @@ def grid_of(scene: Scene, beginning: Beginning) -> Grid:
 @record
 class Second:
     """What the second integration came to: times, states and parameters by blocks, the end [s] and the state
-    there, its steps, how it differed, in words, what its watchers say for the summary, and all states (T, nx)."""
+    there, its steps, how it differed, in words, what its watchers say for the summary, all states (T, nx), and the
+    times of its events [s]."""
 
     blocks: list[tuple[Array, Array, Array]]
     end: float
@@ -73,6 +74,7 @@ class Second:
     how: str
     facts: Mapping[str, Any]
     states: Array
+    met: list[float]
 
 
 @record
@@ -90,11 +92,12 @@ class Estimate:
 
 
 class SecondFailed(Exception):
-    """The second integration did not come to the end. how : it differed from the first."""
+    """The second integration did not come to the end, but so many steps far. how : it differed from the first."""
 
-    def __init__(self, how: str, cause: RobodynError) -> None:
+    def __init__(self, how: str, cause: RobodynError, steps: int) -> None:
         super().__init__(cause.message)
-        self.how, self.message = how, cause.message
+        self.how, self.message, self.steps = how, cause.message, steps
+        self.status = cause.details.get("status")
 
 
 def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
@@ -109,8 +112,8 @@ def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
     return system, [twin for twin in twins.values() if twin is not None]
 
 
-def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
-    """Integrate once more, more accurately and without observing.
+def run_again(motion: Motion, first: FirstRun, options: Options, tick: Tick, how: str = "") -> Second:
+    """Integrate once more with some options and without observing.
 
     Raises
     ------
@@ -119,31 +122,45 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     begun, updates = first.beginning, motion.system.updates
     # a function in Python that controls starts anew, too
     calls = updates is not None and updates.function is not None and begun.time == 0.0
+    system, watchers = watched_again(motion)
+    watch = bool(system.events)
+    # without anything to watch the compiled code of the first run serves
+    system = system if watch else motion.system
+    driver = Driver(system, first.method, options, watchers, supervisor_for(motion.choice))
+    driver.tick = tick
+    blocks: list[tuple[Array, Array, Array]] = []
+    try:
+        start = begun.state if first.start is None else first.start
+        driver.start(begun.time, motion.start if calls else start)
+        driver.run(
+            first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
+        )
+    except (NumericalError, SingularConfigurationError) as error:
+        raise SecondFailed(how, error, driver.counters.steps) from error
+    states = np.concatenate([x for _, x, _ in blocks])
+    facts = {key: value for watcher in watchers for key, value in watcher.facts(driver.time).items()}
+    steps = driver.counters.steps
+    return Second(blocks, driver.time, driver.state, steps, how, facts, states, driver.met)
+
+
+def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
+    """Integrate once more, more accurately and without observing.
+
+    Raises
+    ------
+    SecondFailed : it did not come to the end.
+    """
     came_to: Second | SecondFailed
 
     def once(attempt: Attempt) -> tuple[Any, Any]:
         nonlocal came_to
-        system, watchers = watched_again(motion)
-        watch = bool(system.events)
-        # without anything to watch the compiled code of the first run serves
-        system = system if watch else motion.system
-        driver = Driver(system, first.method, attempt.alone, watchers, supervisor_for(motion.choice))
-        driver.tick = tick
-        blocks: list[tuple[Array, Array, Array]] = []
         try:
-            start = begun.state if first.start is None else first.start
-            driver.start(begun.time, motion.start if calls else start)
-            driver.run(
-                first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
-            )
-        except (NumericalError, SingularConfigurationError) as error:
-            came_to = SecondFailed(attempt.how, error)
-            if error.details.get("status") != "max_steps":
-                raise came_to from error
-            return np.array([driver.counters.steps]), np.array([True])
-        states = np.concatenate([x for _, x, _ in blocks])
-        facts = {key: value for watcher in watchers for key, value in watcher.facts(driver.time).items()}
-        came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts, states)
+            came_to = run_again(motion, first, attempt.alone, tick, attempt.how)
+        except SecondFailed as failed:
+            came_to = failed
+            if failed.status != "max_steps":
+                raise
+            return np.array([failed.steps]), np.array([True])
         return np.array([came_to.steps]), np.array([False])
 
     integrate_again(first, once)

@@ -49,8 +49,9 @@ class Integrator:
     method : name in the registry.
     parameters : values of the symbolic parameters p; by default those of the system.
 
-    ``tick`` is told the time every few milliseconds. ``before`` : steps that others have taken of the same run; they
-    count for ``options.max_steps`` and ``pause``, after which a run comes back, between events.
+    ``tick`` is told the time every few milliseconds, ``met`` takes those of events [s]. ``before`` : steps that others
+    have taken of the same run; they count for ``options.max_steps`` and ``pause``, after which a run comes back,
+    between events.
     """
 
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
@@ -63,6 +64,7 @@ class Integrator:
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
+        self.met: list[float] = []
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -273,7 +275,9 @@ class Integrator:
             if heard not in (None, event.function.kind):
                 continue
             # a re-partition does not change the motion
-            self.events_seen += event.function.kind is not EventKind.REPARTITION
+            if event.function.kind is not EventKind.REPARTITION:
+                self.events_seen += 1
+                self.met.append(event.time)
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
             if outcome.ends:
                 end = outcome

@@ -12,7 +12,7 @@ from robodyn_cli.expr.formula import parse
 from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
-from robodyn_cli.scene.checks.check import Check, key_place
+from robodyn_cli.scene.checks.check import EXTREMES, Check, key_place
 from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
 from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Node, Path, Scalar, find
@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
     from robodyn_cli.loops.base import LoopClosure
     from robodyn_cli.summaries.keys import Names
-
 
 @record
 class _SceneNames:
@@ -114,6 +113,10 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     if follow is not None:
         scene = _following(scene, follow, check)
     _check_runs(scene, check)
+    if scene.outputs.extremes or any(key.startswith(EXTREMES) for key in (*scene.expect, *scene.study.of)):
+        from robodyn_cli.scene.checks.columns import with_extremes
+
+        scene = with_extremes(scene, _points(scene), check)
     if scene.expect or scene.study.of:
         _check_keys(scene, check)
     return scene
@@ -305,7 +308,7 @@ def _check_keys(scene: Scene, check: Check) -> None:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
-        names = key_names(scene) if not leaves or leaves[0].names else {}
+        names = key_names(scene, key.startswith(EXTREMES)) if not leaves or leaves[0].names else {}
         if not leaves or (names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
 
@@ -314,19 +317,30 @@ def _check_keys(scene: Scene, check: Check) -> None:
                 check.fail(key_place(check.root, section, key), message, at_key=section == "expect")
 
 
-def key_names(scene: Scene) -> Names:
-    """Return the names that keys of summaries of a scene may have in them, by kind."""
+def key_names(scene: Scene, of_columns: bool = True) -> Names:
+    """Return the names that keys of summaries of a scene may have in them, by kind; ``of_columns`` : those too."""
     rates = columns(scene.robot, velocities=True)
     joints = (joint.name for joint in scene.robot.joints)
-    led = () if scene.trajectory is None else scene.trajectory.places
+    named: dict[str, tuple[str, ...]] = {}
+    if of_columns:
+        from robodyn_cli.scene.checks.columns import column_names
+
+        named["COLUMN"] = column_names(scene, _points(scene))
     return {
+        **named,
         "JOINT": tuple(dict.fromkeys((*columns(scene.robot), *rates, *joints))),
         "LOOP": (*(x.name for x in (*scene.loops, *scene.couplers)), "latch"),
         "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
         "PAYLOAD": tuple(payload.name for payload in scene.payloads),
-        "POINT": (*scene.robot.points, *led, *(scene.kinematics.transmission or ())),
+        "POINT": _points(scene),
         "ROW": _row_names(scene),
     }
+
+
+def _points(scene: Scene) -> tuple[str, ...]:
+    """Return the points of which a run tells where they are."""
+    led = () if scene.trajectory is None else scene.trajectory.places
+    return (*scene.robot.points, *led, *(scene.kinematics.transmission or ()))
 
 
 def _row_names(scene: Scene) -> tuple[str, ...]:
