@@ -1,31 +1,70 @@
 """Extremes of columns over integrated motions, and their errors.
 
-A motion is integrated once more with so many samples that polynomials through them follow its steps, however many samples
-the scene asks for; and again more accurately, for the errors that the integration leaves.
+A motion is integrated again, by the same steps, with many samples in each, however many the scene asks for; events have
+the states on both sides. What a more accurate integration has otherwise is the error that the integration leaves.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import NumericalError
-from robodyn_cli.integrators.runtime.options import Grid
-from robodyn_cli.motion.error import remainder
+from robodyn_cli.errors import NumericalError, SingularConfigurationError
+from robodyn_cli.integrators.runtime.integrator import Met
+from robodyn_cli.integrators.runtime.options import Grid, Options, StretchedGrid
+from robodyn_cli.motion.driver import StepTimes
+from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import FirstRun, Second, SecondFailed, Tick, run_again, second_run
-from robodyn_cli.observe.columns import ColumnSamples, chosen_columns, over_both, refuse_missing
+from robodyn_cli.motion.second_run import FirstRun, Tick, driver_again
+from robodyn_cli.observe.columns import Block, ChosenColumn, chosen_columns, over_both, refuse_missing, values_of
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.solve.quadrature import breaks_at
+from robodyn_cli.solve.peaks import Peaks, Piece, Windows
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import Extremes
 
-FEWEST, MOST = 2**11, 2**17  # intervals between the samples
-OF_STEP = 64  # in a step of the integrator: those of high order are long
-OF_UPDATE = 16  # in the period of a sampled controller
+IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
+STRETCHES, MOST = 512, 2**17  # of uniform samples, which are of several steps in a long run; samples
+NEAR = 1e-3  # of the way between samples: one that is so near to a state at an event says no more
+ROUNDED = 1e-14  # of a time
+
+
+@record
+class Steps:
+    """The steps of an integration: knots (P + 1,) [s] where some of them end, events included, and their number."""
+
+    knots: Array
+    count: int
+
+
+@record
+class ColumnPeaks:
+    """The peaks of columns in an integration, low and high, and their values at the end (n,)."""
+
+    columns: Sequence[ChosenColumn]
+    low: Peaks
+    high: Peaks
+    final: Array
+
+    def extremes(self, k: int, low_doubt: float = 0.0, high_doubt: float = 0.0) -> Extremes:
+        """Return the extremes of a column; doubts : how far its values may be off beside what is between samples."""
+        low, high = self.low.best(-1.0, k, low_doubt), self.high.best(1.0, k, high_doubt)
+        return self.columns[k].extremes(low, high, float(self.final[k]))
+
+    def beside(self, k: int, other: Extremes, factor: float) -> Extremes:
+        """Return the extremes of a column with errors for how far those of a more accurate integration are."""
+        own = with_second(self.extremes(k), other, factor, ("extremes",))
+        doubts = [self.columns[k].doubt(getattr(own, x), getattr(own.errors, x)) for x in ("smallest", "largest")]
+        times = self.extremes(k, *doubts).errors
+        covered = {
+            name: max(getattr(own.errors, name), getattr(times, name)) for name in ("smallest_time", "largest_time")
+        }
+        return dataclasses.replace(own, errors=dataclasses.replace(own.errors, **covered))
 
 
 @record
@@ -41,47 +80,122 @@ class RecordedMotion:
     again: FirstRun | None
 
     def extremes(self, names: Sequence[str], tick: Tick) -> dict[str, Extremes]:
-        """Return the extremes of those columns that the motion has, by name."""
-        own = ColumnSamples(self.recorder.observer, chosen_columns(self.recorder, names))
-        first = self._with_samples(self.first)
-        found = own.extremes(self._take(own, first, run_again(self.motion, first, first.options, tick)))
+        """Return the extremes of those columns that the motion has, by name.
+
+        Raises
+        ------
+        NumericalError, SingularConfigurationError : the motion does not come to its end again.
+        """
+        columns = chosen_columns(self.recorder, names)
+        if not columns:
+            return {}
+        first = self.first
+        own = self._peaks(first, first.options, columns, self._steps(first, first.options, tick), tick)
+        found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
         if self.again is None:
             return found
-        other, again = ColumnSamples(self.recorder.observer, own.columns), self._with_samples(self.again)
         try:
-            second = second_run(self.motion, again, tick)
-        except SecondFailed:
+            options, steps = self._more_accurate(self.again, tick)
+            other = self._peaks(self.again, options, columns, steps, tick)
+        except (NumericalError, SingularConfigurationError):
             return {name: _unsure(one) for name, one in found.items()}
-        factor = float(remainder(first, np.array([second.steps]))[0])
-        more = other.extremes(self._take(other, again, second))
-        return own.with_rivals(with_second(found, more, factor, ("extremes",)))
+        factor = float(remainder(first, np.array([steps.count]))[0])
+        return {column.name: own.beside(k, other.extremes(k), factor) for k, column in enumerate(columns)}
 
-    def _with_samples(self, run: FirstRun) -> FirstRun:
-        """Return a run with samples for extremes."""
-        start = run.beginning.time
-        count = max(OF_STEP * int(self.first.steps[0]), OF_UPDATE * len(self._updates(run)))
-        count = min(max(FEWEST, count), MOST) + 1
-        grid = Grid(start, (run.end - start) / (count - 1), count, run.end)
-        return dataclasses.replace(run, grid=grid)
+    def _more_accurate(self, run: FirstRun, tick: Tick) -> tuple[Options, Steps]:
+        """Return the options and the steps of a more accurate integration."""
+        came_to: list[tuple[Options, Steps]] = []
 
-    def _updates(self, run: FirstRun) -> list[float]:
-        """Return the times [s] of the updates of a sampled controller, but for those too many to tell."""
+        def once(attempt: Attempt) -> tuple[Any, Any]:
+            try:
+                came_to.append((attempt.alone, self._steps(run, attempt.alone, tick)))
+            except NumericalError as error:
+                if error.details.get("status") != "max_steps":
+                    raise
+                return np.array([attempt.alone.max_steps]), np.array([True])
+            return np.array([came_to[-1][1].count]), np.array([False])
+
+        integrate_again(run, once)
+        if not came_to:
+            raise NumericalError("no second integration came to the end")
+        return came_to[-1]
+
+    def _steps(self, run: FirstRun, options: Options, tick: Tick) -> Steps:
+        """Integrate, and return the steps."""
+        driver, start, watch = driver_again(self.motion, run, options)
+        noted = driver.supervisor = StepTimes(driver.supervisor, max(1, int(run.steps[0]) // STRETCHES))
+        driver.tick, driver.met = tick, []
+        start()
+        driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
+        begin, end = run.beginning.time, run.end
+        times = np.unique([begin, *noted.times, *(event.time for event in driver.met), *self._cuts(run), end])
+        times = times[(times >= begin) & (times <= end)]
+        apart = np.diff(times) > ROUNDED * max(abs(begin), abs(end))
+        return Steps(times[np.append(apart, True)], driver.counters.steps)
+
+    def _cuts(self, run: FirstRun) -> list[float]:
+        """Return the times [s] at which formulas of time, or what a sampled controller holds, may jump."""
         updates, time = self.motion.system.updates, run.beginning.time
-        times: list[float] = []
-        while updates is not None and OF_UPDATE * len(times) < MOST:
+        times = [x for x in self.motion.system.breakpoints if time < x < run.end]
+        while updates is not None and len(times) * FEWEST_IN_STEP < MOST:
             _, _, time = updates.after(time)
             if time >= run.end:
                 break
             times.append(time)
-        return times
+        return sorted(times)
 
-    def _take(self, samples: ColumnSamples, run: FirstRun, made: Second) -> list[float]:
-        """Take the samples of a run; return the places between them where the motion may jump."""
-        for t, x, p in made.blocks:
-            samples.emit(t, x, p)
-        return breaks_at(
-            samples.times, sorted([*made.met, *self.motion.system.breakpoints, *self._updates(run)])
-        )
+    def _peaks(
+        self, run: FirstRun, options: Options, columns: Sequence[ChosenColumn], steps: Steps, tick: Tick
+    ) -> ColumnPeaks:
+        """Integrate with samples between the knots of the steps, and return the peaks of columns."""
+        driver, start, watch = driver_again(self.motion, run, options)
+        stretches = max(len(steps.knots) - 1, 1)
+        wanted = IN_STEP * max(1.0, steps.count / stretches)
+        inside = 8 * max(1, round(min(wanted, max(FEWEST_IN_STEP, MOST / stretches)) / 8))
+        blocks: list[Block] = []
+        met: list[Met] = []
+        driver.tick, driver.met = tick, met
+        start()
+        grid = StretchedGrid(steps.knots, inside)
+        driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
+        observer = self.recorder.observer
+        values = values_of(observer, columns, blocks)
+        sides = [
+            values_of(observer, columns, [(np.array([e.time]), x[None], p) for e, x, p in side])
+            if met
+            else np.zeros((0, len(columns)))
+            for side in (
+                [(e, e.before, e.p_before) for e in met], [(e, e.behind, e.p_behind) for e in met],
+            )
+        ]  # fmt: skip
+        times = np.concatenate([t for t, _, _ in blocks])
+        known = [(e.time, *pair) for e, *pair in zip(met, *sides)]
+        cuts = sorted([*known, *((time, None, None) for time in self._cuts(run))], key=lambda cut: cut[0])
+        windows = Windows.of(pieces(times, values, cuts, (run.beginning.time, run.end)))
+        return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), values[-1])
+
+
+Cut = tuple[float, Any, Any]  # a time [s], values (n,) before and behind it, None where they are not known
+
+
+def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, float]) -> Iterator[Piece]:
+    """Yield the smooth pieces of functions with values (T, n) at times (T,), between cuts."""
+    bounds = [(ends[0], None, None), *cuts, (ends[1], None, None)]
+    rounding = ROUNDED * max(map(abs, ends))
+    for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
+        inside = slice(*np.searchsorted(times, (begin, end + rounding)))
+        t, y = times[inside], values[inside]
+        near = NEAR * float(np.median(np.diff(t))) if len(t) > 2 else rounding
+        # of a sample at a cut it is not known of which side it is
+        kept = (t > begin + (near if first is not None else rounding)) | (begin == ends[0])
+        kept &= (t < end - (near if last is not None else rounding)) | (end == ends[1])
+        known = [(begin, first)] * (first is not None) + [(end, last)] * (last is not None and end > begin + near)
+        parts = [*((np.array([at]), value[None]) for at, value in known[:1] if at == begin)]
+        parts.append((t[kept], y[kept]))
+        parts += [(np.array([at]), value[None]) for at, value in known if at != begin]
+        t, y = (np.concatenate(arrays) for arrays in zip(*parts))
+        if len(t):
+            yield t, y, begin, end
 
 
 def extremes_over(
@@ -91,15 +205,13 @@ def extremes_over(
 
     Raises
     ------
-    SceneError : no motion has a column of a name. NumericalError : a motion does not come to its end again.
+    SceneError : no motion has a column of a name. NumericalError, SingularConfigurationError : a motion does not come
+        to its end again.
     """
     found: dict[str, Extremes] = {}
     for one in motions:
-        try:
-            for name, later in one.extremes(names, tick).items():
-                found[name] = over_both(found[name], later) if name in found else later
-        except SecondFailed as failed:
-            raise NumericalError(f"extremes: the motion did not come to its end again: {failed.message}") from failed
+        for name, later in one.extremes(names, tick).items():
+            found[name] = over_both(found[name], later) if name in found else later
     refuse_missing(names, found, motions[0].recorder.blocks)
     return {name: found[name] for name in names}
 

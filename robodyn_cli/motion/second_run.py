@@ -64,8 +64,7 @@ def grid_of(scene: Scene, beginning: Beginning) -> Grid:
 @record
 class Second:
     """What the second integration came to: times, states and parameters by blocks, the end [s] and the state
-    there, its steps, how it differed, in words, what its watchers say for the summary, all states (T, nx), and the
-    times of its events [s]."""
+    there, its steps, how it differed, in words, what its watchers say for the summary, and all states (T, nx)."""
 
     blocks: list[tuple[Array, Array, Array]]
     end: float
@@ -74,7 +73,6 @@ class Second:
     how: str
     facts: Mapping[str, Any]
     states: Array
-    met: list[float]
 
 
 @record
@@ -92,12 +90,11 @@ class Estimate:
 
 
 class SecondFailed(Exception):
-    """The second integration did not come to the end, but so many steps far. how : it differed from the first."""
+    """The second integration did not come to the end. how : it differed from the first."""
 
-    def __init__(self, how: str, cause: RobodynError, steps: int) -> None:
+    def __init__(self, how: str, cause: RobodynError) -> None:
         super().__init__(cause.message)
-        self.how, self.message, self.steps = how, cause.message, steps
-        self.status = cause.details.get("status")
+        self.how, self.message = how, cause.message
 
 
 def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
@@ -112,35 +109,19 @@ def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
     return system, [twin for twin in twins.values() if twin is not None]
 
 
-def run_again(motion: Motion, first: FirstRun, options: Options, tick: Tick, how: str = "") -> Second:
-    """Integrate once more with some options and without observing.
-
-    Raises
-    ------
-    SecondFailed : it did not come to the end.
-    """
+def driver_again(motion: Motion, first: FirstRun, options: Options) -> tuple[Driver, Callable[[], None], bool]:
+    """Return the driver of another integration of a run, what starts it, and whether it has events to watch."""
     begun, updates = first.beginning, motion.system.updates
     # a function in Python that controls starts anew, too
     calls = updates is not None and updates.function is not None and begun.time == 0.0
     system, watchers = watched_again(motion)
     watch = bool(system.events)
     # without anything to watch the compiled code of the first run serves
-    system = system if watch else motion.system
-    driver = Driver(system, first.method, options, watchers, supervisor_for(motion.choice))
-    driver.tick = tick
-    blocks: list[tuple[Array, Array, Array]] = []
-    try:
-        start = begun.state if first.start is None else first.start
-        driver.start(begun.time, motion.start if calls else start)
-        driver.run(
-            first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
-        )
-    except (NumericalError, SingularConfigurationError) as error:
-        raise SecondFailed(how, error, driver.counters.steps) from error
-    states = np.concatenate([x for _, x, _ in blocks])
-    facts = {key: value for watcher in watchers for key, value in watcher.facts(driver.time).items()}
-    steps = driver.counters.steps
-    return Second(blocks, driver.time, driver.state, steps, how, facts, states, driver.met)
+    driver = Driver(
+        system if watch else motion.system, first.method, options, watchers, supervisor_for(motion.choice)
+    )
+    state = begun.state if first.start is None else first.start
+    return driver, lambda: driver.start(begun.time, motion.start if calls else state), watch
 
 
 def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
@@ -154,13 +135,22 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
 
     def once(attempt: Attempt) -> tuple[Any, Any]:
         nonlocal came_to
+        driver, start, watch = driver_again(motion, first, attempt.alone)
+        driver.tick = tick
+        blocks: list[tuple[Array, Array, Array]] = []
         try:
-            came_to = run_again(motion, first, attempt.alone, tick, attempt.how)
-        except SecondFailed as failed:
-            came_to = failed
-            if failed.status != "max_steps":
-                raise
-            return np.array([failed.steps]), np.array([True])
+            start()
+            driver.run(
+                first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
+            )
+        except (NumericalError, SingularConfigurationError) as error:
+            came_to = SecondFailed(attempt.how, error)
+            if error.details.get("status") != "max_steps":
+                raise came_to from error
+            return np.array([driver.counters.steps]), np.array([True])
+        states = np.concatenate([x for _, x, _ in blocks])
+        facts = {key: value for w in driver.watchers for key, value in w.facts(driver.time).items()}
+        came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts, states)
         return np.array([came_to.steps]), np.array([False])
 
     integrate_again(first, once)

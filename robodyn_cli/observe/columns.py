@@ -7,6 +7,7 @@ a motion jumps.
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any
@@ -24,6 +25,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ExtremeErrors, Extremes
 
 # columns that the length of some others is, by its name: all of a vector, force and moment of a wrench
+Found = tuple[float, float, float, float]  # an extreme value, its error, its time [s], the error of that
 LENGTHS = {"length": "xyz", "force": "f", "moment": "m"}
 
 
@@ -41,12 +43,32 @@ class ChosenColumn:
     unit: str
     is_length: bool = False
 
+    def extremes(self, low: Found, high: Found, final: float) -> Extremes:
+        """Return the extremes of its values, which are squares of a length; errors are those due to the samples."""
+        (least, least_error, least_time, least_off), (most, most_error, most_time, most_off) = low, high
+        if self.is_length:
+            (least, least_error), (most, most_error), (final, _) = (
+                _root(*x) for x in (low[:2], high[:2], (final, 0.0))
+            )
+        errors = ExtremeErrors(least_error, least_off, most_error, most_off, 0.0)
+        return Extremes(least, least_time, most, most_time, final, errors, self.unit)
+
+    def doubt(self, value: float, error: float) -> float:
+        """Return what an error of a value is of what ``of`` gives."""
+        return (2.0 * value + error) * error if self.is_length else error
+
     def of(self, data: Mapping[str, Array]) -> Array:
         """Return its values (T,) from datasets by path; of a length the square."""
         block = data[self.path]
         if self.is_length:
             return np.asarray((block[:, list(self.places)] ** 2).sum(axis=1))
         return block[:, self.places[0]] if self.places else block
+
+
+def _root(square: float, error: float) -> tuple[float, float]:
+    """Return the length of a square, and its error."""
+    length, most, least = (math.sqrt(max(square + off, 0.0)) for off in (0.0, error, -error))
+    return length, max(most - length, length - least)
 
 
 def chosen_columns(recorder: Recorder, names: Sequence[str]) -> list[ChosenColumn]:
@@ -74,59 +96,19 @@ def chosen(variables: Mapping[str, Variable], name: str) -> ChosenColumn | None:
     return None
 
 
-class ColumnSamples:
-    """Takes blocks of samples, and keeps some columns of what an observer sees in them."""
-
-    def __init__(self, observer: Observer, columns: Sequence[ChosenColumn]) -> None:
-        self.observer, self.columns = observer, columns
-        self._times: list[Array] = []
-        self._values: list[Array] = []
-
-    @property
-    def times(self) -> Array:
-        """Times of the samples (T,) [s]."""
-        return np.concatenate(self._times)
-
-    def emit(self, t: Array, x: Array, p: Array) -> None:
-        """Observe states x (T, nx) at times t (T,) with the parameters p."""
-        self.observer.parameters = p
-        data = self.observer.observe(t, x)
-        self._times.append(t)
-        self._values.append(np.column_stack([column.of(data) for column in self.columns]))
-
-    def extremes(self, breaks: Breaks) -> dict[str, Extremes]:
-        """Return the extremes of each column by name; breaks : see ``quadrature``."""
-        return extremes(np.concatenate(self._times), np.concatenate(self._values), self.columns, breaks)
-
-    def with_rivals(self, own: Mapping[str, Extremes]) -> dict[str, Extremes]:
-        """Return extremes with errors of their times that cover what is as large within the errors of the values."""
-        times, values = np.concatenate(self._times), np.concatenate(self._values)
-        found = {}
-        for column, y in zip(self.columns, values.T):
-            x = own[column.name]
-            e = x.errors
-            y = np.sqrt(y) if column.is_length else y
-            low = _with_rivals(times, -y, -x.smallest, e.smallest, x.smallest_time, e.smallest_time)
-            high = _with_rivals(times, y, x.largest, e.largest, x.largest_time, e.largest_time)
-            errors = dataclasses.replace(e, smallest_time=low, largest_time=high)
-            found[column.name] = dataclasses.replace(x, errors=errors)
-        return found
+Block = tuple[Array, Array, Array]  # times (T,), states (T, nx), parameters (n,)
 
 
-def _with_rivals(
-    times: Array, y: Array, value: float, error: float | None, time: float, time_error: float | None
-) -> float | None:
-    """Return the error of the time of a largest value with how far other tops are that may be as large."""
-    if error is None or time_error is None or len(y) < 3:
-        return time_error
-    left, middle, right = y[:-2], y[1:-1], y[2:]
-    bend = left - 2.0 * middle + right
-    with np.errstate(divide="ignore", invalid="ignore"):
-        tops = np.where(bend < 0.0, middle - (right - left) ** 2 / (8.0 * bend), middle)
-    tops = np.concatenate([y[:1], np.where((middle >= left) & (middle >= right), tops, -np.inf), y[-1:]])
-    away = np.abs(times[tops >= value - 2.0 * error] - time)
-    step = float(np.diff(times).max())
-    return max(time_error, float(away.max(initial=0.0)) if away.max(initial=0.0) > 2.0 * step else 0.0)
+def values_of(observer: Observer, columns: Sequence[ChosenColumn], blocks: Iterable[Block]) -> Array:
+    """Return the values (T, n) of columns at states, block by block; those with the same parameters at once."""
+    parts = []
+    for _, group in itertools.groupby(blocks, lambda block: block[2].tobytes()):
+        own = list(group)
+        t, x = (np.concatenate([block[k] for block in own]) for k in (0, 1))
+        observer.parameters = own[0][2]
+        data = observer.observe(t, x)
+        parts.append(np.column_stack([column.of(data) for column in columns]))
+    return np.concatenate(parts)
 
 
 def extremes(
@@ -134,25 +116,17 @@ def extremes(
 ) -> dict[str, Extremes]:
     """Return the extremes of columns with values (T, n) at times (T,) by name, with errors due to the samples."""
     low, high = smallest(times, values, breaks), largest(times, values, breaks)
-    found = {}
-    for k, column in enumerate(columns):
-        ((least, least_off), (most, most_off)), last = (_at(x, k, column) for x in (low, high)), values[-1, k]
-        times_of = (float(x[k]) for one in (low, high) for x in (one.time, one.time_error))
-        least_time, least_time_off, most_time, most_time_off = times_of
-        errors = ExtremeErrors(least_off, least_time_off, most_off, most_time_off, 0.0)
-        final = float(np.sqrt(last) if column.is_length else last)
-        found[column.name] = Extremes(least, least_time, most, most_time, final, errors, column.unit)
-    return found
+    return {
+        column.name: column.extremes(*(_at(x, k) for x in (low, high)), float(values[-1, k]))
+        for k, column in enumerate(columns)
+    }
 
 
-def _at(extreme: Extreme, k: int, column: ChosenColumn) -> tuple[float, float]:
-    """Return the value of one column and its error; those of a length from its square."""
-    value, error = float(extreme.value[k]), float(extreme.error[k])
-    if not column.is_length:
-        return value, error
-    most, least = (math.sqrt(max(value + off, 0.0)) for off in (error, -error))
-    length = math.sqrt(max(value, 0.0))
-    return length, max(most - length, length - least)
+def _at(extreme: Extreme, k: int) -> Found:
+    value, error, time, off = (
+        float(x[k]) for x in (extreme.value, extreme.error, extreme.time, extreme.time_error)
+    )
+    return value, error, time, off
 
 
 def chosen_extremes(
