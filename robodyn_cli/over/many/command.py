@@ -246,6 +246,7 @@ class Making:
         """Return the scene of one run."""
         result, structures = self.result, self.structures
         scene = structures.family.scene(settings(result.keys, result.values[row]))
+        scene = asking(scene, result.outputs)
         initial, q, qd = scene.initial, self.asked.q, self.asked.qd
         if q is not None:
             initial = dataclasses.replace(initial, q=dict(zip(result.q_names, q[row].tolist())))

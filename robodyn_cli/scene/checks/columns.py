@@ -7,7 +7,7 @@ A vector has its length, ``point_velocities/tip.length``, a wrench its ``force``
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 from robodyn_cli.errors import did_you_mean
 from robodyn_cli.scene.checks.check import EXTREMES, Check
@@ -79,14 +79,20 @@ def column_of(key: str) -> str:
     return key[len(EXTREMES) :].rpartition(".")[0].removesuffix(".errors") if key.startswith(EXTREMES) else ""
 
 
-def asked_extremes(scene: Scene) -> tuple[str, ...]:
-    """Return the columns whose extremes a scene asks for, in ``outputs`` or by keys of its summary."""
-    keys = (*scene.expect, *scene.study.of)
-    return tuple(dict.fromkeys((*scene.outputs.extremes, *(x for key in keys if (x := column_of(key))))))
+def asking(scene: Scene, keys: Iterable[str]) -> Scene:
+    """Return a scene that asks for the extremes which keys of its summary name, too; reactions are recorded for theirs."""
+    named = [name for key in keys if (name := column_of(key))]
+    asked = tuple(dict.fromkeys((*scene.outputs.extremes, *named)))
+    loads = scene.outputs.reactions or any(name.startswith(LOADS) for name in asked)
+    if asked == scene.outputs.extremes and loads == scene.outputs.reactions:
+        return scene
+    return dataclasses.replace(
+        scene, outputs=dataclasses.replace(scene.outputs, extremes=asked, reactions=loads)
+    )
 
 
 def with_extremes(scene: Scene, points: tuple[str, ...], check: Check) -> Scene:
-    """Return a scene whose outputs are all columns that it asks the extremes of; reactions are recorded for theirs."""
+    """Return a scene that asks for all extremes that it names, with those of its outputs checked."""
     known = column_names(scene, points)
     for k, name in enumerate(scene.outputs.extremes):
         with check:
@@ -100,7 +106,4 @@ def with_extremes(scene: Scene, points: tuple[str, ...], check: Check) -> Scene:
                 )
                 message = f"no column {name!r}{did_you_mean(name, known)}; allowed: {', '.join(near)}"
                 check.fail(("outputs", "extremes", k), message)
-    asked = asked_extremes(scene)
-    loads = scene.outputs.reactions or any(name.startswith(LOADS) for name in asked)
-    outputs = dataclasses.replace(scene.outputs, extremes=asked, reactions=loads)
-    return dataclasses.replace(scene, outputs=outputs)
+    return asking(scene, (*scene.expect, *scene.study.of))
