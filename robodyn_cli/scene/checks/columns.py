@@ -28,7 +28,7 @@ def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
     names = _named(scene, points)
     if scene.command == "kinematics":
         return tuple(name for name in names if name.startswith(WITHOUT_FORCES))
-    return tuple(name for name in names if name != "transmission_angle")
+    return tuple(name for name in names if scene.command is None or name != "transmission_angle")
 
 
 def _named(scene: Scene, points: tuple[str, ...]) -> Iterator[str]:
@@ -100,10 +100,10 @@ def with_extremes(scene: Scene, points: tuple[str, ...], check: Check) -> Scene:
                 message = f"'{scene.command}' has no extremes; allowed: with command {', '.join(OF_RUNS)}"
                 check.fail(("outputs", "extremes"), message)
             if name not in known:
-                head = name.partition(".")[0]
-                near = [x for x in known if x.partition(".")[0] == head] or dict.fromkeys(
-                    x.partition(".")[0] for x in known
-                )
+                head, paths = name.partition(".")[0], _datasets(scene, points)
+                near = [x for x in known if x.startswith(f"{head}.")] or [
+                    path for path in paths if any(x.startswith(path) for x in known)
+                ]
                 message = f"no column {name!r}{did_you_mean(name, known)}; allowed: {', '.join(near)}"
                 check.fail(("outputs", "extremes", k), message)
     return asking(scene, (*scene.expect, *scene.study.of))
