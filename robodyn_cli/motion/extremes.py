@@ -20,7 +20,14 @@ from robodyn_cli.motion.driver import StepTimes
 from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import FirstRun, Tick, driver_again
-from robodyn_cli.observe.columns import Block, ChosenColumn, chosen_columns, over_both, refuse_missing, values_of
+from robodyn_cli.observe.columns import (
+    Block,
+    ChosenColumn,
+    chosen_columns,
+    over_both,
+    refuse_missing,
+    values_of,
+)
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import Peaks, Piece, Windows
@@ -59,10 +66,13 @@ class ColumnPeaks:
     def beside(self, k: int, other: Extremes, factor: float) -> Extremes:
         """Return the extremes of a column with errors for how far those of a more accurate integration are."""
         own = with_second(self.extremes(k), other, factor, ("extremes",))
-        doubts = [self.columns[k].doubt(getattr(own, x), getattr(own.errors, x)) for x in ("smallest", "largest")]
+        doubts = [
+            self.columns[k].doubt(getattr(own, x), getattr(own.errors, x)) for x in ("smallest", "largest")
+        ]
         times = self.extremes(k, *doubts).errors
         covered = {
-            name: max(getattr(own.errors, name), getattr(times, name)) for name in ("smallest_time", "largest_time")
+            name: max(getattr(own.errors, name), getattr(times, name))
+            for name in ("smallest_time", "largest_time")
         }
         return dataclasses.replace(own, errors=dataclasses.replace(own.errors, **covered))
 
@@ -189,7 +199,9 @@ def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, 
         # of a sample at a cut it is not known of which side it is
         kept = (t > begin + (near if first is not None else rounding)) | (begin == ends[0])
         kept &= (t < end - (near if last is not None else rounding)) | (end == ends[1])
-        known = [(begin, first)] * (first is not None) + [(end, last)] * (last is not None and end > begin + near)
+        known = [(begin, first)] * (first is not None) + [(end, last)] * (
+            last is not None and end > begin + near
+        )
         parts = [*((np.array([at]), value[None]) for at, value in known[:1] if at == begin)]
         parts.append((t[kept], y[kept]))
         parts += [(np.array([at]), value[None]) for at, value in known if at != begin]

@@ -109,7 +109,9 @@ def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
     return system, [twin for twin in twins.values() if twin is not None]
 
 
-def driver_again(motion: Motion, first: FirstRun, options: Options) -> tuple[Driver, Callable[[], None], bool]:
+def driver_again(
+    motion: Motion, first: FirstRun, options: Options
+) -> tuple[Driver, Callable[[], None], bool]:
     """Return the driver of another integration of a run, what starts it, and whether it has events to watch."""
     begun, updates = first.beginning, motion.system.updates
     # a function in Python that controls starts anew, too

@@ -1,7 +1,7 @@
-"""Columns over time that a scene asks the extremes of, and their smallest, largest and last values.
+"""Columns over time that a scene asks the extremes of: their names, units and values, and extremes of given motions.
 
-Values between the samples are those of ``solve.extremes``: of polynomials, in pieces between the times at which
-a motion jumps.
+Those of given motions follow from their samples (``solve.extremes``), those of integrated ones from the steps
+(``motion.extremes``).
 """
 
 from __future__ import annotations
@@ -28,8 +28,8 @@ from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ExtremeErrors, Extremes
 
-# columns that the length of some others is, by its name: all of a vector, force and moment of a wrench
 Found = tuple[float, float, float, float]  # an extreme value, its error, its time [s], the error of that
+# how names of the columns begin of which one is the length: all of a vector, force and moment of a wrench
 LENGTHS = {"length": "xyz", "force": "f", "moment": "m"}
 
 
@@ -77,7 +77,10 @@ def _root(square: float, error: float) -> tuple[float, float]:
 
 def chosen_columns(recorder: Recorder, names: Sequence[str]) -> list[ChosenColumn]:
     """Return those columns of a run that has been recorded which have these names."""
-    described = {path: make_variable(path, blocks[0], **recorder.described(path)) for path, blocks in recorder.blocks.items()}
+    described = {
+        path: make_variable(path, blocks[0], **recorder.described(path))
+        for path, blocks in recorder.blocks.items()
+    }
     return [column for name in names if (column := chosen(described, name)) is not None]
 
 
@@ -142,7 +145,7 @@ def extremes(
     """Return the extremes of columns with values (T, n) at times (T,) by name, with errors due to the samples."""
     low, high = smallest(times, values, breaks), largest(times, values, breaks)
     return {
-        column.name: column.extremes(*(_at(x, k) for x in (low, high)), float(values[-1, k]))
+        column.name: column.extremes(_at(low, k), _at(high, k), float(values[-1, k]))
         for k, column in enumerate(columns)
     }
 
@@ -173,7 +176,11 @@ def chosen_extremes(
             one = found[column.name]
             e = one.errors
             errors = ExtremeErrors(
-                (e.smallest or 0.0) + closed, e.smallest_time, (e.largest or 0.0) + closed, e.largest_time, closed
+                (e.smallest or 0.0) + closed,
+                e.smallest_time,
+                (e.largest or 0.0) + closed,
+                e.largest_time,
+                closed,
             )
             found[column.name] = dataclasses.replace(one, errors=errors)
     return found

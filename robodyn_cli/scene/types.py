@@ -258,11 +258,7 @@ class Outputs:
         doc="Quantities to record by formulas, in t, q, qd, tau and what a controller knows (ref, refd, refdd, s).",
     )
     extremes: tuple[str, ...] = key(
-        ListOf(Text()),
-        default=(),
-        doc="Columns whose smallest, largest and last value `simulate`, `deploy` and `kinematics` state, as exports "
-        "call them: `q.JOINT`, `points/POINT.y`, `point_velocities/POINT.length`, `reactions/JOINT.force`, "
-        "`signals/NAME`.",
+        ListOf(Text()), default=(), doc="Columns whose extremes the summary tells, as exports call them."
     )
 
 

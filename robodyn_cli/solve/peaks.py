@@ -1,8 +1,8 @@
 """Peaks of functions that are smooth in pieces and known at close samples, as those of an integrated motion are.
 
-In each window of nine samples the polynomial of degree 8 through them takes the place of a function; how far the one of
-degree 6 through seven of them is off from it bounds what both leave out. A piece may reach beyond its samples, as far as
-from one to the next one or so.
+In each window of nine samples the polynomial of degree 8 through them takes the place of a function; how far the one
+of degree 6 through seven of them is off from it bounds what it leaves out. A piece may reach beyond its samples, by
+about as much as from one to the next.
 """
 
 from __future__ import annotations
@@ -111,8 +111,13 @@ class Peaks:
 
     def best(self, sign: float, k: int, doubt: float = 0.0) -> tuple[float, float, float, float]:
         """Return the largest value of one function (the smallest for a sign of -1) with its error, its time, and the
-        error of that, which covers all that is as large but for errors, and twice a ``doubt`` that all values share."""
-        value, error, time, off = (x[:, k] for x in (sign * self.value, self.error, self.time, self.time_error))
+        error of that.
+
+        It covers all that is as large but for errors, and twice a ``doubt`` that all values share.
+        """
+        value, error, time, off = (
+            x[:, k] for x in (sign * self.value, self.error, self.time, self.time_error)
+        )
         most = float(value.max())
         first = int(np.argmax(value >= most - ALIKE * abs(most)))
         # samples that follow no smooth function say no more than their range

@@ -205,7 +205,9 @@ class KinematicsSummary:
         names=("iterations", "steps", "ik_iterations", "ik_steps"),
     )
     extremes: dict[str, Extremes] | Absent = fact(
-        "of columns over time that `expect`, `--of` or `outputs.extremes` ask for", names=COLUMN, default=ABSENT
+        "of columns over time that `expect`, `--of` or `outputs.extremes` ask for",
+        names=COLUMN,
+        default=ABSENT,
     )
 
 

@@ -220,6 +220,8 @@ class MotionSummary:
         "s", default=ABSENT,
     )  # fmt: skip
     extremes: dict[str, Extremes] | Absent = fact(
-        "of columns over time that `expect`, `--of` or `outputs.extremes` ask for", names=COLUMN, default=ABSENT
+        "of columns over time that `expect`, `--of` or `outputs.extremes` ask for",
+        names=COLUMN,
+        default=ABSENT,
     )
     final: FinalState | Absent = fact("last state of a simulated motion", default=ABSENT)

@@ -23,7 +23,8 @@ from robodyn_cli.integrators.runtime.memory import (
     Status,
     resolution,
 )
-from robodyn_cli.integrators.runtime.options import Grid, Options, Samples, StretchedGrid, stretches
+from robodyn_cli.integrators.runtime.options import Grid, Options, Samples, stretches
+from robodyn_cli.integrators.runtime.sample_blocks import SampleBlocks
 from robodyn_cli.integrators.runtime.stopped import Approach, Crowd, Stopped
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -61,8 +62,8 @@ class Integrator:
     method : name in the registry.
     parameters : values of the symbolic parameters p; by default those of the system.
 
-    ``tick`` is told the time every few milliseconds, ``met``, where set, takes the events. ``before`` : steps that others
-    have taken of the same run; they count for ``options.max_steps`` and ``pause``, after which a run comes back,
+    ``tick`` is told the time every few milliseconds, ``met``, where set, takes the events. ``before`` : steps that
+    others have taken of the same run; they count for ``options.max_steps`` and ``pause``, after which a run comes back,
     between events.
     """
 
@@ -77,7 +78,6 @@ class Integrator:
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
         self.met: list[Met] | None = None
-        self._first = 0  # of the samples that the loop counts from 0
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -229,8 +229,8 @@ class Integrator:
         GO_ON at the end, or what an owner answered that ended the run before: STOP, or a Leap to be made.
         """
         s, n = self.system, self.n
-        capacity = max(1, min(block, grid.at_once))
-        self._begin_samples(grid, capacity, emit)
+        samples = SampleBlocks(self.engine, grid, emit, block)
+        samples.begin(self.time)
         heard = None if watch else EventKind.REPARTITION  # which must happen in any case
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
@@ -238,54 +238,24 @@ class Integrator:
         elif not n[IntegerSlot.WATCH]:
             n[IntegerSlot.WATCH] = UNARMED
 
-        def flush() -> None:
-            begun, end = self._row, n[IntegerSlot.ROWS]
-            if end > begun:
-                last = self._first + n[IntegerSlot.NEXT_SAMPLE]
-                rows = self.engine.out.reshape(s.size, capacity)
-                emit(grid.times(last - end + begun, last), rows[:, begun:end].T.copy())
-                self._aim(grid, last)
-
         for stop in self._stops(end):
             while True:
                 try:
                     status = self._call(stop, self.pause)
                 except NumericalError:  # raised by ``tick``: keep the samples so far
-                    flush()
+                    samples.flush()
                     raise
-                flush()
+                samples.flush()
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
                     self._crowd.refuse(s.events[n[IntegerSlot.EVENT]], self.memory.saved_w[DoubleSlot.T])
-                    outcome = self._handle(self._locate(stop, grid, flush), heard)
+                    outcome = self._handle(self._locate(stop, samples), heard)
                     if outcome is not GO_ON:
                         return outcome
                 else:
                     self._check(status)
         return self._handle(self._at_end(), heard) if watch else GO_ON
-
-    def _begin_samples(self, grid: Samples, capacity: int, emit: Callable[[Array, Array], None]) -> None:
-        """Provide room for a block of samples, and write one that lies at the current time."""
-        n, time = self.n, self.time
-        if len(self.engine.out) != capacity * self.system.size:
-            self.engine.make_room(capacity * self.system.size)
-        n[IntegerSlot.CAPACITY] = capacity
-        first = grid.first_at(time)
-        if first < grid.count and grid.begins_by(first, time):
-            emit(np.array([time]), self.y[None].copy())
-            first += 1
-        self._aim(grid, first)
-
-    def _aim(self, grid: Samples, k: int) -> None:
-        """Set the loop, and what it may go back to, on sample k, with the rows that are left for its stretch."""
-        start, step, first, last = grid.stretch(k)
-        self._first, self._row = first, k - first if isinstance(grid, StretchedGrid) else 0
-        memory = self.memory
-        for w, n in ((self.w, self.n), (memory.saved_w, memory.saved_n)):
-            w[DoubleSlot.SAMPLE_START], w[DoubleSlot.SAMPLE_STEP] = start, step
-            n[IntegerSlot.NEXT_SAMPLE], n[IntegerSlot.LAST_SAMPLE] = k - first, last - first
-            n[IntegerSlot.ROWS] = self._row
 
     def _handle(self, events: Sequence[Event], heard: EventKind | None) -> Outcome:
         """Hand simultaneous events to their owners, each with the state that the one before has left.
@@ -331,11 +301,10 @@ class Integrator:
                 events.append(self._event(k, 0.0))
         return tuple(events)
 
-    def _locate(self, stop: float, grid: Samples, flush: Callable[[], None]) -> tuple[Event, ...]:
+    def _locate(self, stop: float, samples: SampleBlocks) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
         n, start = self.n, self.memory.saved_w[DoubleSlot.T]
-        sample = self._first + n[IntegerSlot.NEXT_SAMPLE]
-        last = grid.stretch(sample)[3] - self._first
+        last, flush = samples.last, samples.flush
         seen, located = n[IntegerSlot.EVENT], bool(n[IntegerSlot.LOCATED])
         time, roots = (self.time, ()) if located else self._sort_out(seen, stop, flush)
         if (
@@ -346,7 +315,7 @@ class Integrator:
             return ()
         if located:
             fine = resolution(start, time)
-            if sample < grid.count and grid.begins_by(sample, time):
+            if samples.lies_at(time):
                 sign = math.copysign(1.0, self.w[DoubleSlot.SIZE + seen])
                 self._go(time, last, flush)
                 self._watch(self.engine.seen(), {seen: sign})

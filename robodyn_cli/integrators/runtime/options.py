@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterator, Sequence
-from typing import Any, Union
+from typing import Any
 
 import numpy as np
 
@@ -127,7 +127,7 @@ class StretchedGrid:
         return self.at_once * (len(self.knots) - 1) + 1
 
     def stretch(self, k: int) -> tuple[float, float, int, int]:
-        """Return what ``Grid.stretch`` does; the last sample counted is the first of the next stretch, which ends it."""
+        """Return what ``Grid.stretch`` does; the last sample is the first one of the next stretch."""
         j = k // self.at_once
         first = j * self.at_once
         if j + 1 == len(self.knots):
@@ -150,7 +150,7 @@ class StretchedGrid:
         return int(np.searchsorted(self.times(0, self.count), time - 2.0 * SLACK * abs(time)))
 
 
-Samples = Union[Grid, StretchedGrid]
+Samples = Grid | StretchedGrid
 
 
 def stride_of(samples: int) -> float:

@@ -121,7 +121,9 @@ def make_one(task: Task, run: int, values: Array) -> tuple[RunRows, Mapping[str,
     """Return what a run with these values gives, and its summary; whatever ends it is part of its row."""
     words, holds = settings(task.keys, values), False
     ending = ended(
-        lambda: execute(task.command, asking(task.family.scene(words), task.outputs), no_progress, Stopwatch())
+        lambda: execute(
+            task.command, asking(task.family.scene(words), task.outputs), no_progress, Stopwatch()
+        )
     )
     if ending.summary:
         try:

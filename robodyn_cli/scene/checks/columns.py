@@ -1,5 +1,5 @@
-"""The columns over time that a run of a scene has, as exports call them: ``q.theta1``, ``points/tip.x``; and those whose
-extremes are asked for.
+"""The columns over time that a run of a scene has, as exports call them (``q.theta1``, ``points/tip.x``), and those
+whose extremes a scene asks for.
 
 A vector has its length, ``point_velocities/tip.length``, a wrench its ``force`` and ``moment``.
 """
@@ -24,7 +24,7 @@ WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle")
 
 
 def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the names of the columns that extremes of a run of a scene's command are of; ``points`` : the named ones."""
+    """Return the names of the columns of runs of a scene's command; ``points`` : of which they tell where they are."""
     names = _named(scene, points)
     if scene.command == "kinematics":
         return tuple(name for name in names if name.startswith(WITHOUT_FORCES))
@@ -80,7 +80,7 @@ def column_of(key: str) -> str:
 
 
 def asking(scene: Scene, keys: Iterable[str]) -> Scene:
-    """Return a scene that asks for the extremes which keys of its summary name, too; reactions are recorded for theirs."""
+    """Return a scene that asks for the extremes that keys of its summary name, too; it records reactions for theirs."""
     named = [name for key in keys if (name := column_of(key))]
     asked = tuple(dict.fromkeys((*scene.outputs.extremes, *named)))
     loads = scene.outputs.reactions or any(name.startswith(LOADS) for name in asked)

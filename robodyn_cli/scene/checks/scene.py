@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from robodyn_cli.loops.base import LoopClosure
     from robodyn_cli.summaries.keys import Names
 
+
 @record
 class _SceneNames:
     """The names of a scene, for trajectories."""

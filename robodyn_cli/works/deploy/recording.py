@@ -234,7 +234,9 @@ def follow_locked(
     if other is not None and again is not None and again.lock and again.latch:
         other = dataclasses.replace(run, beginning=_behind(motion, locked, again.lock, again.latch))
     return FollowedLock(
-        _with_loads(keys, driver, recorder, estimate), recorder, RecordedMotion(locked, whole, recorder, other)
+        _with_loads(keys, driver, recorder, estimate),
+        recorder,
+        RecordedMotion(locked, whole, recorder, other),
     )
 
 
