@@ -36,7 +36,8 @@ from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import Extremes
 
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
-STRETCHES, MOST = 512, 2**17  # of uniform samples, which are of several steps in a long run; samples
+STRETCHES = 512  # of uniform samples, which are of several steps in a long run
+MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
 NEAR = 1e-3  # of the way between samples: one that is so near to a state at an event says no more
 ROUNDED = 1e-14  # of a time
 
@@ -160,8 +161,10 @@ class RecordedMotion:
         """Integrate with samples between the knots of the steps, and return the peaks of columns."""
         driver, start, watch = driver_again(self.motion, run, options)
         stretches = max(len(steps.knots) - 1, 1)
-        wanted = IN_STEP * max(1.0, steps.count / stretches)
-        inside = 8 * max(1, round(min(wanted, max(FEWEST_IN_STEP, MOST / stretches)) / 8))
+        in_step = min(max(MANY / steps.count, 2 * FEWEST_IN_STEP), IN_STEP) * max(
+            1.0, steps.count / stretches
+        )
+        inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))
         blocks: list[Block] = []
         met: list[Met] = []
         driver.tick, driver.met = tick, met
@@ -195,7 +198,7 @@ def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, 
     for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
         inside = slice(*np.searchsorted(times, (begin, end + rounding)))
         t, y = times[inside], values[inside]
-        near = NEAR * float(np.median(np.diff(t))) if len(t) > 2 else rounding
+        near = NEAR * float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 2 else rounding
         # of a sample at a cut it is not known of which side it is
         kept = (t > begin + (near if first is not None else rounding)) | (begin == ends[0])
         kept &= (t < end - (near if last is not None else rounding)) | (end == ends[1])

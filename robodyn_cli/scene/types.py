@@ -257,9 +257,7 @@ class Outputs:
         default=None,
         doc="Quantities to record by formulas, in t, q, qd, tau and what a controller knows (ref, refd, refdd, s).",
     )
-    extremes: tuple[str, ...] = key(
-        ListOf(Text()), default=(), doc="Columns whose extremes the summary tells, as exports call them."
-    )
+    extremes: tuple[str, ...] = key(ListOf(Text()), default=(), doc="Columns whose extremes to tell.")
 
 
 @record

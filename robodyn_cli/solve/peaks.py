@@ -7,6 +7,7 @@ about as much as from one to the next.
 
 from __future__ import annotations
 
+import collections
 from collections.abc import Iterable
 
 import numpy as np
@@ -40,27 +41,10 @@ class Windows:
     @staticmethod
     def of(parts: Iterable[Piece]) -> Windows:
         """Return the windows of functions in pieces, of which each has a sample at least."""
-        wide: list[tuple[Array, ...]] = []
-        for t, y, begin, end in parts:
-            size = min(WINDOW, len(t))
-            firsts = np.append(np.arange(0, len(t) - size, WINDOW - 1), len(t) - size)
-            rows = firsts[:, None] + np.arange(size)
-            times = t[rows]
-            ends = times[:, [0, -1]].copy()
-            ends[0, 0], ends[-1, 1] = begin, end
-            middle = 0.5 * (times[:, 0] + times[:, -1])
-            half = 0.5 * (times[:, -1] - times[:, 0])
-            half[half == 0.0] = max(end - begin, 1.0)
-            x = (times - middle[:, None]) / half[:, None]
-            powers = np.zeros((len(rows), WINDOW, y.shape[1]))
-            less = np.zeros_like(powers)
-            powers[:, :size] = _powers(x, y[rows])
-            fewer = list(FEWER) if size == WINDOW else list(range(0, size, 2))
-            less[:, : len(fewer)] = _powers(x[:, fewer], y[rows][:, fewer])
-            if size == 1 and end > begin:  # nothing says where it goes from there
-                less[:, 0] = np.inf
-            low, high = ((ends[:, k] - middle) / half for k in (0, 1))
-            wide.append((middle, half, low, high, powers, powers - less))
+        alike = collections.defaultdict(list)
+        for part in parts:
+            alike[len(part[0])].append(part)
+        wide = [_windows(*map(np.array, zip(*own))) for own in alike.values()]
         return Windows(*(np.concatenate(arrays) for arrays in zip(*wide)))
 
     def peaks(self, sign: float) -> Peaks:
@@ -126,6 +110,27 @@ class Peaks:
         rivals = value + error >= most - unsure - 2.0 * doubt
         away = np.where(rivals, np.abs(time - time[first]) + off, 0.0)
         return sign * most, unsure, float(time[first]), float(away.max())
+
+
+def _windows(t: Array, y: Array, begin: Array, end: Array) -> tuple[Array, ...]:
+    """Return the arrays of windows for pieces of as many samples each, at times t (P, k), with values y (P, k, n)."""
+    count, size = t.shape[1], min(WINDOW, t.shape[1])
+    rows = np.append(np.arange(0, count - size, WINDOW - 1), count - size)[:, None] + np.arange(size)
+    ends = t[:, rows][:, :, [0, -1]]
+    ends[:, 0, 0], ends[:, -1, 1] = begin, end
+    times, values, ends = (x.reshape(-1, *x.shape[2:]) for x in (t[:, rows], y[:, rows], ends))
+    middle, half = 0.5 * (times[:, 0] + times[:, -1]), 0.5 * (times[:, -1] - times[:, 0])
+    half = np.where(half > 0.0, half, np.where(end > begin, end - begin, 1.0) if size == 1 else 1.0)
+    x = (times - middle[:, None]) / half[:, None]
+    powers = np.zeros((len(x), WINDOW, y.shape[2]))
+    less = np.zeros_like(powers)
+    fewer = list(FEWER) if size == WINDOW else list(range(0, size, 2))
+    powers[:, :size] = _powers(x, values)
+    less[:, : len(fewer)] = _powers(x[:, fewer], values[:, fewer])
+    if size == 1:  # nothing says where a function goes from there
+        less[end > begin, 0] = np.inf
+    low, high = ((ends[:, k] - middle) / half for k in (0, 1))
+    return middle, half, low, high, powers, powers - less
 
 
 def _powers(x: Array, y: Array) -> Array:

@@ -15,8 +15,8 @@ from robodyn_cli.spatial.algebra import Array
 class SampleBlocks:
     """Hands on samples at the times of a grid, each once and in order, at most ``block`` at a time.
 
-    The loop counts uniform samples of one stretch, from 0. The one behind them finds no room, so that the run comes back
-    to be set on the next stretch.
+    The loop counts uniform samples of one stretch, from 0. The one behind them finds no room, so that the run comes
+    back to be set on the next stretch.
     """
 
     def __init__(

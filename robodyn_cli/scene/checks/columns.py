@@ -15,7 +15,6 @@ from robodyn_cli.scene.checks.robot import columns
 from robodyn_cli.scene.points import BASE, point_link
 from robodyn_cli.scene.types import Scene
 
-OF_RUNS = ("simulate", "deploy", "kinematics")  # commands whose summaries have extremes
 LENGTH, FORCE, MOMENT = "length", "force", "moment"
 VECTOR = ("x", "y", "z", LENGTH)
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz", FORCE, MOMENT)
@@ -96,9 +95,6 @@ def with_extremes(scene: Scene, points: tuple[str, ...], check: Check) -> Scene:
     known = column_names(scene, points)
     for k, name in enumerate(scene.outputs.extremes):
         with check:
-            if scene.command is not None and scene.command not in OF_RUNS:
-                message = f"'{scene.command}' has no extremes; allowed: with command {', '.join(OF_RUNS)}"
-                check.fail(("outputs", "extremes"), message)
             if name not in known:
                 head, paths = name.partition(".")[0], _datasets(scene, points)
                 near = [x for x in known if x.startswith(f"{head}.")] or [
