@@ -109,7 +109,7 @@ class Peaks:
         unsure = min(unsure, 2.0 * float(np.ptp(value)))
         rivals = value + error >= most - unsure - 2.0 * doubt
         away = np.where(rivals, np.abs(time - time[first]) + off, 0.0)
-        return sign * most, unsure, float(time[first]), float(away.max())
+        return sign * most + 0.0, unsure, float(time[first]), float(away.max())
 
 
 def _windows(t: Array, y: Array, begin: Array, end: Array) -> tuple[Array, ...]:
