@@ -34,6 +34,7 @@ from robodyn_cli.solve.peaks import Peaks, Piece, Windows
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import Extremes
+from robodyn_cli.summaries.motion import MotionErrors
 
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
@@ -64,9 +65,13 @@ class ColumnPeaks:
         low, high = self.low.best(-1.0, k, low_doubt), self.high.best(1.0, k, high_doubt)
         return self.columns[k].extremes(low, high, float(self.final[k]))
 
-    def beside(self, k: int, other: Extremes, factor: float) -> Extremes:
-        """Return the extremes of a column with errors for how far those of a more accurate integration are."""
+    def beside(self, k: int, other: Extremes, factor: float, rounded: float) -> Extremes:
+        """Return the extremes of a column with errors for how far those of a more accurate integration are, and for
+        what rounding leaves, by a part of the largest value."""
         own = with_second(self.extremes(k), other, factor, ("extremes",))
+        least = rounded * max(abs(own.smallest), abs(own.largest))
+        values = {name: _plus(getattr(own.errors, name), least) for name in ("smallest", "largest", "final")}
+        own = dataclasses.replace(own, errors=dataclasses.replace(own.errors, **values))
         doubts = [
             self.columns[k].doubt(getattr(own, x), getattr(own.errors, x)) for x in ("smallest", "largest")
         ]
@@ -82,13 +87,15 @@ class ColumnPeaks:
 class RecordedMotion:
     """A motion that has been integrated and recorded.
 
-    again : what a more accurate integration follows, where it begins and ends by itself; None: there is none.
+    again : what a more accurate integration follows, where it begins and ends by itself. errors : of the motion. Both
+    None: they are not estimated.
     """
 
     motion: Motion
     first: FirstRun
     recorder: Recorder
-    again: FirstRun | None
+    again: FirstRun | None = None
+    errors: MotionErrors | None = None
 
     def extremes(self, names: Sequence[str], tick: Tick) -> dict[str, Extremes]:
         """Return the extremes of those columns that the motion has, by name.
@@ -111,7 +118,17 @@ class RecordedMotion:
         except (NumericalError, SingularConfigurationError):
             return {name: _unsure(one) for name, one in found.items()}
         factor = float(remainder(first, np.array([steps.count]))[0])
-        return {column.name: own.beside(k, other.extremes(k), factor) for k, column in enumerate(columns)}
+        return {
+            column.name: own.beside(k, other.extremes(k), factor, self._rounded)
+            for k, column in enumerate(columns)
+        }
+
+    @property
+    def _rounded(self) -> float:
+        """The part of the largest coordinate or rate that rounding is expected to leave."""
+        floor = None if self.errors is None else self.errors.rounding_floor
+        size = max(float(np.abs(self.recorder.array(path)).max(initial=0.0)) for path in ("q", "qd"))
+        return floor / size if isinstance(floor, float) and size > 0.0 else 0.0
 
     def _more_accurate(self, run: FirstRun, tick: Tick) -> tuple[Options, Steps]:
         """Return the options and the steps of a more accurate integration."""
@@ -229,6 +246,10 @@ def extremes_over(
             found[name] = over_both(found[name], later) if name in found else later
     refuse_missing(names, found, motions[0].recorder.blocks)
     return {name: found[name] for name in names}
+
+
+def _plus(error: float | None, more: float) -> float | None:
+    return None if error is None else error + more
 
 
 def _unsure(found: Extremes) -> Extremes:

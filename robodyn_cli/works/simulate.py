@@ -145,8 +145,10 @@ def _extremes(run: Run, estimate: Estimate | None) -> dict[str, Extremes]:
 
     scene = run.motion.scene
     first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
-    again = None if estimate is None else first
-    return extremes_over([RecordedMotion(run.motion, first, run.recorder, again)], scene.outputs.extremes)
+    motion = RecordedMotion(run.motion, first, run.recorder)
+    if estimate is not None:
+        motion = dataclasses.replace(motion, again=first, errors=estimate.errors)
+    return extremes_over([motion], scene.outputs.extremes)
 
 
 def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:

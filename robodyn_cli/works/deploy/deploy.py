@@ -258,7 +258,8 @@ def _extremes(done: Deployment) -> dict[str, Extremes]:
     again = None if done.estimate is None else first
     if again is not None and relocated is not None and relocated.lock is not None:
         again = dataclasses.replace(first, end=relocated.lock.time)
-    motions = [RecordedMotion(done.motion, first, done.recorder, again)]
+    errors = None if done.estimate is None else done.estimate.errors
+    motions = [RecordedMotion(done.motion, first, done.recorder, again, errors)]
     if done.followed is not None and done.followed.whole is not None:
         motions.append(done.followed.whole)
     return extremes_over(motions, scene.outputs.extremes)

@@ -228,7 +228,7 @@ def follow_locked(
         constraint_residual=residual_of(recorder),
         counters=driver.counters,
     )
-    run = FirstRun.of(driver, begun, rest, recorder)
+    run, errors = FirstRun.of(driver, begun, rest, recorder), None if estimate is None else estimate.errors
     whole = dataclasses.replace(run, beginning=_behind(motion, locked, lock, latch))
     other = None if estimate is None else whole
     if other is not None and again is not None and again.lock and again.latch:
@@ -236,7 +236,7 @@ def follow_locked(
     return FollowedLock(
         _with_loads(keys, driver, recorder, estimate),
         recorder,
-        RecordedMotion(locked, whole, recorder, other),
+        RecordedMotion(locked, whole, recorder, other, errors),
     )
 
 
