@@ -76,6 +76,21 @@ def figure_columns(
     return columns
 
 
+EXTREMES = (
+    ("smallest", "smallest", "value", 8), ("at", "smallest_time", "time", 6),
+    ("largest", "largest", "value", 8), ("at", "largest_time", "time", 6), ("final", "final", "value", 8),
+)  # fmt: skip
+
+
+def extreme_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return the table of the extremes of columns, where some were asked for."""
+    found = summary.get("extremes")
+    if not found:
+        return []
+    rows = [{**row, "units": {"value": row["unit"]}} for row in found.values()]
+    return [table(list(zip(["column", *found], *figure_columns(rows, EXTREMES))))]
+
+
 # of a table by coordinate: heading, values by coordinate, their unit by that of the coordinate, digits
 ByCoordinate = Sequence[tuple[str, Mapping[str, float], UnitOf, int]]
 

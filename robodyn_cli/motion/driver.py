@@ -18,9 +18,9 @@ import numpy as np
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.integrator import Integrator
+from robodyn_cli.integrators.runtime.integrator import Integrator, Met
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
-from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.integrators.runtime.options import Grid, Options, Samples
 from robodyn_cli.integrators.runtime.stopped import CROWDED
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.record import record
@@ -72,6 +72,27 @@ class Repeat:
         return self.changes.popleft()
 
 
+class StepTimes:
+    """Notes the times at which steps end, of every so many; changes the method as another supervisor does."""
+
+    def __init__(self, other: Supervisor | None, every: int = 1) -> None:
+        self.other, self.every = other, every
+        self.times: list[float] = []
+        self.steps = self._next(0)
+
+    def _next(self, attempts: int) -> int:
+        asks = None if self.other is None else self.other.steps
+        return attempts + self.every if asks is None else min(attempts + self.every, asks)
+
+    def reconsider(self, driver: Driver) -> MethodChange | None:
+        self.times.append(driver.time)
+        asks, change = None if self.other is None else self.other.steps, None
+        if self.other is not None and asks is not None and driver.attempts >= asks:
+            change = self.other.reconsider(driver)
+        self.steps = self._next(driver.attempts)
+        return change
+
+
 class Driver:
     """One integration of a system.
 
@@ -81,7 +102,7 @@ class Driver:
     supervisor : may change the method. parameters : values of p; by default those of the system.
 
     tick, where set, is told the time every few milliseconds of a run. end : of the present one [s]. changes : of the
-    method on the way.
+    method on the way. met, where it is a list, takes what the motion has met where it may have jumped.
     """
 
     def __init__(
@@ -99,6 +120,7 @@ class Driver:
         self.given = parameters
         self.tick: Callable[[float], None] | None = None
         self.end = 0.0
+        self.met: list[Met] | None = None
         self._paused = (0.0, 0)  # time and steps when the supervisor was last asked
         self.first = method
         self._begin_anew()
@@ -177,7 +199,7 @@ class Driver:
         self._go_on_from(beginning.time, beginning.state)
 
     def _go_on_from(self, time: float, state: Array) -> None:
-        self.integrator.tick = self.tick
+        self.integrator.tick, self.integrator.met = self.tick, self.met
         self.integrator.reset(time, state, self.options)
         self.integrator.before = self._done.attempts
         self._set_pause()
@@ -198,7 +220,7 @@ class Driver:
         self.integrator.tick = self.tick
         self.integrator.advance(end)
 
-    def run(self, end: float, grid: Grid, emit: Emit, block: int = BLOCK, watch: bool = True) -> None:
+    def run(self, end: float, grid: Samples, emit: Emit, block: int = BLOCK, watch: bool = True) -> None:
         """Integrate to ``end``, or to where an owner of events stops the run.
 
         Parameters
@@ -241,9 +263,16 @@ class Driver:
 
     def _answer_stop(self, stop: float) -> None:
         """Ask the watchers that have one there how the run goes on."""
+        before = self.state, self.parameters
         for watcher in self.watchers:
             if stop in watcher.stops():
                 self.integrator.apply(watcher.at_stop(stop, self.state), watcher)
+        self._meet(stop, *before)
+
+    def _meet(self, time: float, state: Array, parameters: Array) -> None:
+        """Note what was before the present state at a time, where that is asked for."""
+        if self.met is not None:
+            self.met.append(Met(time, state, parameters, self.state, self.parameters))
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""
@@ -251,9 +280,10 @@ class Driver:
         self.run(end, grid, lambda t, x: rows.append(x), watch=watch)
         return np.concatenate(rows)
 
-    def _leap(self, leap: Leap, end: float, grid: Grid, emit: Emit) -> None:
+    def _leap(self, leap: Leap, end: float, grid: Samples, emit: Emit) -> None:
         """Go on behind a stretch that an owner has integrated itself, with its samples."""
         start, behind = self.time, min(leap.time, end)
+        self._meet(start, self.state, self.parameters)
         first, last = grid.first_at(start), min(grid.first_at(behind), grid.count)
         first += grid.begins_by(first, start)
         if last > first:
@@ -262,6 +292,7 @@ class Driver:
         state = leap.state if leap.time < end else leap.states(np.array([end]))[0]
         self._done = self.counters
         self._go_on_from(behind, state)
+        self._meet(behind, state, self.parameters)
 
     def _refuse_standstill(self) -> None:
         """Raise where many steps about the place where a right-hand side jumps have come no further.

@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.formulations.events import EventFunction, Owner
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.runtime.options import Grid
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.error import (
     AT_ROUNDING,
@@ -109,6 +109,23 @@ def watched_again(motion: Motion) -> tuple[System, list[Watcher]]:
     return system, [twin for twin in twins.values() if twin is not None]
 
 
+def driver_again(
+    motion: Motion, first: FirstRun, options: Options
+) -> tuple[Driver, Callable[[], None], bool]:
+    """Return the driver of another integration of a run, what starts it, and whether it has events to watch."""
+    begun, updates = first.beginning, motion.system.updates
+    # a function in Python that controls starts anew, too
+    calls = updates is not None and updates.function is not None and begun.time == 0.0
+    system, watchers = watched_again(motion)
+    watch = bool(system.events)
+    # without anything to watch the compiled code of the first run serves
+    driver = Driver(
+        system if watch else motion.system, first.method, options, watchers, supervisor_for(motion.choice)
+    )
+    state = begun.state if first.start is None else first.start
+    return driver, lambda: driver.start(begun.time, motion.start if calls else state), watch
+
+
 def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     """Integrate once more, more accurately and without observing.
 
@@ -116,23 +133,15 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
     ------
     SecondFailed : it did not come to the end.
     """
-    begun, updates = first.beginning, motion.system.updates
-    # a function in Python that controls starts anew, too
-    calls = updates is not None and updates.function is not None and begun.time == 0.0
     came_to: Second | SecondFailed
 
     def once(attempt: Attempt) -> tuple[Any, Any]:
         nonlocal came_to
-        system, watchers = watched_again(motion)
-        watch = bool(system.events)
-        # without anything to watch the compiled code of the first run serves
-        system = system if watch else motion.system
-        driver = Driver(system, first.method, attempt.alone, watchers, supervisor_for(motion.choice))
+        driver, start, watch = driver_again(motion, first, attempt.alone)
         driver.tick = tick
         blocks: list[tuple[Array, Array, Array]] = []
         try:
-            start = begun.state if first.start is None else first.start
-            driver.start(begun.time, motion.start if calls else start)
+            start()
             driver.run(
                 first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
             )
@@ -142,7 +151,7 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
                 raise came_to from error
             return np.array([driver.counters.steps]), np.array([True])
         states = np.concatenate([x for _, x, _ in blocks])
-        facts = {key: value for watcher in watchers for key, value in watcher.facts(driver.time).items()}
+        facts = {key: value for w in driver.watchers for key, value in w.facts(driver.time).items()}
         came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts, states)
         return np.array([came_to.steps]), np.array([False])
 

@@ -111,16 +111,24 @@ def _declared(result: Result, summary: Summary) -> list[Table]:
 def _cell(
     summary: Summary, steps: tuple[str, ...], leaf: Leaf, name: str, coordinates: Mapping[str, str]
 ) -> str:
-    """Return a figure of a joint or a point, with its error and unit as its declaration says."""
-    own = dataclasses.replace(leaf, names=(name,))
-    error = _larger(*(_at(summary, *key.split(".")) for key in own.errors))
+    """Return a figure of a joint, a point or a column, with its error and unit as its declaration says."""
+    own, beside = dataclasses.replace(leaf, names=(name,)), (steps[0], name, *steps[2:-1])
+    error = _larger(
+        *(
+            _at(summary, *beside, *key[1:].split("."))
+            if key.startswith(".")
+            else _at(summary, *named.split("."))
+            for key, named in zip(leaf.fact.errors, own.errors)
+        )
+    )
     return figure(_at(summary, steps[0], name, *steps[2:]), error, own.unit(coordinates))
 
 
 def _coordinates(result: Result) -> dict[str, str]:
     """Return the units of coordinates, ``rad`` or ``m``, by their names."""
     rates = {name: unit.removesuffix("/s") for name, unit in _units(result, "qd").items()}
-    return {**rates, **_units(result, "q")}
+    columns = result.summary.get("extremes") or {}
+    return {**rates, **_units(result, "q"), **{name: str(row["unit"]) for name, row in columns.items()}}
 
 
 def shown_units(result: Result) -> Callable[[str], str]:
@@ -187,9 +195,11 @@ def _motion(result: Result, summary: Summary) -> list[Table]:
     }
     if list(cells["q"]) == list(cells["qd"]):
         rows = [[name, q, cells["qd"][name]] for name, q in cells["q"].items()]
-        return [Table(("joint", f"q {when}", f"qd {when}"), rows), *_drives(summary)]
+        return [Table(("joint", f"q {when}", f"qd {when}"), rows), *_declared(result, summary)]
     # joints whose velocities are no rates of their coordinates: balls, floating bodies
-    return [Table(("", f"{key} {when}"), list(cells[key].items())) for key in ("q", "qd")] + _drives(summary)
+    return [Table(("", f"{key} {when}"), list(cells[key].items())) for key in ("q", "qd")] + _declared(
+        result, summary
+    )
 
 
 def _units(result: Result, path: str) -> dict[str, str]:

@@ -256,6 +256,7 @@ class Outputs:
         default=None,
         doc="Quantities to record by formulas, in t, q, qd, tau and what a controller knows (ref, refd, refdd, s).",
     )
+    extremes: tuple[str, ...] = key(ListOf(Text()), default=(), doc="Columns whose extremes to tell.")
 
 
 @record

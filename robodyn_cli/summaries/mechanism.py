@@ -6,8 +6,10 @@ from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import (
+    ABSENT,
     ACCELERATION,
     ANY,
+    COLUMN,
     LINK,
     LOAD,
     LOOP,
@@ -17,6 +19,7 @@ from robodyn_cli.summaries.facts import (
     ROW,
     TURNS,
     Absent,
+    Extremes,
     LoopResidual,
     PeakLoads,
     Termination,
@@ -221,6 +224,11 @@ class KinematicsSummary:
     counters: dict[str, int] = fact(
         "`iterations` and `steps` of Newton's method along the motion; `ik_iterations` and `ik_steps` for a led point",
         names=("iterations", "steps", "ik_iterations", "ik_steps"),
+    )
+    extremes: dict[str, Extremes] | Absent = fact(
+        "of columns over time that `expect`, `--of` or `outputs.extremes` ask for",
+        names=COLUMN,
+        default=ABSENT,
     )
 
 

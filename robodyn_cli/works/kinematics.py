@@ -37,7 +37,7 @@ from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, sma
 from robodyn_cli.solve.guided import CLOSED
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
+from robodyn_cli.summaries.facts import ABSENT, Absent, Extremes, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import (
     ClosureErrors,
     JointRange,
@@ -251,7 +251,20 @@ def summarise(
         transmission_angle=_transmission(result, breaks, closed),
         error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
         counters=planned.counters,
+        extremes=_extremes(problem.scene, result, breaks, CLOSED if planned.residuals else 0.0),
     )
+
+
+def _extremes(
+    scene: Scene, result: Result, breaks: Sequence[float], closed: float
+) -> dict[str, Extremes] | Absent:
+    """Return the extremes that a scene asks for; closed : how far positions may be off at the samples [rad or m]."""
+    names = scene.outputs.extremes
+    if not names:
+        return ABSENT
+    from robodyn_cli.observe.columns import chosen_extremes
+
+    return chosen_extremes(result, names, breaks, closed)
 
 
 def _joint_ranges(result: Result, breaks: Sequence[float], closed: float) -> dict[str, JointRange]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import CapabilityError, RobodynError
@@ -18,6 +19,7 @@ from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import Extremes
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 if TYPE_CHECKING:
@@ -137,6 +139,18 @@ def _estimate(run: Run, progress: Progress) -> Estimate:
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 
+def _extremes(run: Run, estimate: Estimate | None) -> dict[str, Extremes]:
+    """Return the extremes that the scene asks for."""
+    from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
+
+    scene = run.motion.scene
+    first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
+    motion = RecordedMotion(run.motion, first, run.recorder)
+    if estimate is not None:
+        motion = dataclasses.replace(motion, again=first, errors=estimate.errors)
+    return extremes_over([motion], scene.outputs.extremes)
+
+
 def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:
     """Return the result with its summary.
 
@@ -153,6 +167,9 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     if run.motion.scene.robot.limited:
         add_joint_limits(result, run.motion.scene, run.motion.problem.model)
     records = motion_records(run, judgement, estimate)
+    if run.motion.scene.outputs.extremes and failure is None:
+        with watch.stage("extremes"):
+            records[0] = dataclasses.replace(records[0], extremes=_extremes(run, estimate))
     if run.motion.scene.drives and failure is None:
         from robodyn_cli.drives.report import with_drives
 

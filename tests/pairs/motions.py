@@ -295,7 +295,13 @@ def _signals(draft: Draft) -> None:
     draft.section("outputs")["signals"] = signals
 
 
+def _extremes(draft: Draft) -> None:
+    """Ask for extremes of columns that every motion has."""
+    draft.section("outputs")["extremes"] = ["qdd.b", "points/tip.length", "point_velocities/tip.x"]
+
+
 OUTPUT = {
+    "extremes": _extremes,
     "reactions": _keys(outputs={"reactions": True}),
     "world": _keys(outputs={"reactions": True, "reaction_axes": "world"}),
     "signals": _signals,

@@ -7,7 +7,7 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import closure_text, figure_columns, mobility_lines, number, table
+from robodyn_cli.cli.words import closure_text, extreme_lines, figure_columns, mobility_lines, number, table
 
 JOINT_FIGURES = (
     ("smallest", "smallest", "position", 6),
@@ -39,6 +39,7 @@ def describe(summary: Mapping[str, Any]) -> str:
             lines.append(
                 table(list(zip([word, *found], *figure_columns(list(found.values()), figures, errors))))
             )
+    lines += extreme_lines(summary)
     lines += mobility_lines(summary)
     ratio = summary.get("singular_ratio")
     if ratio:

@@ -89,7 +89,7 @@ def model_scene(scene: Scene) -> Scene:
 
         settings = [
             "control=null",
-            "outputs.signals=null",
+            *(f"{section}=null" for section in ("outputs", "expect", "study")),
             *(f"{name}={value}" for name, value in given.items()),
         ]
         # numbers that are asked to be no structure stay so, but for those that the model has of its own

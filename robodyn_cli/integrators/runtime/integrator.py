@@ -23,8 +23,10 @@ from robodyn_cli.integrators.runtime.memory import (
     Status,
     resolution,
 )
-from robodyn_cli.integrators.runtime.options import Grid, Options, stretches
+from robodyn_cli.integrators.runtime.options import Grid, Options, Samples, stretches
+from robodyn_cli.integrators.runtime.sample_blocks import SampleBlocks
 from robodyn_cli.integrators.runtime.stopped import Approach, Crowd, Stopped
+from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
 
@@ -40,6 +42,17 @@ TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose 
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
 
 
+@record
+class Met:
+    """Where a motion may have jumped: the time [s], states (nx,) and parameters before and behind."""
+
+    time: float
+    before: Array
+    p_before: Array
+    behind: Array
+    p_behind: Array
+
+
 class Integrator:
     """One system and one method, compiled; holds the state of a run, which may stop and resume.
 
@@ -49,8 +62,9 @@ class Integrator:
     method : name in the registry.
     parameters : values of the symbolic parameters p; by default those of the system.
 
-    ``tick`` is told the time every few milliseconds. ``before`` : steps that others have taken of the same run; they
-    count for ``options.max_steps`` and ``pause``, after which a run comes back, between events.
+    ``tick`` is told the time every few milliseconds, ``met``, where set, takes the events. ``before`` : steps that
+    others have taken of the same run; they count for ``options.max_steps`` and ``pause``, after which a run comes back,
+    between events.
     """
 
     def __init__(self, system: System, method: str = "gauss", parameters: Any = ()) -> None:
@@ -63,6 +77,7 @@ class Integrator:
         self.w, self.n, self.y = self.memory.w, self.memory.n, self.memory.y
         self._slice = FIRST_SLICE
         self.tick: Callable[[float], None] | None = None
+        self.met: list[Met] | None = None
         self.reset(0.0, np.zeros(system.size))
 
     # -- state ----------------------------------------------------------------------------------------
@@ -196,7 +211,7 @@ class Integrator:
     def run(
         self,
         end: float,
-        grid: Grid,
+        grid: Samples,
         emit: Callable[[Array, Array], None],
         block: int = 65536,
         watch: bool = True,
@@ -214,8 +229,8 @@ class Integrator:
         GO_ON at the end, or what an owner answered that ended the run before: STOP, or a Leap to be made.
         """
         s, n = self.system, self.n
-        capacity = max(1, min(block, grid.count))
-        self._begin_samples(grid, capacity, emit)
+        samples = SampleBlocks(self.engine, grid, emit, block)
+        samples.begin(self.time)
         heard = None if watch else EventKind.REPARTITION  # which must happen in any case
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
@@ -223,45 +238,24 @@ class Integrator:
         elif not n[IntegerSlot.WATCH]:
             n[IntegerSlot.WATCH] = UNARMED
 
-        def flush() -> None:
-            count = n[IntegerSlot.ROWS]
-            if count:
-                last = n[IntegerSlot.NEXT_SAMPLE]
-                rows = self.engine.out.reshape(s.size, capacity)
-                emit(grid.times(last - count, last), rows[:, :count].T.copy())
-                n[IntegerSlot.ROWS] = self.memory.saved_n[IntegerSlot.ROWS] = 0
-
         for stop in self._stops(end):
             while True:
                 try:
                     status = self._call(stop, self.pause)
                 except NumericalError:  # raised by ``tick``: keep the samples so far
-                    flush()
+                    samples.flush()
                     raise
-                flush()
+                samples.flush()
                 if status is Status.DONE:
                     break
                 if status is Status.EVENT:
                     self._crowd.refuse(s.events[n[IntegerSlot.EVENT]], self.memory.saved_w[DoubleSlot.T])
-                    outcome = self._handle(self._locate(stop, grid, flush), heard)
+                    outcome = self._handle(self._locate(stop, samples), heard)
                     if outcome is not GO_ON:
                         return outcome
                 else:
                     self._check(status)
         return self._handle(self._at_end(), heard) if watch else GO_ON
-
-    def _begin_samples(self, grid: Grid, capacity: int, emit: Callable[[Array, Array], None]) -> None:
-        """Provide room for a block of samples, and write one that lies at the current time."""
-        n, time = self.n, self.time
-        if len(self.engine.out) != capacity * self.system.size:
-            self.engine.make_room(capacity * self.system.size)
-        n[IntegerSlot.CAPACITY], n[IntegerSlot.ROWS] = capacity, 0
-        first = grid.first_at(time)
-        self.w[DoubleSlot.SAMPLE_START], self.w[DoubleSlot.SAMPLE_STEP] = grid.start, grid.step
-        if first < grid.count and grid.begins_by(first, time):
-            emit(np.array([time]), self.y[None].copy())
-            first += 1
-        n[IntegerSlot.NEXT_SAMPLE], n[IntegerSlot.LAST_SAMPLE] = first, grid.count - 1
 
     def _handle(self, events: Sequence[Event], heard: EventKind | None) -> Outcome:
         """Hand simultaneous events to their owners, each with the state that the one before has left.
@@ -274,11 +268,15 @@ class Integrator:
                 continue
             # a re-partition does not change the motion
             self.events_seen += event.function.kind is not EventKind.REPARTITION
+            noted = self.met is not None and event.function.kind is not EventKind.REPARTITION
+            before = (self.state, self.p.copy()) if noted else None
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
             if outcome.ends:
                 end = outcome
             else:
                 self.apply(outcome, event.function.owner)
+            if before is not None and self.met is not None:
+                self.met.append(Met(self.time, *before, self.state, self.p.copy()))
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:
@@ -303,9 +301,10 @@ class Integrator:
                 events.append(self._event(k, 0.0))
         return tuple(events)
 
-    def _locate(self, stop: float, grid: Grid, flush: Callable[[], None]) -> tuple[Event, ...]:
+    def _locate(self, stop: float, samples: SampleBlocks) -> tuple[Event, ...]:
         """Find the first event in the step ahead, and others at the same time, and go there."""
-        n, last, start = self.n, grid.count - 1, self.memory.saved_w[DoubleSlot.T]
+        n, start = self.n, self.memory.saved_w[DoubleSlot.T]
+        last, flush = samples.last, samples.flush
         seen, located = n[IntegerSlot.EVENT], bool(n[IntegerSlot.LOCATED])
         time, roots = (self.time, ()) if located else self._sort_out(seen, stop, flush)
         if (
@@ -316,7 +315,7 @@ class Integrator:
             return ()
         if located:
             fine = resolution(start, time)
-            if n[IntegerSlot.NEXT_SAMPLE] <= last and grid.begins_by(n[IntegerSlot.NEXT_SAMPLE], time):
+            if samples.lies_at(time):
                 sign = math.copysign(1.0, self.w[DoubleSlot.SIZE + seen])
                 self._go(time, last, flush)
                 self._watch(self.engine.seen(), {seen: sign})

@@ -85,6 +85,15 @@ class Grid:
         """Return the first samples."""
         return self if count >= self.count else Grid(self.start, self.step, count)
 
+    def stretch(self, k: int) -> tuple[float, float, int, int]:
+        """Return start and step [s] of the uniform samples of which sample k is one, and the first and last of them."""
+        return self.start, self.step, 0, self.count - 1
+
+    @property
+    def at_once(self) -> int:
+        """Number of samples that are handed on at a time, at most."""
+        return self.count
+
     def begins_by(self, k: int, time: float) -> bool:
         """Tell whether sample k lies at or before ``time``, but for rounding."""
         sample = self.start + k * self.step
@@ -103,6 +112,45 @@ class Grid:
 
     def _slack(self, time: float) -> float:
         return SLACK * (abs(self.start) + abs(time))
+
+
+@record
+class StretchedGrid:
+    """Sample times that are uniform between knots (P + 1,): so many from each to the next one, and the last knot."""
+
+    knots: Array
+    at_once: int
+
+    @property
+    def count(self) -> int:
+        """Number of samples."""
+        return self.at_once * (len(self.knots) - 1) + 1
+
+    def stretch(self, k: int) -> tuple[float, float, int, int]:
+        """Return what ``Grid.stretch`` does; the last sample is the first one of the next stretch."""
+        j = k // self.at_once
+        first = j * self.at_once
+        if j + 1 == len(self.knots):
+            return float(self.knots[-1]), 0.0, first, first
+        step = float(self.knots[j + 1] - self.knots[j]) / self.at_once
+        return float(self.knots[j]), step, first, first + self.at_once
+
+    def times(self, first: int, last: int) -> Array:
+        """Return sample times first .. last - 1."""
+        j, i = np.divmod(np.arange(first, last), self.at_once)
+        steps = np.append(np.diff(self.knots), 0.0) / self.at_once
+        return np.asarray(self.knots[j] + i * steps[j])
+
+    def begins_by(self, k: int, time: float) -> bool:
+        """Tell whether sample k lies at or before ``time``, but for rounding."""
+        return bool(self.times(k, k + 1)[0] <= time + 2.0 * SLACK * abs(time))
+
+    def first_at(self, time: float) -> int:
+        """Return the first sample that does not lie before ``time``, but for rounding."""
+        return int(np.searchsorted(self.times(0, self.count), time - 2.0 * SLACK * abs(time)))
+
+
+Samples = Grid | StretchedGrid
 
 
 def stride_of(samples: int) -> float:

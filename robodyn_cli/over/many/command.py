@@ -17,6 +17,7 @@ from robodyn_cli.over.many.groups import Built, Structures
 from robodyn_cli.over.many.keys import Key, settings
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
@@ -246,6 +247,7 @@ class Making:
         """Return the scene of one run."""
         result, structures = self.result, self.structures
         scene = structures.family.scene(settings(result.keys, result.values[row]))
+        scene = asking(scene, result.outputs)
         initial, q, qd = scene.initial, self.asked.q, self.asked.qd
         if q is not None:
             initial = dataclasses.replace(initial, q=dict(zip(result.q_names, q[row].tolist())))

@@ -15,6 +15,7 @@ from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, Key, setting, s
 from robodyn_cli.over.study.rows import RunRows, Task
 from robodyn_cli.over.study.study import run_nominal, units_of_keys
 from robodyn_cli.record import record
+from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.nodes import Scalar, located
 from robodyn_cli.scene.text.numbers import counted
@@ -47,7 +48,7 @@ class AskedSlopes:
         return self._free(self.task.family.own)
 
     def _free(self, scene: Scene) -> Scene:
-        return with_free(scene, self.freed)
+        return with_free(asking(scene, self.task.outputs), self.freed)
 
     @property
     def freed(self) -> frozenset[str]:

@@ -29,6 +29,7 @@ from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed
 from robodyn_cli.registry import Registry
 from robodyn_cli.results.atomic import uninterrupted
+from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.tools.progress import Stopwatch, no_progress
 
@@ -123,7 +124,11 @@ def make_alone(task: Task, points: Points) -> RunRows:
 def make_one(task: Task, run: int, values: Array) -> tuple[RunRows, Mapping[str, Any]]:
     """Return what a run with these values gives, and its summary; whatever ends it is part of its row."""
     words, holds = settings(task.keys, values), False
-    ending = ended(lambda: execute(task.command, task.family.scene(words), no_progress, Stopwatch()))
+    ending = ended(
+        lambda: execute(
+            task.command, asking(task.family.scene(words), task.outputs), no_progress, Stopwatch()
+        )
+    )
     if ending.summary:
         try:
             holds = all(outcome.holds for outcome in judge(task.family.own.expect, ending.summary))

@@ -22,6 +22,8 @@ from robodyn_cli.over.study.rows import RowFile, RunRows, Task
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import sha256
+from robodyn_cli.scene.checks.check import EXTREMES
+from robodyn_cli.scene.checks.columns import column_of
 from robodyn_cli.scene.checks.scene import key_names
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
@@ -152,7 +154,12 @@ def check_key(family: Family, key: str, variation: Variation) -> None:
 def units_of_keys(task: Task, model: Model) -> dict[str, str]:
     """Return the units of the outputs of a study."""
     leaves = ((key, leaf_of(task.command, key)) for key in task.outputs)
-    return {key: leaf.unit(model.coordinate_units) for key, leaf in leaves if leaf is not None}
+    units = dict(model.coordinate_units)
+    if any(key.startswith(EXTREMES) for key in task.outputs):
+        from robodyn_cli.observe.columns import column_units
+
+        units |= column_units(task.family.own, model, map(column_of, task.outputs))
+    return {key: leaf.unit(units) for key, leaf in leaves if leaf is not None}
 
 
 def run_nominal(task: Task, source: str) -> RunRows:

@@ -9,6 +9,8 @@ from typing import NoReturn
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.scene.text import nodes
 
+EXTREMES = "extremes."  # begins keys of summaries that ask for a column over time
+
 
 class Check(nodes.Faults):
     """Places errors in the tree.

@@ -11,7 +11,7 @@ from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
-from robodyn_cli.scene.checks.check import Check, key_place
+from robodyn_cli.scene.checks.check import EXTREMES, Check, key_place
 from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
 from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
@@ -119,7 +119,12 @@ def check_scene(scene: Scene, check: Check) -> Scene:
         from robodyn_cli.scene.checks.options import check_search
 
         check_search(scene.search, check)
-    if scene.expect or scene.study.of or scene.search is not None:
+    named = [key for key, *_ in _named_keys(scene)]
+    if scene.outputs.extremes or any(key.startswith(EXTREMES) for key in named):
+        from robodyn_cli.scene.checks.columns import with_extremes
+
+        scene = with_extremes(scene, _points(scene), named, check)
+    if named:
         _check_keys(scene, check)
     return scene
 
@@ -287,13 +292,14 @@ def _check_keys(scene: Scene, check: Check) -> None:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
-        if expected is not None and expected.unit and leaves and leaves[0].kind is not Any:
+        known = leaves and leaves[0].kind is not Any and not key.startswith(EXTREMES)
+        if expected is not None and expected.unit and known:
             units_of = _coordinate_units(scene.robot)
             with check:
                 _check_expected_unit(
                     expected, key_place(check.root, section, key), [x.unit(units_of) for x in leaves], check
                 )
-        names = key_names(scene) if not leaves or leaves[0].names else {}
+        names = key_names(scene, key.startswith(EXTREMES)) if not leaves or leaves[0].names else {}
         if not leaves or (names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
 
@@ -340,19 +346,30 @@ def _coordinate_units(robot: Robot) -> dict[str, str]:
     }
 
 
-def key_names(scene: Scene) -> Names:
-    """Return the names that keys of summaries of a scene may have in them, by kind."""
+def key_names(scene: Scene, of_columns: bool = True) -> Names:
+    """Return the names that keys of summaries of a scene may have in them, by kind; ``of_columns`` : those too."""
     rates = columns(scene.robot, velocities=True)
     joints = (joint.name for joint in scene.robot.joints)
-    led = () if scene.trajectory is None else scene.trajectory.places
+    named: dict[str, tuple[str, ...]] = {}
+    if of_columns:
+        from robodyn_cli.scene.checks.columns import column_names
+
+        named["COLUMN"] = column_names(scene, _points(scene))
     return {
+        **named,
         "JOINT": tuple(dict.fromkeys((*columns(scene.robot), *rates, *joints))),
         "LOOP": (*(x.name for x in (*scene.loops, *scene.couplers)), "latch"),
         "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
         "PAYLOAD": tuple(payload.name for payload in scene.payloads),
-        "POINT": (*scene.robot.points, *led, *(scene.kinematics.transmission or ())),
+        "POINT": _points(scene),
         "ROW": _row_names(scene),
     }
+
+
+def _points(scene: Scene) -> tuple[str, ...]:
+    """Return the points of which a run tells where they are."""
+    led = () if scene.trajectory is None else scene.trajectory.places
+    return (*scene.robot.points, *led, *(scene.kinematics.transmission or ()))
 
 
 def _row_names(scene: Scene) -> tuple[str, ...]:

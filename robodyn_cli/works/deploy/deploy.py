@@ -9,6 +9,7 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, motion_records, motion_warnings, redundant_rows
@@ -23,7 +24,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
-from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.facts import ABSENT, Absent, Extremes
 from robodyn_cli.summaries.motion import FinalState
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import led_joints
@@ -99,6 +100,11 @@ def deploy(
         done = _estimate(done, watch)
         done = _lock(done, watch)
         failure = doubt(done.lock, done.relocated.error if done.relocated is not None else None)
+        if failure is None and scanned.driven and done.lock is not None and scene.outputs.extremes:
+            failure = CapabilityError(
+                "outputs.extremes: the mechanism is driven into a dead point, where rates have no bound; allowed: "
+                "'simulate' with a duration that ends before it"
+            )
     if failure is None:
         try:
             done = _follow(done, watch)
@@ -223,6 +229,9 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         overload = first_overload(result, limits)
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
+        if done.motion.scene.outputs.extremes:
+            with watch.stage("extremes"):
+                summary = dataclasses.replace(summary, extremes=_extremes(done))
     if done.found.driven and done.lock is not None:  # at the dead point itself, where rates have no bound
         q = done.motion.system.split(done.lock.state)[0]
         names = done.motion.problem.model.q_names
@@ -240,6 +249,20 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     )
     result.summarise(summary, *others, keys, seconds=watch.report())
     return result.unless(failure)
+
+
+def _extremes(done: Deployment) -> dict[str, Extremes]:
+    """Return the extremes that the scene asks for, up to the lock and behind it."""
+    scene, relocated = done.motion.scene, done.relocated
+    first = FirstRun.of(done.driver, done.beginning, grid_of(scene, done.beginning), done.recorder)
+    again = None if done.estimate is None else first
+    if again is not None and relocated is not None and relocated.lock is not None:
+        again = dataclasses.replace(first, end=relocated.lock.time)
+    errors = None if done.estimate is None else done.estimate.errors
+    motions = [RecordedMotion(done.motion, first, done.recorder, again, errors)]
+    if done.followed is not None and done.followed.whole is not None:
+        motions.append(done.followed.whole)
+    return extremes_over(motions, scene.outputs.extremes)
 
 
 def _lock_keys(done: Deployment) -> LockKeys | None:

@@ -16,6 +16,7 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.build import contact_watchers, half_turns, watched_system
 from robodyn_cli.motion.driver import Driver, Repeat
+from robodyn_cli.motion.extremes import RecordedMotion
 from robodyn_cli.motion.joint_limits import LimitWatcher
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
@@ -166,10 +167,14 @@ class LockedObserver(Observer):
 
 @record
 class FollowedLock:
-    """The motion after the lock: its keys, and its samples, None where no sample lies behind the lock."""
+    """The motion after the lock: its keys, and its samples, None where no sample lies behind the lock.
+
+    whole : from the lock on.
+    """
 
     keys: AfterLock
     recorder: Recorder | None
+    whole: RecordedMotion | None = None
 
 
 def follow_locked(
@@ -224,7 +229,16 @@ def follow_locked(
         constraint_residual=residual_of(recorder),
         counters=driver.counters,
     )
-    return FollowedLock(_with_loads(keys, driver, recorder, estimate), recorder)
+    run, errors = FirstRun.of(driver, begun, rest, recorder), None if estimate is None else estimate.errors
+    whole = dataclasses.replace(run, beginning=_behind(motion, locked, lock, latch))
+    other = None if estimate is None else whole
+    if other is not None and again is not None and again.lock and again.latch:
+        other = dataclasses.replace(run, beginning=_behind(motion, locked, again.lock, again.latch))
+    return FollowedLock(
+        _with_loads(keys, driver, recorder, estimate),
+        recorder,
+        RecordedMotion(locked, whole, recorder, other, errors),
+    )
 
 
 def _with_loads(keys: AfterLock, driver: Driver, recorder: Recorder, estimate: Estimate | None) -> AfterLock:
@@ -247,11 +261,16 @@ def _with_loads(keys: AfterLock, driver: Driver, recorder: Recorder, estimate: E
 
 def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch, time: float) -> Array:
     """Return the state at the first sample behind the lock."""
-    q, _, z = motion.system.split(lock.state)
-    driver = Driver.of(locked)
-    driver.start(lock.time, locked.system.join(q, latch.impact.qd_after, z))
+    begun, driver = _behind(motion, locked, lock, latch), Driver.of(locked)
+    driver.start(begun.time, begun.state)
     driver.advance(time)
     return driver.state
+
+
+def _behind(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch) -> Beginning:
+    """Return where the motion behind a lock begins."""
+    q, _, z = motion.system.split(lock.state)
+    return Beginning(lock.time, locked.system.join(q, latch.impact.qd_after, z))
 
 
 def join(before: Recorder, after: Recorder) -> dict[str, Array]:

@@ -20,7 +20,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid, Options
-from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
+from robodyn_cli.motion.driver import Driver, StepTimes
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
@@ -158,28 +158,10 @@ class _Noting:
         return self.owner.again()
 
 
-class _Steps:
-    """Notes the times at which steps end; changes the method as another supervisor does."""
-
-    def __init__(self, other: Supervisor | None) -> None:
-        self.other = other
-        self.times: list[float] = []
-        self.steps = 1
-
-    def reconsider(self, driver: Driver) -> MethodChange | None:
-        self.times.append(driver.time)
-        self.steps = driver.attempts + 1
-        asks = None if self.other is None else self.other.steps
-        if asks is None or driver.attempts < asks:
-            return None
-        assert self.other is not None
-        return self.other.reconsider(driver)
-
-
 def step_times(motion: Motion, end: float) -> list[float]:
     """Return the times [s] at which the integrator's steps end, up to ``end``."""
     driver, watch = _again(motion, motion.options)
-    steps = driver.supervisor = _Steps(driver.supervisor)
+    steps = driver.supervisor = StepTimes(driver.supervisor)
     driver.start(0.0, motion.start)
     driver.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=watch)
     return list(dict.fromkeys(time for time in steps.times if 0.0 < time < end))

@@ -1,0 +1,258 @@
+"""Extremes of columns over integrated motions, and their errors.
+
+A motion is integrated again, by the same steps, with many samples in each, however many the scene asks for; events have
+the states on both sides. What a more accurate integration has otherwise is the error that the integration leaves.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import itertools
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import NumericalError, SingularConfigurationError
+from robodyn_cli.integrators.runtime.integrator import Met
+from robodyn_cli.integrators.runtime.options import Grid, Options, StretchedGrid
+from robodyn_cli.motion.driver import StepTimes
+from robodyn_cli.motion.error import Attempt, integrate_again, remainder
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.second_run import FirstRun, Tick, driver_again
+from robodyn_cli.observe.columns import (
+    Block,
+    ChosenColumn,
+    chosen_columns,
+    over_both,
+    refuse_missing,
+    values_of,
+)
+from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.record import record
+from robodyn_cli.solve.peaks import Peaks, Piece, Windows
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.facts import Extremes
+from robodyn_cli.summaries.motion import MotionErrors
+
+IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
+STRETCHES = 512  # of uniform samples, which are of several steps in a long run
+MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
+NEAR = 1e-3  # of the way between samples: one that is so near to a state at an event says no more
+ROUNDED = 1e-14  # of a time
+
+
+@record
+class Steps:
+    """The steps of an integration: knots (P + 1,) [s] where some of them end, events included, and their number."""
+
+    knots: Array
+    count: int
+
+
+@record
+class ColumnPeaks:
+    """The peaks of columns in an integration, low and high, and their values at the end (n,)."""
+
+    columns: Sequence[ChosenColumn]
+    low: Peaks
+    high: Peaks
+    final: Array
+
+    def extremes(self, k: int, low_doubt: float = 0.0, high_doubt: float = 0.0) -> Extremes:
+        """Return the extremes of a column; doubts : how far its values may be off beside what is between samples."""
+        low, high = self.low.best(-1.0, k, low_doubt), self.high.best(1.0, k, high_doubt)
+        return self.columns[k].extremes(low, high, float(self.final[k]))
+
+    def beside(self, k: int, other: Extremes, factor: float, rounded: float) -> Extremes:
+        """Return the extremes of a column with errors for how far those of a more accurate integration are, and for
+        what rounding leaves, by a part of the largest value."""
+        own = with_second(self.extremes(k), other, factor, ("extremes",))
+        least = rounded * max(abs(own.smallest), abs(own.largest))
+        values = {name: _plus(getattr(own.errors, name), least) for name in ("smallest", "largest", "final")}
+        own = dataclasses.replace(own, errors=dataclasses.replace(own.errors, **values))
+        doubts = [
+            self.columns[k].doubt(getattr(own, x), getattr(own.errors, x)) for x in ("smallest", "largest")
+        ]
+        times = self.extremes(k, *doubts).errors
+        covered = {
+            name: max(getattr(own.errors, name), getattr(times, name))
+            for name in ("smallest_time", "largest_time")
+        }
+        return dataclasses.replace(own, errors=dataclasses.replace(own.errors, **covered))
+
+
+@record
+class RecordedMotion:
+    """A motion that has been integrated and recorded.
+
+    again : what a more accurate integration follows, where it begins and ends by itself. errors : of the motion. Both
+    None: they are not estimated.
+    """
+
+    motion: Motion
+    first: FirstRun
+    recorder: Recorder
+    again: FirstRun | None = None
+    errors: MotionErrors | None = None
+
+    def extremes(self, names: Sequence[str], tick: Tick) -> dict[str, Extremes]:
+        """Return the extremes of those columns that the motion has, by name.
+
+        Raises
+        ------
+        NumericalError, SingularConfigurationError : the motion does not come to its end again.
+        """
+        columns = chosen_columns(self.recorder, names)
+        if not columns:
+            return {}
+        first = self.first
+        own = self._peaks(first, first.options, columns, self._steps(first, first.options, tick), tick)
+        found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
+        if self.again is None:
+            return found
+        try:
+            options, steps = self._more_accurate(self.again, tick)
+            other = self._peaks(self.again, options, columns, steps, tick)
+        except (NumericalError, SingularConfigurationError):
+            return {name: _unsure(one) for name, one in found.items()}
+        factor = float(remainder(first, np.array([steps.count]))[0])
+        return {
+            column.name: own.beside(k, other.extremes(k), factor, self._rounded)
+            for k, column in enumerate(columns)
+        }
+
+    @property
+    def _rounded(self) -> float:
+        """The part of the largest coordinate or rate that rounding is expected to leave."""
+        floor = None if self.errors is None else self.errors.rounding_floor
+        size = max(float(np.abs(self.recorder.array(path)).max(initial=0.0)) for path in ("q", "qd"))
+        return floor / size if isinstance(floor, float) and size > 0.0 else 0.0
+
+    def _more_accurate(self, run: FirstRun, tick: Tick) -> tuple[Options, Steps]:
+        """Return the options and the steps of a more accurate integration."""
+        came_to: list[tuple[Options, Steps]] = []
+
+        def once(attempt: Attempt) -> tuple[Any, Any]:
+            try:
+                came_to.append((attempt.alone, self._steps(run, attempt.alone, tick)))
+            except NumericalError as error:
+                if error.details.get("status") != "max_steps":
+                    raise
+                return np.array([attempt.alone.max_steps]), np.array([True])
+            return np.array([came_to[-1][1].count]), np.array([False])
+
+        integrate_again(run, once)
+        if not came_to:
+            raise NumericalError("no second integration came to the end")
+        return came_to[-1]
+
+    def _steps(self, run: FirstRun, options: Options, tick: Tick) -> Steps:
+        """Integrate, and return the steps."""
+        driver, start, watch = driver_again(self.motion, run, options)
+        noted = driver.supervisor = StepTimes(driver.supervisor, max(1, int(run.steps[0]) // STRETCHES))
+        driver.tick, driver.met = tick, []
+        start()
+        driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
+        begin, end = run.beginning.time, run.end
+        times = np.unique([begin, *noted.times, *(event.time for event in driver.met), *self._cuts(run), end])
+        times = times[(times >= begin) & (times <= end)]
+        apart = np.diff(times) > ROUNDED * max(abs(begin), abs(end))
+        return Steps(times[np.append(apart, True)], driver.counters.steps)
+
+    def _cuts(self, run: FirstRun) -> list[float]:
+        """Return the times [s] at which formulas of time, or what a sampled controller holds, may jump."""
+        updates, time = self.motion.system.updates, run.beginning.time
+        times = [x for x in self.motion.system.breakpoints if time < x < run.end]
+        while updates is not None and len(times) * FEWEST_IN_STEP < MOST:
+            _, _, time = updates.after(time)
+            if time >= run.end:
+                break
+            times.append(time)
+        return sorted(times)
+
+    def _peaks(
+        self, run: FirstRun, options: Options, columns: Sequence[ChosenColumn], steps: Steps, tick: Tick
+    ) -> ColumnPeaks:
+        """Integrate with samples between the knots of the steps, and return the peaks of columns."""
+        driver, start, watch = driver_again(self.motion, run, options)
+        stretches = max(len(steps.knots) - 1, 1)
+        in_step = min(max(MANY / steps.count, 2 * FEWEST_IN_STEP), IN_STEP) * max(
+            1.0, steps.count / stretches
+        )
+        inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))
+        blocks: list[Block] = []
+        met: list[Met] = []
+        driver.tick, driver.met = tick, met
+        start()
+        grid = StretchedGrid(steps.knots, inside)
+        driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
+        observer = self.recorder.observer
+        values = values_of(observer, columns, blocks)
+        sides = [
+            values_of(observer, columns, [(np.array([e.time]), x[None], p) for e, x, p in side])
+            if met
+            else np.zeros((0, len(columns)))
+            for side in (
+                [(e, e.before, e.p_before) for e in met], [(e, e.behind, e.p_behind) for e in met],
+            )
+        ]  # fmt: skip
+        times = np.concatenate([t for t, _, _ in blocks])
+        known = [(e.time, *pair) for e, *pair in zip(met, *sides)]
+        cuts = sorted([*known, *((time, None, None) for time in self._cuts(run))], key=lambda cut: cut[0])
+        windows = Windows.of(pieces(times, values, cuts, (run.beginning.time, run.end)))
+        return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), values[-1])
+
+
+Cut = tuple[float, Any, Any]  # a time [s], values (n,) before and behind it, None where they are not known
+
+
+def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, float]) -> Iterator[Piece]:
+    """Yield the smooth pieces of functions with values (T, n) at times (T,), between cuts."""
+    bounds = [(ends[0], None, None), *cuts, (ends[1], None, None)]
+    rounding = ROUNDED * max(map(abs, ends))
+    for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
+        inside = slice(*np.searchsorted(times, (begin, end + rounding)))
+        t, y = times[inside], values[inside]
+        near = NEAR * float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 2 else rounding
+        # of a sample at a cut it is not known of which side it is
+        kept = (t > begin + (near if first is not None else rounding)) | (begin == ends[0])
+        kept &= (t < end - (near if last is not None else rounding)) | (end == ends[1])
+        known = [(begin, first)] * (first is not None) + [(end, last)] * (
+            last is not None and end > begin + near
+        )
+        parts = [*((np.array([at]), value[None]) for at, value in known[:1] if at == begin)]
+        parts.append((t[kept], y[kept]))
+        parts += [(np.array([at]), value[None]) for at, value in known if at != begin]
+        t, y = (np.concatenate(arrays) for arrays in zip(*parts))
+        if len(t):
+            yield t, y, begin, end
+
+
+def extremes_over(
+    motions: Sequence[RecordedMotion], names: Sequence[str], tick: Tick = None
+) -> dict[str, Extremes]:
+    """Return the extremes of columns over motions that follow one another, by name.
+
+    Raises
+    ------
+    SceneError : no motion has a column of a name. NumericalError, SingularConfigurationError : a motion does not come
+        to its end again.
+    """
+    found: dict[str, Extremes] = {}
+    for one in motions:
+        for name, later in one.extremes(names, tick).items():
+            found[name] = over_both(found[name], later) if name in found else later
+    refuse_missing(names, found, motions[0].recorder.blocks)
+    return {name: found[name] for name in names}
+
+
+def _plus(error: float | None, more: float) -> float | None:
+    return None if error is None else error + more
+
+
+def _unsure(found: Extremes) -> Extremes:
+    """Return extremes of which no second run tells the errors."""
+    fields = [field.name for field in dataclasses.fields(found.errors)]
+    return dataclasses.replace(found, errors=dataclasses.replace(found.errors, **dict.fromkeys(fields)))

@@ -1,0 +1,317 @@
+"""Extremes of columns over a run: against closed forms, on both sides of events, and whatever the samples are."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.special import ellipk
+
+from robodyn_cli.errors import SceneError
+from robodyn_cli.integrators.runtime.options import Grid, StretchedGrid
+from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.over.commands import execute
+from robodyn_cli.over.many.mechanism import Mechanism
+from robodyn_cli.ready.integrable import integrable
+from robodyn_cli.results.export import tables
+from robodyn_cli.scene.checks.columns import column_names
+from robodyn_cli.scene.load import load_scene, load_scene_text
+from robodyn_cli.solve.peaks import Windows
+from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.tools.progress import Stopwatch, no_progress
+from robodyn_cli.works.kinematics import kinematics
+from robodyn_cli.works.simulate import simulate
+from tests.mechanisms import CONFIGS, SLIDER
+
+G = 9.81
+HEAD = "schema: 1\ngravity: [0, -9.81, 0]\n"
+PENDULUM = f"""{HEAD}
+robot:
+  joints: [{{name: swing, type: revolute, axis: [0, 0, 1]}}]
+  links: [{{name: rod, mass: 2, com: [0, -0.5, 0], inertia: {{zz: 0}}}}]
+  points: {{tip: {{link: rod, at: [0, -1, 0]}}}}
+initial: {{q: {{swing: 2.0}}}}
+simulate: {{duration: 1.9, samples: 7}}
+"""
+BALL = f"""{HEAD}
+robot:
+  joints: [{{name: height, type: prismatic, axis: [0, 1, 0], limits: {{lower: 0, stop: {{restitution: 0.5}}}}}}]
+  links: [{{name: ball, mass: 2, com: [0, 0, 0]}}]
+  points: {{middle: {{link: ball, at: [0, 0.1, 0]}}}}
+initial: {{q: {{height: 1.5}}}}
+simulate: {{duration: 0.9, samples: 5}}
+"""
+OSCILLATOR = f"""{HEAD.replace("-9.81", "0")}
+robot:
+  joints:
+    - {{name: x, type: prismatic, axis: [1, 0, 0], spring: {{stiffness: 50, rest: 1}}, friction: {{viscous: 6}}}}
+  links: [{{name: mass, mass: 2, com: [0, 0, 0]}}]
+initial: {{q: {{x: 0}}}}
+simulate: {{duration: 8, samples: 9}}
+outputs: {{signals: {{over: {{value: x - 1, unit: m}}}}}}
+"""
+
+
+def extremes(text: str, *names: str, **outputs: Any) -> dict[str, Any]:
+    """Return the extremes of columns in a simulation."""
+    scene = load_scene_text(text)
+    asked = dataclasses.replace(scene.outputs, extremes=names, **outputs)
+    found: dict[str, Any] = simulate(dataclasses.replace(scene, outputs=asked)).summary["extremes"]
+    return found
+
+
+def close(extreme: Any, name: str, expected: float, off: float = math.inf) -> None:
+    """Judge one figure by its error, which is no more than ``off``."""
+    error = extreme["errors"][name]
+    assert abs(extreme[name] - expected) <= error + 1e-15 * abs(expected), (
+        name,
+        extreme[name],
+        expected,
+        error,
+    )
+    assert error <= off, (name, error)
+
+
+# -- closed forms ------------------------------------------------------------------------------------------------
+def test_of_a_pendulum_are_its_amplitude_and_half_its_period() -> None:
+    found = extremes(
+        PENDULUM, "q.swing", "qd.swing", "points/tip.y", "point_velocities/tip.length", "energy/total"
+    )
+    rate, half = math.sqrt(G / 0.5), 2.0 * ellipk(math.sin(1.0) ** 2) / math.sqrt(G / 0.5)
+    fastest = math.sqrt(2.0) * rate * math.sqrt(1.0 - math.cos(2.0))
+    swing, speed = found["q.swing"], found["qd.swing"]
+    close(swing, "smallest", -2.0, 1e-9)
+    close(swing, "smallest_time", half, 1e-6)
+    close(swing, "largest", 2.0, 1e-9)
+    close(speed, "smallest", -fastest, 1e-8)
+    close(speed, "smallest_time", 0.5 * half, 1e-6)
+    close(found["points/tip.y"], "smallest", -1.0, 1e-9)
+    close(found["points/tip.y"], "largest", -math.cos(2.0), 1e-9)
+    close(found["point_velocities/tip.length"], "largest", fastest, 1e-8)
+    close(found["point_velocities/tip.length"], "smallest", 0.0, 1e-4)
+    assert (swing["unit"], found["point_velocities/tip.length"]["unit"]) == ("rad", "m/s")
+    assert found["energy/total"]["unit"] == "J"
+
+
+def test_of_an_oscillator_is_its_overshoot() -> None:
+    """m x'' + c x' + k (x - 1) = 0 from rest at 0: 1 + exp(-pi zeta / sqrt(1 - zeta^2)) at pi / omega_d."""
+    found = extremes(OSCILLATOR, "q.x", "signals/over")
+    omega, zeta = math.sqrt(50 / 2), 6 / (2 * math.sqrt(50 * 2))
+    damped = omega * math.sqrt(1.0 - zeta**2)
+    over = math.exp(-math.pi * zeta / math.sqrt(1.0 - zeta**2))
+    close(found["q.x"], "largest", 1.0 + over, 1e-9)
+    close(found["q.x"], "largest_time", math.pi / damped, 1e-7)
+    close(found["signals/over"], "largest", over, 1e-9)
+    close(found["signals/over"], "smallest", -1.0, 1e-12)
+    assert found["signals/over"]["unit"] == "m"
+
+
+def test_of_a_bouncing_ball_are_the_values_on_both_sides_of_the_impact() -> None:
+    found = extremes(BALL, "q.height", "qd.height", "qdd.height", "points/middle.y")
+    fall = math.sqrt(2.0 * 1.5 / G)
+    close(found["qd.height"], "smallest", -G * fall, 1e-9)
+    close(found["qd.height"], "smallest_time", fall, 1e-9)
+    close(found["qd.height"], "largest", 0.5 * G * fall, 1e-9)
+    close(found["qd.height"], "largest_time", fall, 1e-9)
+    close(found["q.height"], "smallest", 0.0, 1e-9)
+    close(found["qdd.height"], "largest", -G, 1e-9)
+    close(found["points/middle.y"], "largest", 1.6, 1e-12)
+    later = 0.9 - fall
+    close(found["q.height"], "final", 0.5 * G * fall * later - 0.5 * G * later**2, 1e-9)
+
+
+def test_the_largest_height_behind_an_impact_is_that_of_its_rebound() -> None:
+    """Thrown down from 0.3 m so fast that it comes back higher: e^2 (v^2 + 2 g h) / 2 g, by the restitution e."""
+    thrown = BALL.replace("q: {height: 1.5}", "q: {height: 0.3}, qd: {height: -9}").replace("0.9,", "1.2,")
+    up = 0.5 * math.sqrt(81.0 + 2.0 * G * 0.3)
+    height = extremes(thrown, "q.height")["q.height"]
+    close(height, "largest", up**2 / (2.0 * G), 1e-8)
+    close(height, "largest_time", (2.0 * up - 9.0) / G + up / G, 1e-7)
+
+
+def test_of_a_slider_crank_are_its_dead_points() -> None:
+    scene = load_scene_text(f"""schema: 1
+{SLIDER.partition("torques:")[0]}
+initial: {{q: {{crank: 0.2, rod: -0.3, slide: 1.1}}}}
+kinematics: {{samples: 201, sweep: {{joint: crank, start: 0.2, stop: 6.4, rate: 2}}}}
+outputs: {{extremes: [q.slide]}}
+""")
+    slide = kinematics(scene).summary["extremes"]["q.slide"]
+    close(slide, "largest", 1.2, 1e-8)
+    close(slide, "smallest", 0.6, 1e-8)
+    close(slide, "smallest_time", (math.pi - 0.2) / 2.0, 1e-5)
+    assert slide["unit"] == "m"
+
+
+# -- whatever the samples are --------------------------------------------------------------------------------------
+@pytest.mark.parametrize("name", ["bouncing_pendulum", "stick_slip", "catching_arm", "four_bar_deploy"])
+def test_extremes_do_not_depend_on_samples(name: str) -> None:
+    """The samples of a run are not those from which its extremes follow."""
+    path = CONFIGS / f"{name}.yaml"
+    own = load_scene(path)
+    joint = own.robot.joints[0].name
+    asked = f"outputs.extremes=[q.{joint}, qd.{joint}, qdd.{joint}]"
+    command = own.command or "simulate"
+    one, two = (
+        execute(
+            command,
+            load_scene(path, [asked, f"simulate.samples={n}", "expect={}", "simulate.duration=0.7"]
+                       if command == "simulate" else [asked, f"simulate.samples={n}", "expect={}"]),
+            no_progress, Stopwatch(),
+        ).summary["extremes"]
+        for n in (23, 47)
+    )  # fmt: skip
+    for column, x in one.items():
+        for key in ("smallest", "largest", "final"):
+            error = x["errors"][key] + two[column]["errors"][key]
+            assert abs(x[key] - two[column][key]) <= error + 1e-14 * abs(x[key]), (column, key)
+
+
+def test_samples_of_stretches_are_those_of_the_same_steps() -> None:
+    """Samples between knots come from the same integration, events included, as uniform ones."""
+    motion = build_motion(
+        integrable(load_scene(CONFIGS / "bouncing_pendulum.yaml", ["simulate.duration=1.0"]))
+    )
+    knots = np.array([0.0, 0.013, 0.4, 0.41, 0.77, 1.0])
+    grid = StretchedGrid(knots, 8)
+    times = grid.times(0, grid.count)
+    assert np.all(np.diff(times) > 0.0) and times[-1] == 1.0 and np.isin(knots, times).all()
+    driver = Driver.of(motion)
+    driver.start(0.0, motion.start)
+    met: list[Any] = []
+    driver.met = driver.integrator.met = met
+    states = driver.samples(1.0, grid)
+    assert len(states) == grid.count and len(met) >= 2
+    assert any(np.abs(event.behind - event.before).max() > 0.1 for event in met)
+    for k in (3, 17, 30, 39):
+        other = Driver.of(motion.with_own_watchers())
+        other.start(0.0, motion.start)
+        alone = other.samples(1.0, Grid(float(times[k]), 1.0, 1))
+        np.testing.assert_allclose(states[k], alone[0], rtol=1e-12, atol=1e-13)
+
+
+# -- the polynomials --------------------------------------------------------------------------------------------------
+def test_peaks_of_pieces_are_found_with_their_errors() -> None:
+    def function(t: Any) -> Any:
+        return np.column_stack([np.sin(3.0 * t), np.exp(-t) * np.cos(5.0 * t), np.full_like(t, 2.0)])
+
+    ends = [0.0, 0.7, 0.7 + 1e-9, 2.0, 3.1]
+    parts = []
+    for k, (a, b) in enumerate(zip(ends, ends[1:])):
+        t = np.linspace(a, b, 41 if b - a > 1e-6 else 2)
+        parts.append((t, function(t) + 10.0 * k, a, b))
+    low, high = (Windows.of(parts).peaks(sign) for sign in (-1.0, 1.0))
+    dense = np.concatenate([function(np.linspace(a, b, 200001)) + 10.0 * k
+                            for k, (a, b) in enumerate(zip(ends, ends[1:]))])  # fmt: skip
+    for k in range(3):
+        least, off, _, _ = low.best(-1.0, k)
+        most, unsure, _, _ = high.best(1.0, k)
+        assert abs(least - dense[:, k].min()) <= off + 1e-9 and off < 1e-8
+        assert abs(most - dense[:, k].max()) <= unsure + 1e-9 and unsure < 1e-8
+
+
+def test_errors_of_times_cover_peaks_that_are_as_large() -> None:
+    t = np.linspace(0.0, 2.0 * math.pi, 161)
+    high = Windows.of([(t, np.sin(2.0 * t)[:, None], 0.0, t[-1])]).peaks(1.0)
+    _, _, time, off = high.best(1.0, 0)
+    assert time == pytest.approx(math.pi / 4, abs=1e-6) and off >= math.pi * (1.0 - 1e-6)
+    lower = Windows.of([(t, (np.sin(2.0 * t) - 1e-4 * t)[:, None], 0.0, t[-1])]).peaks(1.0)
+    assert lower.best(1.0, 0)[3] < 1e-3 and lower.best(1.0, 0, 1e-3)[3] > 3.0
+
+
+def test_a_single_sample_between_jumps_says_that_it_does_not_know() -> None:
+    parts = [
+        (np.array([0.0, 1.0]), np.array([[0.0], [1.0]]), 0.0, 1.0),
+        (np.array([1.5]), np.array([[5.0]]), 1.0, 2.0),
+    ]
+    value, error, _, _ = Windows.of(parts).peaks(1.0).best(1.0, 0)
+    assert value == 5.0 and error > 1.0
+
+
+# -- what is asked, and how -------------------------------------------------------------------------------------------
+def test_expectations_ask_for_what_they_name() -> None:
+    scene = load_scene_text(
+        PENDULUM + "command: simulate\nexpect: {extremes.reactions/swing.force.largest: < 90}\n"
+    )
+    assert scene.outputs.extremes == ("reactions/swing.force",) and scene.outputs.reactions
+    assert simulate(scene).summary["extremes"]["reactions/swing.force"]["unit"] == "N"
+
+
+def test_a_plain_run_has_no_extremes() -> None:
+    scene = load_scene_text(PENDULUM)
+    assert scene.outputs.extremes == () and "extremes" not in simulate(scene).summary
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("outputs: {extremes: [q.swng]}", "did you mean 'q.swing'"),
+        ("outputs: {extremes: [points/tp.x]}", "did you mean 'points/tip.x'"),
+        ("outputs: {extremes: [swing]}", "no column 'swing'"),
+        ("expect: {extremes.q.swng.largest: 1}", "did you mean 'extremes.q.swing.largest'"),
+        ("expect: {extremes.q.swing.largst: 1}", "did you mean 'extremes.q.swing.largest'"),
+        ("expect: {extremes.q.swing: 1}", "holds several values"),
+        ("study: {of: [extremes.tau.wing.largest]}", "did you mean 'extremes.tau.swing.largest'"),
+    ],
+)
+def test_columns_that_no_run_has_are_refused_with_the_nearest(text: str, words: str) -> None:
+    with pytest.raises(SceneError, match=r"(?s)extremes") as refused:
+        load_scene_text(f"{PENDULUM}command: simulate\n{text}\n")
+    assert words in refused.value.message
+
+
+def test_kinematics_has_no_forces() -> None:
+    with pytest.raises(SceneError, match="no column 'tau.crank'"):
+        load_scene(
+            CONFIGS / "mechanisms" / "four_bar_kinematics.yaml", ["outputs.extremes=[tau.crank]", "expect={}"]
+        )
+
+
+@pytest.mark.parametrize(
+    ("name", "given"),
+    [
+        ("controlled_arm", ["outputs.reactions=true", "simulate.duration=0.02"]),
+        ("four_bar_deploy", ["outputs.reactions=true"]),
+        ("cart_pole_lqr", ["simulate.duration=0.02"]),
+        ("mechanisms/four_bar_kinematics", []),
+        ("stick_slip", ["simulate.duration=0.02"]),
+    ],
+)
+def test_the_columns_of_a_scene_are_those_of_its_runs(name: str, given: list[str]) -> None:
+    """Names that are known before the run are those of its table of samples, but for lengths and what is left out."""
+    scene = load_scene(CONFIGS / f"{name}.yaml", [*given, "expect={}"])
+    result = execute(scene.command or "", scene, no_progress, Stopwatch())
+    known = set(column_names(scene, (*scene.robot.points, *(scene.kinematics.transmission or ()))))
+    real = {column.label for column in tables(result)["samples"]}
+    left_out = (
+        "time",
+        "constraints/",
+        "singularity/",
+        "skeleton/",
+        "control/states",
+        "drives/",
+        "limits/",
+        "targets/",
+    )
+    assert not {x for x in real - known if not x.startswith(left_out)}
+    assert not {x for x in known - real if not x.startswith(("reactions/", "loop_reactions/", "base_wrench"))
+                and x.rpartition(".")[2] != "length"
+                and x not in ("energy/work",) and not x.startswith("control/")}  # fmt: skip
+
+
+def test_the_key_of_a_column_has_its_unit() -> None:
+    leaf = leaf_of("simulate", "extremes.reactions/swing.force.largest")
+    assert leaf is not None and leaf.names == ("reactions/swing.force",)
+    assert leaf.unit({"reactions/swing.force": "N"}) == "N" and leaf.is_number
+    assert leaf.errors == ("extremes.reactions/swing.force.errors.largest",)
+
+
+def test_many_runs_ask_the_command_for_extremes() -> None:
+    mechanism = Mechanism(load_scene_text(PENDULUM), ["initial.q.swing"])
+    runs = mechanism.simulate_many([[1.0], [2.0]], of=["extremes.q.swing.smallest"])
+    np.testing.assert_allclose(runs.outputs["extremes.q.swing.smallest"], [-1.0, -2.0], atol=1e-9)
+    assert runs.one_by_one.all() and np.all(runs.errors["extremes.q.swing.smallest"] < 1e-9)
