@@ -174,7 +174,7 @@ def test_numbers_of_very_many_digits_are_read() -> None:
 def test_constants_have_the_unit_of_their_parts(text: str, value: float, unit: str | None) -> None:
     tree = parse(text)
     assert tree.constant == pytest.approx(value, rel=1e-15)
-    assert (None if tree.unit is None else units.written(tree.unit)) == unit
+    assert (None if tree.dims is None else units.written(tree.dims)) == unit
 
 
 @pytest.mark.parametrize(
