@@ -64,7 +64,7 @@ class FormulaTree:
         return self.root.number if isinstance(self.root, Num) else None
 
     @property
-    def unit(self) -> Dims | None:
+    def dims(self) -> Dims | None:
         """The unit of a constant, as powers of the bases; None where it was written without one."""
         return self.root.unit if isinstance(self.root, Num) else None
 

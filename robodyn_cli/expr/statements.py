@@ -223,7 +223,7 @@ def _quantities(parts: Sequence[str], text: str, forms: str = RANGES) -> tuple[t
     for part in parts:
         try:
             tree = fm.parse(part.strip())
-            unit = units.combined("+", unit, tree.unit)
+            unit = units.combined("+", unit, tree.dims)
         except SceneError as error:
             raise SceneError(f"{text!r}: {error.message}; {forms}") from error
         if tree.constant is None or not math.isfinite(tree.constant):

@@ -49,7 +49,7 @@ _STEP = re.compile(
     r"(\s*[*/]\s*|\s*)([A-Za-z]+)(?![A-Za-z0-9_.]|\s*\()(?:\s*(?:\^|\*\*)\s*(-?[0-9])(?![.0-9]))?"
 )
 _NUMBER = re.compile(r"([0-9]*)\.?([0-9]*)(?:[eE]([-+]?[0-9]+))?")
-_MOST_DIGITS = 400  # of an exponent: numbers beyond are zero or infinite
+_MOST_DIGITS = 400  # of a number, and as an exponent, up to which its value is exact
 
 
 @record
@@ -82,7 +82,8 @@ class Unit:
         number = float(written)
         match = _NUMBER.fullmatch(written)
         power = int(match.group(3) or 0) if match else 0
-        if self.pi or match is None or not number or abs(power) > _MOST_DIGITS:
+        long = abs(power) > _MOST_DIGITS or len(written) > _MOST_DIGITS
+        if self.pi or match is None or not number or long:
             return number * self.factor
         power -= len(match.group(2))
         digits = int(match.group(1) + match.group(2))

@@ -135,12 +135,12 @@ class ScalarReader:
 
     def check_unit(self, kind: Kind, tree: fm.FormulaTree, node: Scalar, path: Path, unit: str) -> None:
         """Refuse a constant of another kind than its key; a key without a unit, such as a parameter, takes any."""
-        if tree.unit is None or not unit:
+        if tree.dims is None or not unit:
             return
         from robodyn_cli.expr import units
 
         unit = for_coordinate(unit, self.coordinate)
-        if fault := units.fault(tree.unit, unit, node.text):
+        if fault := units.fault(tree.dims, unit, node.text):
             words = ", ".join(repr(word) for word in tree.unit_words)
             of = f" of joint {self.joint!r}" if self.joint else ""
             raise self.wrong(kind, node, path, unit, f"{words} does not fit{of}: {fault}")

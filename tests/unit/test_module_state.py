@@ -44,6 +44,8 @@ KEEPERS = {
     "report/drawing/build.py: scene_of",
     "report/drawing/strokes.py: _lit",
     "results/summary.py: cpu_name",
+    "expr/units.py: of",
+    "expr/units.py: table",
     "fastest/profile.py: _passes",
     "over/sensitivity/motion/variational.py: integrals",
     "solve/extremes.py: _to_powers",

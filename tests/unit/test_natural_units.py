@@ -157,6 +157,11 @@ def test_a_number_with_an_exact_unit_is_the_nearest_float(number: Decimal, word:
     assert units.table()[word].value(text) == float(Fraction(Decimal(text)) * Fraction(EXACT[word]))
 
 
+def test_numbers_of_very_many_digits_are_read() -> None:
+    assert parse("0." + "1" * 6000 + " mm").constant == pytest.approx(1.0 / 9000.0, rel=1e-15)
+    assert parse("1e-5000 mm").constant == 0.0
+
+
 @pytest.mark.parametrize(
     "text, value, unit",
     [
@@ -169,7 +174,7 @@ def test_a_number_with_an_exact_unit_is_the_nearest_float(number: Decimal, word:
 def test_constants_have_the_unit_of_their_parts(text: str, value: float, unit: str | None) -> None:
     tree = parse(text)
     assert tree.constant == pytest.approx(value, rel=1e-15)
-    assert (None if tree.unit is None else units.written(tree.unit)) == unit
+    assert (None if tree.dims is None else units.written(tree.dims)) == unit
 
 
 @pytest.mark.parametrize(

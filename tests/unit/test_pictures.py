@@ -274,7 +274,7 @@ def test_what_is_drawn_of_example_scenes_is_what_was_computed(scene: str) -> Non
 
 
 def test_all_plots_over_time_were_checked() -> None:
-    if len(DRAWN) > 6:  # the scenes ran in this process
+    if len(DRAWN) > 7:  # the scenes ran in this process
         assert set(SHOWN) - {"point_motion"} <= DRAWN
 
 
