@@ -23,10 +23,9 @@ from robodyn_cli.integrators.runtime.memory import (
     Status,
     resolution,
 )
-from robodyn_cli.integrators.runtime.options import Grid, Options, Samples, stretches
+from robodyn_cli.integrators.runtime.options import Grid, Options, stretches
 from robodyn_cli.integrators.runtime.sample_blocks import SampleBlocks
 from robodyn_cli.integrators.runtime.stopped import Approach, Crowd, Stopped
-from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
 
@@ -39,18 +38,9 @@ SLICE_TIME = 0.02
 FIRST_SLICE = 256
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
+# where a motion may have jumped: the time [s], states (nx,) and parameters before and behind
+Met = tuple[float, Array, Array, Array, Array]
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
-
-
-@record
-class Met:
-    """Where a motion may have jumped: the time [s], states (nx,) and parameters before and behind."""
-
-    time: float
-    before: Array
-    p_before: Array
-    behind: Array
-    p_behind: Array
 
 
 class Integrator:
@@ -211,7 +201,7 @@ class Integrator:
     def run(
         self,
         end: float,
-        grid: Samples,
+        grid: Grid,
         emit: Callable[[Array, Array], None],
         block: int = 65536,
         watch: bool = True,
@@ -229,8 +219,7 @@ class Integrator:
         GO_ON at the end, or what an owner answered that ended the run before: STOP, or a Leap to be made.
         """
         s, n = self.system, self.n
-        samples = SampleBlocks(self.engine, grid, emit, block)
-        samples.begin(self.time)
+        samples = SampleBlocks(self.engine, grid, emit, block, self.time)
         heard = None if watch else EventKind.REPARTITION  # which must happen in any case
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
@@ -276,7 +265,7 @@ class Integrator:
             else:
                 self.apply(outcome, event.function.owner)
             if before is not None and self.met is not None:
-                self.met.append(Met(self.time, *before, self.state, self.p.copy()))
+                self.met.append((self.time, *before, self.state, self.p.copy()))
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:

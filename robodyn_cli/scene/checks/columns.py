@@ -68,7 +68,7 @@ def _controlled(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return what a controller follows: joints, or the point that its motion leads; and the joints that it drives."""
     if scene.control is None:
         return (), ()
-    point = getattr(scene.control.reference, "point", None)
+    point = None if scene.control.reference is None else scene.control.reference.point
     led = () if point is None else tuple(f"{point}.{axis}" for axis in "xyz")
     return (*columns(scene.robot), *led), tuple(scene.control.joints)
 
