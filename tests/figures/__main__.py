@@ -30,6 +30,10 @@ CONFIGS = Path(__file__).parents[2] / "configs"
 SAMPLES = (11, 31, 101)
 DURATIONS = (0.05, 0.4, 1.0)
 FEATURES = 5  # of a random scene, at most
+EXTREMES = (
+    "q.b", "qd.b", "qdd.b", "tau.b", "points/tip.x", "point_velocities/tip.length", "reactions/b.force",
+    "base_wrench.fx", "energy/total",
+)  # fmt: skip
 TOO_LONG = 30.0  # s, of all runs of a scene
 
 
@@ -45,6 +49,7 @@ def random_scene(seed: int) -> tuple[str, dict[str, Any], int]:
             case = more
     tree = scene(case)
     tree.setdefault("outputs", {}).setdefault("reactions", True)
+    tree["outputs"].setdefault("extremes", list(EXTREMES))
     tree["simulate"]["duration"] = random_.choice(DURATIONS)
     return random_.choice(ROWS[row][0]), tree, random.Random(seed).choice(SAMPLES)
 

@@ -16,13 +16,24 @@ from tests.figures.__main__ import CONFIGS, random_scene
 from tests.figures.judge import OFTEN, TIMES, Move, figures_of, moves, runs_of
 from tests.pairs.judge import write
 
+ASKED = (
+    "outputs={reactions: true, extremes: [q.theta1, qd.theta1, qdd.theta1, reactions/theta1.force, base_wrench.fx, "
+    "energy/kinetic]}"
+)
 # command, file, samples, overrides: scenes with many kinds of figures, short
 SCENES = {
     "drives": ("inverse", "2r_drives.yaml", 41, ()),
     "least time": ("inverse", "trajectories/fastest_2r.yaml", 41, ()),
-    "controller": ("simulate", "controlled_arm.yaml", 31, ("simulate.duration=0.4",)),
-    "payload": ("simulate", "catching_arm.yaml", 21, ()),
-    "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", "outputs.reactions=true")),
+    "controller": ("simulate", "controlled_arm.yaml", 31, ("simulate.duration=0.4", ASKED)),
+    "payload": ("simulate", "catching_arm.yaml", 21, (ASKED,)),
+    "impacts": ("simulate", "bouncing_pendulum.yaml", 21, ("simulate.duration=1.5", ASKED)),
+    "sweep": (
+        "kinematics",
+        "mechanisms/four_bar_kinematics.yaml",
+        41,
+        ("outputs.extremes=[q.rocker, qdd.rocker]",),
+    ),
+    "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", ASKED)),
     "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
 }
 # random scenes in which figures were wrong: loads that were sought block by block, positions that Newton's method
