@@ -19,6 +19,7 @@ from typing import Any
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.over.commands import command_of
+from robodyn_cli.scene.checks.columns import column_names
 from robodyn_cli.scene.load import load_scene
 from tests.figures.judge import OFTEN, TIMES, Move, moves, runs_of
 from tests.fuzz.cases import _clock
@@ -49,9 +50,20 @@ def random_scene(seed: int) -> tuple[str, dict[str, Any], int]:
             case = more
     tree = scene(case)
     tree.setdefault("outputs", {}).setdefault("reactions", True)
-    tree["outputs"].setdefault("extremes", list(EXTREMES))
     tree["simulate"]["duration"] = random_.choice(DURATIONS)
     return random_.choice(ROWS[row][0]), tree, random.Random(seed).choice(SAMPLES)
+
+
+def with_extremes(path: Path, command: str) -> tuple[str, ...]:
+    """Return the overrides that ask for extremes of columns that a scene has."""
+    if command not in ("simulate", "deploy", "kinematics"):
+        return ()
+    try:
+        own = load_scene(path, [f"command={command}", "expect={}"])
+    except RobodynError:
+        return ()
+    known = column_names(own, tuple(own.robot.points))
+    return (f"outputs.extremes={json.dumps([name for name in EXTREMES if name in known])}",)
 
 
 def table(found: list[Move]) -> tuple[str, bool]:
@@ -94,7 +106,7 @@ def main() -> int:
                 continue
             try:
                 with _clock(TOO_LONG):
-                    own = moves(runs_of(path, command, samples))
+                    own = moves(runs_of(path, command, samples, with_extremes(path, command)))
             except KeyboardInterrupt:
                 continue
             found += own

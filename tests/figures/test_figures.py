@@ -12,7 +12,7 @@ import pytest
 from robodyn_cli.record import record
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import ABSENT, Absent, fact
-from tests.figures.__main__ import CONFIGS, random_scene
+from tests.figures.__main__ import CONFIGS, random_scene, with_extremes
 from tests.figures.judge import OFTEN, TIMES, Move, figures_of, moves, runs_of
 from tests.pairs.judge import write
 
@@ -48,7 +48,8 @@ def test_figures_stay_within_their_errors(name: str | int, tmp_path: Path) -> No
         path = CONFIGS / file
     else:
         command, tree, samples = random_scene(name)
-        path, given = write(tree, tmp_path / "scene", command), ()
+        path = write(tree, tmp_path / "scene", command)
+        given = with_extremes(path, command)
     found = moves(runs_of(path, command, samples, given))
     assert found
     assert not [str(x) for x in found if x.ratio > TIMES]

@@ -86,7 +86,7 @@ class Integrator:
         for slot, count in integers_at_start(self.system.nv).items():
             n[slot] = count
         self.events_seen = 0
-        self._since, self._restart = time, math.inf
+        self._since, self._restart, self._toward = time, math.inf, math.nan
         self._approach = Approach(self._step, self.options.first < 1.0)
         self.before = 0
         self.pause: int | None = None
@@ -195,7 +195,9 @@ class Integrator:
         """Yield when a step has to end; formulas of time are kept to the stretch before each."""
         for stop, after, before in stretches(self.system.breakpoints, self.time, end):
             self.w[DoubleSlot.T_AFTER], self.w[DoubleSlot.T_BEFORE] = after, before
-            self.w[DoubleSlot.H] = self.options.part_of_way(self.w[DoubleSlot.H], stop - self.time)
+            if stop != self._toward:  # a run that was paused on the way keeps its step
+                self.w[DoubleSlot.H] = self.options.part_of_way(self.w[DoubleSlot.H], stop - self.time)
+            self._toward = stop
             yield stop
 
     def run(
