@@ -20,7 +20,7 @@ from robodyn_cli.formulations.events import Leap
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.integrator import Integrator, Met
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
-from robodyn_cli.integrators.runtime.options import Grid, Options, Samples
+from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.integrators.runtime.stopped import CROWDED
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.record import record
@@ -70,27 +70,6 @@ class Repeat:
 
     def reconsider(self, driver: Driver) -> MethodChange | None:
         return self.changes.popleft()
-
-
-class StepTimes:
-    """Notes the times at which steps end, of every so many; changes the method as another supervisor does."""
-
-    def __init__(self, other: Supervisor | None, every: int = 1) -> None:
-        self.other, self.every = other, every
-        self.times: list[float] = []
-        self.steps = self._next(0)
-
-    def _next(self, attempts: int) -> int:
-        asks = None if self.other is None else self.other.steps
-        return attempts + self.every if asks is None else min(attempts + self.every, asks)
-
-    def reconsider(self, driver: Driver) -> MethodChange | None:
-        self.times.append(driver.time)
-        asks, change = None if self.other is None else self.other.steps, None
-        if self.other is not None and asks is not None and driver.attempts >= asks:
-            change = self.other.reconsider(driver)
-        self.steps = self._next(driver.attempts)
-        return change
 
 
 class Driver:
@@ -220,7 +199,7 @@ class Driver:
         self.integrator.tick = self.tick
         self.integrator.advance(end)
 
-    def run(self, end: float, grid: Samples, emit: Emit, block: int = BLOCK, watch: bool = True) -> None:
+    def run(self, end: float, grid: Grid, emit: Emit, block: int = BLOCK, watch: bool = True) -> None:
         """Integrate to ``end``, or to where an owner of events stops the run.
 
         Parameters
@@ -272,7 +251,7 @@ class Driver:
     def _meet(self, time: float, state: Array, parameters: Array) -> None:
         """Note what was before the present state at a time, where that is asked for."""
         if self.met is not None:
-            self.met.append(Met(time, state, parameters, self.state, self.parameters))
+            self.met.append((time, state, parameters, self.state, self.parameters))
 
     def samples(self, end: float, grid: Grid, watch: bool = True) -> Array:
         """Return the states (T, nx) at the sample times up to where the run came."""
@@ -280,7 +259,7 @@ class Driver:
         self.run(end, grid, lambda t, x: rows.append(x), watch=watch)
         return np.concatenate(rows)
 
-    def _leap(self, leap: Leap, end: float, grid: Samples, emit: Emit) -> None:
+    def _leap(self, leap: Leap, end: float, grid: Grid, emit: Emit) -> None:
         """Go on behind a stretch that an owner has integrated itself, with its samples."""
         start, behind = self.time, min(leap.time, end)
         self._meet(start, self.state, self.parameters)

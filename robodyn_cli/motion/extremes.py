@@ -15,8 +15,8 @@ import numpy as np
 
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.integrators.runtime.integrator import Met
-from robodyn_cli.integrators.runtime.options import Grid, Options, StretchedGrid
-from robodyn_cli.motion.driver import StepTimes
+from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import FirstRun, Tick, driver_again
@@ -33,7 +33,7 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import Peaks, Piece, Windows
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
-from robodyn_cli.summaries.facts import Extremes
+from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.motion import MotionErrors
 
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
@@ -41,6 +41,27 @@ STRETCHES = 512  # of uniform samples, which are of several steps in a long run
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
 NEAR = 1e-3  # of the way between samples: one that is so near to a state at an event says no more
 ROUNDED = 1e-14  # of a time
+
+
+class StepTimes:
+    """Notes the times at which steps end, of every so many; changes the method as another supervisor does."""
+
+    def __init__(self, other: Supervisor | None, every: int = 1) -> None:
+        self.other, self.every = other, every
+        self.times: list[float] = []
+        self.steps = self._next(0)
+
+    def _next(self, attempts: int) -> int:
+        asks = None if self.other is None else self.other.steps
+        return attempts + self.every if asks is None else min(attempts + self.every, asks)
+
+    def reconsider(self, driver: Driver) -> MethodChange | None:
+        self.times.append(driver.time)
+        asks, change = None if self.other is None else self.other.steps, None
+        if self.other is not None and asks is not None and driver.attempts >= asks:
+            change = self.other.reconsider(driver)
+        self.steps = self._next(driver.attempts)
+        return change
 
 
 @record
@@ -156,7 +177,7 @@ class RecordedMotion:
         start()
         driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
         begin, end = run.beginning.time, run.end
-        times = np.unique([begin, *noted.times, *(event.time for event in driver.met), *self._cuts(run), end])
+        times = np.unique([begin, *noted.times, *(event[0] for event in driver.met), *self._cuts(run), end])
         times = times[(times >= begin) & (times <= end)]
         apart = np.diff(times) > ROUNDED * max(abs(begin), abs(end))
         return Steps(times[np.append(apart, True)], driver.counters.steps)
@@ -186,20 +207,20 @@ class RecordedMotion:
         met: list[Met] = []
         driver.tick, driver.met = tick, met
         start()
-        grid = StretchedGrid(steps.knots, inside)
+        grid = Grid.between(steps.knots, inside)
         driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
         observer = self.recorder.observer
         values = values_of(observer, columns, blocks)
         sides = [
-            values_of(observer, columns, [(np.array([e.time]), x[None], p) for e, x, p in side])
+            values_of(observer, columns, [(np.array([time]), x[None], p) for time, x, p in side])
             if met
             else np.zeros((0, len(columns)))
             for side in (
-                [(e, e.before, e.p_before) for e in met], [(e, e.behind, e.p_behind) for e in met],
+                [one[:3] for one in met], [(one[0], *one[3:]) for one in met],
             )
         ]  # fmt: skip
         times = np.concatenate([t for t, _, _ in blocks])
-        known = [(e.time, *pair) for e, *pair in zip(met, *sides)]
+        known = [(one[0], *pair) for one, *pair in zip(met, *sides)]
         cuts = sorted([*known, *((time, None, None) for time in self._cuts(run))], key=lambda cut: cut[0])
         windows = Windows.of(pieces(times, values, cuts, (run.beginning.time, run.end)))
         return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), values[-1])

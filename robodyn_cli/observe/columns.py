@@ -26,7 +26,7 @@ from robodyn_cli.scene.types import Scene, Signal
 from robodyn_cli.solve.extremes import Extreme, largest, smallest
 from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ExtremeErrors, Extremes
+from robodyn_cli.summaries.extremes import ExtremeErrors, Extremes
 
 Found = tuple[float, float, float, float]  # an extreme value, its error, its time [s], the error of that
 # how names of the columns begin of which one is the length: all of a vector, force and moment of a wrench

@@ -28,7 +28,8 @@ class Recorder:
     memory, for plots and for the error estimate: a run of 10^7 samples never fills memory.
 
     judged : blocks of the states by which errors are judged, as they were integrated. last_state : the last one.
-    samples : of the run; by default those of the scene.
+    samples : number of samples recorded, of those of the run, by default of the scene. last_time : of the last one,
+    -infinity before the first.
     """
 
     def __init__(
@@ -45,7 +46,7 @@ class Recorder:
         self.stride = max(1, int(stride_of(samples)))
         self._offset = (samples - 1) % self.stride // every * every
         self.judged: list[Array] = []
-        self.seen = 0
+        self.samples = 0
         self.blocks: dict[str, list[Array]] = {}
         self.drift = 0.0
         self.energy_scale = 0.0
@@ -55,7 +56,7 @@ class Recorder:
         self._borne: list[dict[str, Array]] = []  # blocks of loads that are not looked at yet
         self.not_finite: NumericalError | None = None
         self._start: float | None = None
-        self._last = -np.inf
+        self.last_time = -np.inf
 
     @staticmethod
     def of(observer: Observer, writer: ResultWriter | None, samples: int) -> Recorder:
@@ -77,7 +78,7 @@ class Recorder:
         self.observer.parameters = p
         self.last_state = x[-1].copy()
         if not extra:
-            self.judged.append(x[self.is_judged(self.seen + np.arange(len(x)))])
+            self.judged.append(x[self.is_judged(self.samples + np.arange(len(x)))])
         data = self.observer.observe(t, x, project)
         if self.not_finite is None:
             self.not_finite = self._not_finite(t, x, data)
@@ -103,10 +104,10 @@ class Recorder:
         if self.writer is not None:
             for path, block in data.items():
                 self._stream(path, block)
-            first = 0 if extra else -self.seen % self.every
+            first = 0 if extra else -self.samples % self.every
             data = {path: block[first :: self.every].copy() for path, block in data.items()}
-        self.seen += len(t)
-        self._last = float(t[-1])
+        self.samples += len(t)
+        self.last_time = float(t[-1])
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
@@ -178,16 +179,6 @@ class Recorder:
         """Return the arguments of ``Result.add`` beside path and data."""
         column = self.columns.get(path)
         return {} if column is None else dataclasses.asdict(column)
-
-    @property
-    def samples(self) -> int:
-        """Number of samples recorded."""
-        return self.seen
-
-    @property
-    def last_time(self) -> float:
-        """Time of the last sample recorded, -infinity before the first."""
-        return self._last
 
     def array(self, path: str) -> Array:
         """Return the array collected under ``path``."""

@@ -50,23 +50,11 @@ class UnitOf:
         return f"{self.turning} or {self.sliding}"
 
 
-@record
-class UnitOfColumn(UnitOf):
-    """The unit of a column over time, which the map around a field names."""
-
-    def __call__(self, coordinate: str = "") -> str:
-        return coordinate or str(self)
-
-    def __str__(self) -> str:
-        return "that of the column"
-
-
 OWN = UnitOf("rad", "m", "1")
 RATE = UnitOf("rad/s", "m/s", "1/s")
 ACCELERATION = UnitOf("rad/s^2", "m/s^2", "1/s^2")
 LOAD = UnitOf("N m", "N")
 TURNS = UnitOf("1", "rad/m")
-OF_COLUMN = UnitOfColumn("", "")
 
 # what the keys of a map may be, beside words of our own: names in the scene, by what they name
 JOINT, LINK, POINT, LOOP, ROW, LIMIT, PAYLOAD = "JOINT", "LINK", "POINT", "LOOP", "ROW", "LIMIT", "PAYLOAD"
@@ -152,30 +140,6 @@ class LoopResidual:
     redundant: float | Absent = fact(
         "largest residual of rows that were left out since others imply them", "m or rad", default=ABSENT
     )
-
-
-@record
-class ExtremeErrors:
-    """Errors of the extremes of a column; `null` where the second run has no such figure."""
-
-    smallest: float | None = fact("of the smallest value", OF_COLUMN)
-    smallest_time: float | None = fact("of its time", "s")
-    largest: float | None = fact("of the largest value", OF_COLUMN)
-    largest_time: float | None = fact("of its time", "s")
-    final: float | None = fact("of the last value", OF_COLUMN)
-
-
-@record
-class Extremes:
-    """The smallest and the largest value of a column over a run, between samples too, and the last one."""
-
-    smallest: float = fact("smallest value", OF_COLUMN, errors=(".errors.smallest",), column="smallest")
-    smallest_time: float = fact("when it is smallest", "s", errors=(".errors.smallest_time",), column="at")
-    largest: float = fact("largest value", OF_COLUMN, errors=(".errors.largest",), column="largest")
-    largest_time: float = fact("when it is largest", "s", errors=(".errors.largest_time",), column="at")
-    final: float = fact("value at the end", OF_COLUMN, errors=(".errors.final",), column="final")
-    errors: ExtremeErrors = fact("errors of these figures")
-    unit: str = fact("unit of the values")
 
 
 @record

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from robodyn_cli.record import record
+from robodyn_cli.summaries.extremes import OF_COLUMNS, Extremes
 from robodyn_cli.summaries.facts import (
     ABSENT,
     ACCELERATION,
@@ -19,7 +20,6 @@ from robodyn_cli.summaries.facts import (
     ROW,
     TURNS,
     Absent,
-    Extremes,
     LoopResidual,
     PeakLoads,
     Termination,
@@ -225,11 +225,7 @@ class KinematicsSummary:
         "`iterations` and `steps` of Newton's method along the motion; `ik_iterations` and `ik_steps` for a led point",
         names=("iterations", "steps", "ik_iterations", "ik_steps"),
     )
-    extremes: dict[str, Extremes] | Absent = fact(
-        "of columns over time that `expect`, `--of` or `outputs.extremes` ask for",
-        names=COLUMN,
-        default=ABSENT,
-    )
+    extremes: dict[str, Extremes] | Absent = fact(OF_COLUMNS, names=COLUMN, default=ABSENT)
 
 
 @record

@@ -8,12 +8,10 @@ from robodyn_cli.record import mutable_record, record
 from robodyn_cli.summaries.facts import (
     ABSENT,
     ANY,
-    COLUMN,
     OWN,
     PAYLOAD,
     RATE,
     Absent,
-    Extremes,
     LoopResidual,
     PeakLoads,
     Termination,
@@ -266,9 +264,4 @@ class MotionSummary:
         "largest error of these times; `null` where the second integration met another number of them",
         "s", default=ABSENT,
     )  # fmt: skip
-    extremes: dict[str, Extremes] | Absent = fact(
-        "of columns over time that `expect`, `--of` or `outputs.extremes` ask for",
-        names=COLUMN,
-        default=ABSENT,
-    )
     final: FinalState | Absent = fact("last state of a simulated motion", default=ABSENT)

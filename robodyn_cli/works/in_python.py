@@ -56,7 +56,7 @@ def simulate(
     progress : called with the time that has been reached and the last one, while the run goes on.
     controller : a function ``f(t, q, qd)`` that gives the torques (n,) of the driven joints [N m or N] for what is
         measured of all joints at each sample: q (nq,), qd (nv,). Where it has a method ``reset``, that is called before
-        each integration; there are two where the error is estimated.
+        each integration; there are two where the error is estimated, and more with extremes.
     period : time between two samples [s], where ``control`` in the scene says none.
     options : those of ``run.simulate.simulate``.
 

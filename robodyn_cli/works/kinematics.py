@@ -37,7 +37,8 @@ from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, sma
 from robodyn_cli.solve.guided import CLOSED
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT, Absent, Extremes, LoopResidual, Termination
+from robodyn_cli.summaries.extremes import Extremes
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import (
     ClosureErrors,
     JointRange,

@@ -19,11 +19,11 @@ from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import Extremes
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.going_on import Journal
+    from robodyn_cli.summaries.extremes import RunExtremes
 
 
 def simulate(
@@ -139,16 +139,17 @@ def _estimate(run: Run, progress: Progress) -> Estimate:
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 
-def _extremes(run: Run, estimate: Estimate | None) -> dict[str, Extremes]:
+def _extremes(run: Run, estimate: Estimate | None) -> RunExtremes:
     """Return the extremes that the scene asks for."""
     from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
+    from robodyn_cli.summaries.extremes import RunExtremes
 
     scene = run.motion.scene
     first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
     motion = RecordedMotion(run.motion, first, run.recorder)
     if estimate is not None:
         motion = dataclasses.replace(motion, again=first, errors=estimate.errors)
-    return extremes_over([motion], scene.outputs.extremes)
+    return RunExtremes(extremes_over([motion], scene.outputs.extremes))
 
 
 def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:
@@ -169,7 +170,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     records = motion_records(run, judgement, estimate)
     if run.motion.scene.outputs.extremes and failure is None:
         with watch.stage("extremes"):
-            records[0] = dataclasses.replace(records[0], extremes=_extremes(run, estimate))
+            records.append(_extremes(run, estimate))
     if run.motion.scene.drives and failure is None:
         from robodyn_cli.drives.report import with_drives
 

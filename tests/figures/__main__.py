@@ -19,6 +19,7 @@ from typing import Any
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.over.commands import command_of
+from robodyn_cli.scene.checks.columns import column_names
 from robodyn_cli.scene.load import load_scene
 from tests.figures.judge import OFTEN, TIMES, Move, moves, runs_of
 from tests.fuzz.cases import _clock
@@ -31,6 +32,10 @@ SAMPLES = (11, 31, 101)
 DURATIONS = (0.05, 0.4, 1.0)
 FEATURES = 5  # of a random scene, at most
 SIZED = 4  # one of so many scenes of inverse dynamics is of ``size``
+EXTREMES = (
+    "q.b", "qd.b", "qdd.b", "tau.b", "points/tip.x", "point_velocities/tip.length", "reactions/b.force",
+    "base_wrench.fx", "energy/total",
+)  # fmt: skip
 TOO_LONG = 30.0  # s, of all runs of a scene
 
 
@@ -51,6 +56,18 @@ def random_scene(seed: int) -> tuple[str, dict[str, Any], int]:
     if command == "inverse" and seed % SIZED == 0:
         command = "size"
     return command, tree, random.Random(seed).choice(SAMPLES)
+
+
+def with_extremes(path: Path, command: str) -> tuple[str, ...]:
+    """Return the overrides that ask for extremes of columns that a scene has."""
+    if command not in ("simulate", "deploy", "kinematics"):
+        return ()
+    try:
+        own = load_scene(path, [f"command={command}", "expect={}"])
+    except RobodynError:
+        return ()
+    known = column_names(own, tuple(own.robot.points))
+    return (f"outputs.extremes={json.dumps([name for name in EXTREMES if name in known])}",)
 
 
 def table(found: list[Move]) -> tuple[str, bool]:
@@ -93,7 +110,7 @@ def main() -> int:
                 continue
             try:
                 with _clock(TOO_LONG):
-                    own = moves(runs_of(path, command, samples))
+                    own = moves(runs_of(path, command, samples, with_extremes(path, command)))
             except KeyboardInterrupt:
                 continue
             found += own

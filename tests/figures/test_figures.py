@@ -12,10 +12,14 @@ import pytest
 from robodyn_cli.record import record
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import ABSENT, Absent, fact
-from tests.figures.__main__ import CONFIGS, random_scene
+from tests.figures.__main__ import CONFIGS, random_scene, with_extremes
 from tests.figures.judge import OFTEN, TIMES, Move, figures_of, moves, runs_of
 from tests.pairs.judge import write
 
+ASKED = (
+    "outputs={reactions: true, extremes: [q.theta1, qd.theta1, qdd.theta1, reactions/theta1.force, base_wrench.fx, "
+    "energy/kinetic]}"
+)
 # command, file, samples, overrides: scenes with many kinds of figures, short
 SCENES = {
     "drives": ("inverse", "2r_drives.yaml", 41, ()),
@@ -23,9 +27,16 @@ SCENES = {
     "few samples": ("inverse", "2r_drives.yaml", 11, ("outputs.reactions=true",)),
     "few samples of a path": ("kinematics", "trajectories/pick_and_place.yaml", 11, ()),
     "size": ("size", "2r_drives.yaml", 11, ()),
-    "controller": ("simulate", "controlled_arm.yaml", 31, ("simulate.duration=0.4",)),
-    "payload": ("simulate", "catching_arm.yaml", 21, ()),
-    "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", "outputs.reactions=true")),
+    "controller": ("simulate", "controlled_arm.yaml", 31, ("simulate.duration=0.4", ASKED)),
+    "payload": ("simulate", "catching_arm.yaml", 21, (ASKED,)),
+    "impacts": ("simulate", "bouncing_pendulum.yaml", 21, ("simulate.duration=1.5", ASKED)),
+    "sweep": (
+        "kinematics",
+        "mechanisms/four_bar_kinematics.yaml",
+        41,
+        ("outputs.extremes=[q.rocker, qdd.rocker]",),
+    ),
+    "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", ASKED)),
     "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
 }
 # random scenes in which figures were wrong: loads that were sought block by block, positions that Newton's method
@@ -41,7 +52,8 @@ def test_figures_stay_within_their_errors(name: str | int, tmp_path: Path) -> No
         path = CONFIGS / file
     else:
         command, tree, samples = random_scene(name)
-        path, given = write(tree, tmp_path / "scene", command), ()
+        path = write(tree, tmp_path / "scene", command)
+        given = with_extremes(path, command)
     found = moves(runs_of(path, command, samples, given))
     assert found
     assert not [str(x) for x in found if x.ratio > TIMES]

@@ -23,10 +23,9 @@ from robodyn_cli.integrators.runtime.memory import (
     Status,
     resolution,
 )
-from robodyn_cli.integrators.runtime.options import Grid, Options, Samples, stretches
+from robodyn_cli.integrators.runtime.options import Grid, Options, stretches
 from robodyn_cli.integrators.runtime.sample_blocks import SampleBlocks
 from robodyn_cli.integrators.runtime.stopped import Approach, Crowd, Stopped
-from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
 
@@ -39,18 +38,9 @@ SLICE_TIME = 0.02
 FIRST_SLICE = 256
 RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
+# where a motion may have jumped: the time [s], states (nx,) and parameters before and behind
+Met = tuple[float, Array, Array, Array, Array]
 BEYOND = 7  # doublings of the resolution within which a function that is zero is expected to cross
-
-
-@record
-class Met:
-    """Where a motion may have jumped: the time [s], states (nx,) and parameters before and behind."""
-
-    time: float
-    before: Array
-    p_before: Array
-    behind: Array
-    p_behind: Array
 
 
 class Integrator:
@@ -96,7 +86,7 @@ class Integrator:
         for slot, count in integers_at_start(self.system.nv).items():
             n[slot] = count
         self.events_seen = 0
-        self._since, self._restart = time, math.inf
+        self._since, self._restart, self._toward = time, math.inf, math.nan
         self._approach = Approach(self._step, self.options.first < 1.0)
         self.before = 0
         self.pause: int | None = None
@@ -205,13 +195,15 @@ class Integrator:
         """Yield when a step has to end; formulas of time are kept to the stretch before each."""
         for stop, after, before in stretches(self.system.breakpoints, self.time, end):
             self.w[DoubleSlot.T_AFTER], self.w[DoubleSlot.T_BEFORE] = after, before
-            self.w[DoubleSlot.H] = self.options.part_of_way(self.w[DoubleSlot.H], stop - self.time)
+            if stop != self._toward:  # a run that was paused on the way keeps its step
+                self.w[DoubleSlot.H] = self.options.part_of_way(self.w[DoubleSlot.H], stop - self.time)
+            self._toward = stop
             yield stop
 
     def run(
         self,
         end: float,
-        grid: Samples,
+        grid: Grid,
         emit: Callable[[Array, Array], None],
         block: int = 65536,
         watch: bool = True,
@@ -229,8 +221,7 @@ class Integrator:
         GO_ON at the end, or what an owner answered that ended the run before: STOP, or a Leap to be made.
         """
         s, n = self.system, self.n
-        samples = SampleBlocks(self.engine, grid, emit, block)
-        samples.begin(self.time)
+        samples = SampleBlocks(self.engine, grid, emit, block, self.time)
         heard = None if watch else EventKind.REPARTITION  # which must happen in any case
         watch = (watch or s.partition is not None) and bool(s.events)
         if not watch:
@@ -276,7 +267,7 @@ class Integrator:
             else:
                 self.apply(outcome, event.function.owner)
             if before is not None and self.met is not None:
-                self.met.append(Met(self.time, *before, self.state, self.p.copy()))
+                self.met.append((self.time, *before, self.state, self.p.copy()))
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:

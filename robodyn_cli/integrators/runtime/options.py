@@ -50,12 +50,22 @@ ROUNDINGS = 4  # of a breakpoint, within which a formula may switch
 
 @record
 class Grid:
-    """Uniform sample times start + k step, k = 0 .. count - 1; the last one is ``end`` without rounding, if given."""
+    """Uniform sample times start + k step, k = 0 .. count - 1; the last one is ``end`` without rounding, if given.
+
+    knots : times (P + 1,), so many samples from each to the next one, ``count`` of them with the last knot; then start
+    and step do not count.
+    """
 
     start: float
     step: float
     count: int
     end: float | None = None
+    knots: Array | None = None
+
+    @staticmethod
+    def between(knots: Array, inside: int) -> Grid:
+        """Return times that are uniform between knots (P + 1,), so many from each to the next one."""
+        return Grid(float(knots[0]), 0.0, inside * (len(knots) - 1) + 1, float(knots[-1]), knots)
 
     @staticmethod
     def over(duration: float, count: int) -> Grid:
@@ -63,6 +73,10 @@ class Grid:
 
     def times(self, first: int, last: int) -> Array:
         """Return sample times first .. last - 1."""
+        if self.knots is not None:
+            places, inside = np.arange(first, last), (self.count - 1) // (len(self.knots) - 1)
+            steps = np.append(np.diff(self.knots), 0.0) / inside
+            return np.asarray(self.knots[places // inside] + places % inside * steps[places // inside])
         times = self.start + np.arange(first, last) * self.step
         if self.end is not None and first < last == self.count:
             times[-1] = self.end
@@ -85,18 +99,9 @@ class Grid:
         """Return the first samples."""
         return self if count >= self.count else Grid(self.start, self.step, count)
 
-    def stretch(self, k: int) -> tuple[float, float, int, int]:
-        """Return start and step [s] of the uniform samples of which sample k is one, and the first and last of them."""
-        return self.start, self.step, 0, self.count - 1
-
-    @property
-    def at_once(self) -> int:
-        """Number of samples that are handed on at a time, at most."""
-        return self.count
-
     def begins_by(self, k: int, time: float) -> bool:
         """Tell whether sample k lies at or before ``time``, but for rounding."""
-        sample = self.start + k * self.step
+        sample = self.start + k * self.step if self.knots is None else float(self.times(k, k + 1)[0])
         return sample <= time or sample <= time + self._slack(time)
 
     def first_at(self, time: float) -> int:
@@ -104,6 +109,8 @@ class Grid:
         if time == self.start:
             return 0
         if self.step <= 0.0:
+            if self.knots is not None:
+                return int(np.searchsorted(self.times(0, self.count), time - self._slack(time)))
             return 0 if self.start >= time - self._slack(time) else self.count
         k = max(0, int((time - self.start) / self.step) - 1)
         while self.start + k * self.step < time - self._slack(time):
@@ -112,45 +119,6 @@ class Grid:
 
     def _slack(self, time: float) -> float:
         return SLACK * (abs(self.start) + abs(time))
-
-
-@record
-class StretchedGrid:
-    """Sample times that are uniform between knots (P + 1,): so many from each to the next one, and the last knot."""
-
-    knots: Array
-    at_once: int
-
-    @property
-    def count(self) -> int:
-        """Number of samples."""
-        return self.at_once * (len(self.knots) - 1) + 1
-
-    def stretch(self, k: int) -> tuple[float, float, int, int]:
-        """Return what ``Grid.stretch`` does; the last sample is the first one of the next stretch."""
-        j = k // self.at_once
-        first = j * self.at_once
-        if j + 1 == len(self.knots):
-            return float(self.knots[-1]), 0.0, first, first
-        step = float(self.knots[j + 1] - self.knots[j]) / self.at_once
-        return float(self.knots[j]), step, first, first + self.at_once
-
-    def times(self, first: int, last: int) -> Array:
-        """Return sample times first .. last - 1."""
-        j, i = np.divmod(np.arange(first, last), self.at_once)
-        steps = np.append(np.diff(self.knots), 0.0) / self.at_once
-        return np.asarray(self.knots[j] + i * steps[j])
-
-    def begins_by(self, k: int, time: float) -> bool:
-        """Tell whether sample k lies at or before ``time``, but for rounding."""
-        return bool(self.times(k, k + 1)[0] <= time + 2.0 * SLACK * abs(time))
-
-    def first_at(self, time: float) -> int:
-        """Return the first sample that does not lie before ``time``, but for rounding."""
-        return int(np.searchsorted(self.times(0, self.count), time - 2.0 * SLACK * abs(time)))
-
-
-Samples = Grid | StretchedGrid
 
 
 def stride_of(samples: int) -> float:

@@ -8,63 +8,63 @@ import numpy as np
 
 from robodyn_cli.integrators.runtime.engine import Engine
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
-from robodyn_cli.integrators.runtime.options import Samples, StretchedGrid
+from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.spatial.algebra import Array
 
 
 class SampleBlocks:
-    """Hands on samples at the times of a grid, each once and in order, at most ``block`` at a time.
+    """Hands on samples at the times of a grid from ``time`` on, each once and in order, at most ``block`` at a time.
 
-    The loop counts uniform samples of one stretch, from 0. The one behind them finds no room, so that the run comes
-    back to be set on the next stretch.
+    Between knots the loop counts the samples from one of them, from 0, and finds no room for the next one, so that the
+    run comes back to be set on what follows. first : sample that it counts as 0. row : of the first one in the block.
     """
 
     def __init__(
-        self, engine: Engine, grid: Samples, emit: Callable[[Array, Array], None], block: int
+        self, engine: Engine, grid: Grid, emit: Callable[[Array, Array], None], block: int, time: float
     ) -> None:
-        self.engine, self.grid, self.emit = engine, grid, emit
-        self.size, self.capacity = len(engine.memory.y), max(1, min(block, grid.at_once))
+        self.engine, self.grid, self.emit, self.size = engine, grid, emit, len(engine.memory.y)
+        self.inside = 0 if grid.knots is None else (grid.count - 1) // (len(grid.knots) - 1)
+        self.capacity = self.inside or max(1, min(block, grid.count))
         if len(engine.out) != self.capacity * self.size:
             engine.make_room(self.capacity * self.size)
         engine.memory.n[IntegerSlot.CAPACITY] = self.capacity
-
-    def begin(self, time: float) -> None:
-        """Begin at a time, with a sample that lies there."""
-        first = self.grid.first_at(time)
-        if first < self.grid.count and self.grid.begins_by(first, time):
-            self.emit(np.array([time]), self.engine.memory.y[None].copy())
+        first = grid.first_at(time)
+        if first < grid.count and grid.begins_by(first, time):
+            emit(np.array([time]), engine.memory.y[None].copy())
             first += 1
-        self._aim(first)
+        self.first, self.row = first, -1
+        engine.memory.n[IntegerSlot.ROWS] = engine.memory.n[IntegerSlot.NEXT_SAMPLE] = 0
+        self.flush()
 
-    def _aim(self, k: int) -> None:
-        """Set the loop, and what it may go back to, on sample k, with the rows that are left for its stretch."""
-        start, step, self.first, last = self.grid.stretch(k)
-        self.row = k - self.first if isinstance(self.grid, StretchedGrid) else 0
-        memory = self.engine.memory
+    def flush(self) -> None:
+        """Hand on what has been written, and set the loop, and what it may go back to, on the next sample."""
+        n = self.engine.memory.n
+        end, k = n[IntegerSlot.ROWS], self.first + n[IntegerSlot.NEXT_SAMPLE]
+        if end <= self.row:
+            return
+        if end:
+            rows = self.engine.out.reshape(self.size, self.capacity)[:, self.row : end]
+            self.emit(self.grid.times(k - end + self.row, k), rows.T.copy())
+        grid, inside, memory = self.grid, self.inside, self.engine.memory
+        start, step, self.first, last, self.row = grid.start, grid.step, 0, grid.count - 1, 0
+        if grid.knots is not None:
+            j = min(k // inside, len(grid.knots) - 1)
+            self.first = j * inside
+            self.row, last = k - self.first, min(self.first + inside, last)
+            start = float(grid.knots[j])
+            step = float(grid.knots[min(j + 1, len(grid.knots) - 1)] - start) / inside
         for w, n in ((memory.w, memory.n), (memory.saved_w, memory.saved_n)):
             w[DoubleSlot.SAMPLE_START], w[DoubleSlot.SAMPLE_STEP] = start, step
             n[IntegerSlot.NEXT_SAMPLE], n[IntegerSlot.LAST_SAMPLE] = k - self.first, last - self.first
             n[IntegerSlot.ROWS] = self.row
 
     @property
-    def next(self) -> int:
-        """The next sample."""
-        return self.first + self.engine.memory.n[IntegerSlot.NEXT_SAMPLE]
-
-    @property
     def last(self) -> int:
-        """The last sample of the stretch, as the loop counts them."""
-        return self.grid.stretch(self.next)[3] - self.first
+        """The last sample up to which the loop writes now, as it counts them."""
+        last = self.grid.count - 1
+        return (min(self.first + self.inside, last) if self.inside else last) - self.first
 
     def lies_at(self, time: float) -> bool:
         """Tell whether the next sample lies at or before a time, but for rounding."""
-        return self.next < self.grid.count and self.grid.begins_by(self.next, time)
-
-    def flush(self) -> None:
-        """Hand on what has been written."""
-        end = self.engine.memory.n[IntegerSlot.ROWS]
-        if end > self.row:
-            last = self.next
-            rows = self.engine.out.reshape(self.size, self.capacity)[:, self.row : end]
-            self.emit(self.grid.times(last - end + self.row, last), rows.T.copy())
-            self._aim(last)
+        k = self.first + self.engine.memory.n[IntegerSlot.NEXT_SAMPLE]
+        return k < self.grid.count and self.grid.begins_by(k, time)

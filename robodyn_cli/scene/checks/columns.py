@@ -9,6 +9,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import did_you_mean
 from robodyn_cli.scene.checks.check import EXTREMES, Check
 from robodyn_cli.scene.checks.robot import columns
@@ -25,9 +26,14 @@ WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle")
 def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the columns of runs of a scene's command; ``points`` : of which they tell where they are."""
     names = _named(scene, points)
-    if scene.command == "kinematics":
-        return tuple(name for name in names if name.startswith(WITHOUT_FORCES))
-    return tuple(name for name in names if scene.command is None or name != "transmission_angle")
+    if scene.command is None:
+        return tuple(names)
+    integrated = COMMANDS[scene.command].streamed
+    return tuple(
+        name
+        for name in names
+        if (name != "transmission_angle" if integrated else name.startswith(WITHOUT_FORCES))
+    )
 
 
 def _named(scene: Scene, points: tuple[str, ...]) -> Iterator[str]:
@@ -68,7 +74,7 @@ def _controlled(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return what a controller follows: joints, or the point that its motion leads; and the joints that it drives."""
     if scene.control is None:
         return (), ()
-    point = getattr(scene.control.reference, "point", None)
+    point = None if scene.control.reference is None else scene.control.reference.point
     led = () if point is None else tuple(f"{point}.{axis}" for axis in "xyz")
     return (*columns(scene.robot), *led), tuple(scene.control.joints)
 

@@ -24,7 +24,8 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
-from robodyn_cli.summaries.facts import ABSENT, Absent, Extremes
+from robodyn_cli.summaries.extremes import RunExtremes
+from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import FinalState
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import led_joints
@@ -231,7 +232,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
         if done.motion.scene.outputs.extremes:
             with watch.stage("extremes"):
-                summary = dataclasses.replace(summary, extremes=_extremes(done))
+                others.append(_extremes(done))
     if done.found.driven and done.lock is not None:  # at the dead point itself, where rates have no bound
         q = done.motion.system.split(done.lock.state)[0]
         names = done.motion.problem.model.q_names
@@ -251,7 +252,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     return result.unless(failure)
 
 
-def _extremes(done: Deployment) -> dict[str, Extremes]:
+def _extremes(done: Deployment) -> RunExtremes:
     """Return the extremes that the scene asks for, up to the lock and behind it."""
     scene, relocated = done.motion.scene, done.relocated
     first = FirstRun.of(done.driver, done.beginning, grid_of(scene, done.beginning), done.recorder)
@@ -262,7 +263,7 @@ def _extremes(done: Deployment) -> dict[str, Extremes]:
     motions = [RecordedMotion(done.motion, first, done.recorder, again, errors)]
     if done.followed is not None and done.followed.whole is not None:
         motions.append(done.followed.whole)
-    return extremes_over(motions, scene.outputs.extremes)
+    return RunExtremes(extremes_over(motions, scene.outputs.extremes))
 
 
 def _lock_keys(done: Deployment) -> LockKeys | None:

@@ -229,16 +229,14 @@ def follow_locked(
         constraint_residual=residual_of(recorder),
         counters=driver.counters,
     )
-    run, errors = FirstRun.of(driver, begun, rest, recorder), None if estimate is None else estimate.errors
-    whole = dataclasses.replace(run, beginning=_behind(motion, locked, lock, latch))
-    other = None if estimate is None else whole
-    if other is not None and again is not None and again.lock and again.latch:
-        other = dataclasses.replace(run, beginning=_behind(motion, locked, again.lock, again.latch))
-    return FollowedLock(
-        _with_loads(keys, driver, recorder, estimate),
-        recorder,
-        RecordedMotion(locked, whole, recorder, other, errors),
+    whole = RecordedMotion(
+        locked, _from_lock(motion, locked, FirstRun.of(driver, begun, rest, recorder), lock, latch), recorder
     )
+    if estimate is not None:
+        twice = (again.lock, again.latch) if again is not None else (None, None)
+        other = _from_lock(motion, locked, whole.first, *twice)
+        whole = dataclasses.replace(whole, again=other, errors=estimate.errors)
+    return FollowedLock(_with_loads(keys, driver, recorder, estimate), recorder, whole)
 
 
 def _with_loads(keys: AfterLock, driver: Driver, recorder: Recorder, estimate: Estimate | None) -> AfterLock:
@@ -265,6 +263,15 @@ def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch
     driver.start(begun.time, begun.state)
     driver.advance(time)
     return driver.state
+
+
+def _from_lock(
+    motion: Motion, locked: Motion, run: FirstRun, lock: Lock | None, latch: ClosedLatch | None
+) -> FirstRun:
+    """Return a run of the locked structure from the lock on; as it is without one."""
+    if lock is None or latch is None:
+        return run
+    return dataclasses.replace(run, beginning=_behind(motion, locked, lock, latch))
 
 
 def _behind(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch) -> Beginning:

@@ -20,7 +20,8 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid, Options
-from robodyn_cli.motion.driver import Driver, StepTimes
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.extremes import StepTimes
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
