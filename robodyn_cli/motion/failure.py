@@ -52,7 +52,9 @@ def with_cause(error: NumericalError, problem: Problem, driver: Driver) -> Numer
     q, v, z = driver.system.split(driver.state)
     if status == "max_steps":
         part = f"; that is {100.0 * driver.time / duration:.3g} % of simulate.duration ({duration:g} s)"
-        return NumericalError(error.message + part, **error.details)
+        return NumericalError(
+            error.message + part + nearly_singular(problem, q, driver.time), **error.details
+        )
     a, z_rate = _rates(driver)
     if status in BREAKDOWNS and (words := _too_long(driver, v, a, duration)):
         return NumericalError(error.message + words, **error.details)
@@ -75,7 +77,9 @@ def _rates(driver: Driver) -> tuple[Array, Array]:
 
 
 def _too_long(driver: Driver, v: Array, a: Array, duration: float) -> str:
-    """Return words where steps were given up that are still far longer than the motion takes to change."""
+    """Return words where steps that a method chose were given up, still far longer than the motion takes to change."""
+    if driver.integrator.options.step is not None:
+        return ""
     step = driver.integrator.w[DoubleSlot.H]
     with np.errstate(all="ignore"):
         rate = float(np.maximum(np.abs(v), np.sqrt(np.abs(a))).max(initial=0.0))  # of 1 rad or 1 m

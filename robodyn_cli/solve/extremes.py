@@ -81,6 +81,8 @@ class Extreme:
 
 def largest(times: Array, y: Array, breaks: Breaks = ()) -> Extreme:
     """Return the largest values of y (T, n) at times (T,), which are best uniform; breaks : see ``quadrature``."""
+    if not y.shape[1]:
+        return Extreme(*np.zeros((5, 0)))
     return _gathered(
         [_largest(times, y[:, own], breaks, hidden) for own, hidden in _hidden(times, y, breaks)]
     )

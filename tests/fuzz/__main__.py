@@ -41,6 +41,7 @@ def work(seeds: range, stored: Path, out: Path, part: str, pipe: Connection) -> 
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
     os.environ["ROBODYN_DEBUG"] = "1"
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the pool stops it
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
     seen: set[str] = set()
     with tempfile.TemporaryDirectory() as name:
         tempfile.tempdir, os.environ["BROWSER"] = name, "true"  # what commands leave, and open
@@ -145,6 +146,7 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path(tempfile.gettempdir()) / "robodyn-fuzz")
     arguments = parser.parse_args()
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     arguments.out.mkdir(parents=True, exist_ok=True)
     stored = Path(tempfile.mkdtemp())
     try:

@@ -11,6 +11,7 @@ import numpy as np
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.expr.many import Expressions
 from robodyn_cli.formulations.events import EventKind
+from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
 from robodyn_cli.motion.motion import Motion
@@ -47,7 +48,8 @@ class Structure(Built):
         scene = family.scene(settings([key.name for key in keys], row))
         with witnessed() as witnesses:
             self.motion = command.build(scene)
-            tables = methods[self.motion.choice.method].tables(self.motion.system)
+            choice = self.motion.choice  # a method that may change is that of a run, not of the structure
+            tables = methods[DEFAULT if choice.may_change else choice.method].tables(self.motion.system)
         why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
         self._fleets: dict[tuple[str, bool], Fleet] = {}

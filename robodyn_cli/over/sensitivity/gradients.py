@@ -163,6 +163,7 @@ ALL, ODD = 1, (-1, 2)  # which samples to take, see ``every_second``
 ESTIMATES = ("error_estimate.",)
 NOTHING = 1e-6  # part of a key, by which a change cannot be as large as all of an array
 ROUNDING = 1e-15  # of a figure of many samples
+MARGIN = 1.5  # of what extrapolated differences differ by, since these agree by chance
 SOLVED = 1e-12  # of arrays, in which the solution of their equations is exact
 
 
@@ -224,7 +225,7 @@ def _slopes(outputs: Sequence[str], give: Callable[[float, int], Any], step: flo
     fine, coarse = there[:, 0] - there[:, 1]
     sampled = np.abs(coarse - fine) / (2.0 * steps[1])
     solved = SOLVED * np.maximum(np.abs(values), size * WIDEST / step)
-    return [Slope(float(y), float(e), EXACT) for y, e in zip(values, errors + sampled + solved)]
+    return [Slope(float(y), float(e), EXACT) for y, e in zip(values, MARGIN * errors + sampled + solved)]
 
 
 def every_second(times: Array, every: int) -> NDArray[np.int_]:

@@ -177,7 +177,9 @@ class DriveSearch:
             fast = largest_magnitude(duty.times, duty.speed[:, None], duty.breaks)
             off = (1.0 - margin) * float(fast.error[0] / fast.value[0])
         else:
-            off = Evaluated.of(train, duty).use_error(decides)
+            evaluated = Evaluated.of(train, duty)
+            # a motion that uses nothing is decided by any limit, one that this train does not have too
+            off = evaluated.use_error(decides) if decides in evaluated.uses else 0.0
         return MotorAndGear(train.drive.motor, train.drive.gear, cost, mass, margin, off, decides)
 
     def best(self, name: str) -> MotorAndGear:
