@@ -30,6 +30,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 if TYPE_CHECKING:
     from robodyn_cli.forces.limits import Limits
     from robodyn_cli.loops.base import LoopClosure
+    from robodyn_cli.scene.nested_options import SearchOptions
     from robodyn_cli.summaries.keys import Names
 
 
@@ -305,7 +306,12 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
-    for key, number, section in _named_keys(scene):
+    wanted: list[tuple[str, bool, Path]] = [(key, x.numeric, ("expect",)) for key, x in scene.expect.items()]
+    wanted += [(key, True, ("study", "of")) for key in scene.study.of]
+    for key, number, section in [
+        *wanted,
+        *(_searched_keys(scene.search) if scene.search is not None else ()),
+    ]:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
@@ -322,15 +328,11 @@ def _check_keys(scene: Scene, check: Check) -> None:
                 )
 
 
-def _named_keys(scene: Scene) -> Iterator[tuple[str, bool, Path]]:
-    """Yield the keys of summaries that a scene names: each with whether it must be a number, and the section."""
-    yield from ((key, expected.numeric, ("expect",)) for key, expected in scene.expect.items())
-    yield from ((key, True, ("study", "of")) for key in scene.study.of)
-    if scene.search is not None:
-        for name in ("minimise", "maximise", "reach", "keep"):
-            named = getattr(scene.search, name) or ()
-            keys = (named,) if isinstance(named, str) else tuple(named)
-            yield from ((key, True, ("search", name)) for key in keys)
+def _searched_keys(search: SearchOptions) -> Iterator[tuple[str, bool, Path]]:
+    """Yield the keys of summaries that a search names: each with that it must be a number, and the section."""
+    for name in ("minimise", "maximise", "reach", "keep"):
+        named = getattr(search, name) or ()
+        yield from ((key, True, ("search", name)) for key in ((named,) if isinstance(named, str) else named))
 
 
 def key_names(scene: Scene) -> Names:
