@@ -15,6 +15,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.statements import Expectation, Variation
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.many.keys import Allowed, Key, setting, understand, value_of
+from robodyn_cli.over.sensitivity.asked import key_unit
 from robodyn_cli.over.study.rows import Task
 from robodyn_cli.over.study.study import check_key, repeated, units_of_keys
 from robodyn_cli.record import record
@@ -23,7 +24,7 @@ from robodyn_cli.scene.checks.options import is_inequality, search_problems
 from robodyn_cli.scene.checks.scene import key_names
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.nested_options import SearchOptions
-from robodyn_cli.scene.units import refuse_doubles, unit_of
+from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of, refusal
 from robodyn_cli.version import code_digest
@@ -102,7 +103,8 @@ class Search:
     @cached_property
     def units(self) -> tuple[str, ...]:
         """The units of the keys."""
-        return tuple(unit_of(self.family.root, key) for key in self.task.keys)
+        model = build_model(self.family.own)
+        return tuple(key_unit(self.family, key, model) for key in self.keys)
 
     @cached_property
     def output_units(self) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ import numpy as np
 
 from robodyn_cli.over.batch.criteria import lookup
 from robodyn_cli.over.search.asked import Constraint
-from robodyn_cli.over.search.optimum import AT_BOUND, Optimum
+from robodyn_cli.over.search.optimum import ACTIVE, Optimum
 from robodyn_cli.over.search.points import DesignPoint, PointMaker
 from robodyn_cli.over.search.search import SAME, EndedSearch
 from robodyn_cli.over.search.solve import ScaledSearch, SolverWay
@@ -151,7 +151,14 @@ def _key(ended: EndedSearch, k: int) -> FoundKey:
         if optimum.sides.held[at]:
             own["price"] = size * float(optimum.sides.bound_prices[at]) / span
             own["price_error"] = abs(size) * _gradient_error(ended.scaled, optimum) / span
-    return FoundKey(value, unit, _finite(optimum.off[at] * span), float(low), float(high), at=side, **own)
+    off = _finite(optimum.off[at] * span) if optimum.sides.held[at] or _has_errors(ended, optimum) else None
+    return FoundKey(value, unit, off, float(low), float(high), at=side, **own)
+
+
+def _has_errors(ended: EndedSearch, optimum: Optimum) -> bool:
+    """Tell whether the run states errors of all outputs on which the values depend."""
+    binding = [ended.scaled.sides[k][0].output for k in optimum.sides.binding]
+    return bool(np.isfinite(ended.own.error[[*ended.search.goal.outputs, *binding]]).all())
 
 
 def _gradient_error(scaled: ScaledSearch, optimum: Optimum) -> float:
@@ -174,7 +181,7 @@ def _limit(ended: EndedSearch, limit: Constraint) -> KeptLimit:
                 slope = max(float(np.abs(optimum.sides.gradients[k]).max(initial=0.0)), 1e-300)
                 price, active = -sign * float(optimum.sides.prices[k]) * ratio, True
                 error = abs(ratio) * _gradient_error(scaled, optimum) / slope
-            elif other == limit and abs(optimum.sides.room[k]) <= SMALL * AT_BOUND:
+            elif other == limit and optimum.sides.room[k] <= ACTIVE:
                 active = True
     return KeptLimit(
         limit.expected.text, limit.source, _finite(value), _finite(own.error[limit.output]),
@@ -254,9 +261,9 @@ def _second(optimum: Optimum, bends: Array) -> str:
     if not len(bends):
         return "with second derivatives that are not known"
     if bends.min() > optimum.curved.H_error:
-        return "and the goal rises in all directions that are free"
+        return "and all directions that are free are worse"
     return (
         "with a direction in which the goal is flat"
         if bends.min() > -optimum.curved.H_error
-        else "but the goal falls in a direction"
+        else "but a direction is better"
     )
