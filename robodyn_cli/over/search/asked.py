@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -29,6 +30,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of, refusal
 from robodyn_cli.version import code_digest
 
+GOALS = ("minimise", "maximise", "reach")
 MOST_NAMED = 4  # targets
 MOST_BEGINNINGS = 10_000  # combinations of values times starts
 EDGE = 1e-12  # of the way between bounds, within which a value is that of the bound
@@ -244,15 +246,13 @@ def _check_bounds(search: Search) -> None:
             raise SceneError(message, key=name)
 
 
-def options_of(
-    given: SearchOptions | None, changes: Mapping[str, object], goal: Iterable[str]
-) -> SearchOptions:
-    """Return the options of a scene with those of the command line in their place; a goal there takes the place of all.
+def options_of(given: SearchOptions | None, changes: Mapping[str, object]) -> SearchOptions:
+    """Return the options of a scene with others in their place; a goal among these takes the place of all.
 
-    changes : options that are given, by name; None leaves one as it is. goal : names of options that are goals.
+    changes : options that are given, by name; None, or an empty map, leaves one as it is.
     """
-    own = {name: value for name, value in changes.items() if value}
+    own: dict[str, Any] = {name: value for name, value in changes.items() if value not in (None, {})}
     options = given or SearchOptions(vary={}, reach={}, keep={})
-    if set(goal) & set(own):
+    if set(GOALS) & set(own):
         options = dataclasses.replace(options, minimise=None, maximise=None, reach={})
-    return dataclasses.replace(options, **own)  # type: ignore[arg-type]
+    return dataclasses.replace(options, **own)

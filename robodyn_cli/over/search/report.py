@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import os
+import time
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.expr.statements import parse_expectation, parse_variation
 from robodyn_cli.over.batch.criteria import lookup
-from robodyn_cli.over.search.asked import Constraint
+from robodyn_cli.over.search.asked import Constraint, options_of, prepare
+from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.search.optimum import ACTIVE, Optimum
 from robodyn_cli.over.search.points import DesignPoint, PointMaker
-from robodyn_cli.over.search.search import SAME, EndedSearch
+from robodyn_cli.over.search.search import SAME, EndedSearch, run_search
 from robodyn_cli.over.search.solve import ScaledSearch, SolverWay
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.search import (
@@ -267,3 +273,43 @@ def _second(optimum: Optimum, bends: Array) -> str:
         if bends.min() > -optimum.curved.H_error
         else "but a direction is better"
     )
+
+
+def optimise(
+    scene: Scene | Family | str | os.PathLike[str],
+    vary: Mapping[str, Any] | None = None,
+    jobs: int = 1,
+    **search: Any,
+) -> Result:
+    """Return the values of keys that make an output least or largest, or bring outputs to given values.
+
+    Parameters
+    ----------
+    scene : names a command; its file, or as it was loaded.
+    vary : keys of the scene with their bounds (``uniform(low, high)``) or the values that they may take.
+    jobs : processes or threads.
+    search : ``minimise`` or ``maximise``, an output; or ``reach``, values by output; ``keep``, what holds by output;
+        ``starts`` and ``seed``. What is not given is that of the scene's section ``search``.
+
+    Returns
+    -------
+    A Result with all runs (``inputs/KEY``, ``outputs/OUTPUT``, ``runs/best``); ``summary["keys"]`` has the values.
+
+    Raises
+    ------
+    SceneError : the search makes no sense. CapabilityError : no run ends as it should wherever it would begin.
+    """
+    start = time.perf_counter()
+    family = (
+        scene
+        if isinstance(scene, Family)
+        else Family.of(scene)
+        if isinstance(scene, Scene)
+        else Family(scene)
+    )
+    given: dict[str, Any] = {**search, "vary": {key: parse_variation(x) for key, x in (vary or {}).items()}}
+    for name in ("reach", "keep"):
+        given[name] = {key: parse_expectation(x) for key, x in search.get(name, {}).items()}
+    asked = prepare(family, options_of(family.own.search, given))
+    maker = PointMaker(asked, jobs, SearchJournal(), lambda runs: None)
+    return report(run_search(asked, maker), maker, time.perf_counter() - start)
