@@ -27,6 +27,7 @@ _HOME = {
     "reach": "robodyn_cli.works.reach",
     "InverseKinematics": "robodyn_cli.given.poses.inverse_kinematics",
     "sensitivity": "robodyn_cli.over.sensitivity.report",
+    "optimise": "robodyn_cli.over.search.report",
     "plan": "robodyn_cli.over.plan.plan",
     "Mechanism": "robodyn_cli.over.many.mechanism",
     "InverseDynamics": "robodyn_cli.torques.dynamics",
@@ -52,6 +53,7 @@ if TYPE_CHECKING:  # "as" makes a name part of the API for type checkers
     from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics as InverseKinematics
     from robodyn_cli.over.many.mechanism import Mechanism as Mechanism
     from robodyn_cli.over.plan.plan import plan as plan
+    from robodyn_cli.over.search.report import optimise as optimise
     from robodyn_cli.over.sensitivity.report import sensitivity as sensitivity
     from robodyn_cli.report import draw_all as draw_all
     from robodyn_cli.results import hdf5

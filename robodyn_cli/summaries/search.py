@@ -15,7 +15,8 @@ class FoundKey:
     unit: str = fact("its unit; empty where it is not known, as in a formula")
     uncertainty: float | None = fact(
         "how far the value may be off, to first order: what the errors of outputs and derivatives, and what is left of "
-        "the conditions of the optimum, change it by; `null` where nothing determines it, 0 at a bound that holds it",
+        "the conditions of the optimum, change it by; `null` where nothing determines it, or the run states no "
+        "error of an output on which it depends; 0 at a bound that holds it",
         BESIDE,
     )
     low: float | Absent = fact("lower bound", BESIDE, default=ABSENT)

@@ -63,10 +63,13 @@ def test_a_search_that_misses_ends_with_1_and_says_what(scene: Path, tmp_path: P
 def test_options_come_before_the_scene_and_a_goal_takes_the_place_of_its(scene: Path, tmp_path: Path) -> None:
     scene.write_text(
         ARM
-        + f"search: {{vary: {{{STIFFNESS}: 'uniform(10, 500)'}}, reach: {{peak_torque.arm: 2}}, starts: 2}}\n"
+        + f"search: {{vary: {{{STIFFNESS}: 'uniform(10, 500)'}}, reach: {{peak_torque.arm: 2}}, starts: 2, seed: 3}}\n"
     )
     whole = invoke("optimise", scene, "--json", "--no-plots", "--out", tmp_path / "a").data
     assert whole["goal"] == "peak_torque.arm = 2" and whole["search"]["starts"] == 2
+    invoke("optimise", scene, "--seed", "0", "--no-plots", "--out", tmp_path / "c")
+    first, other = (read(tmp_path / name / "result.h5")[f"inputs/{STIFFNESS}"][:2] for name in "ac")
+    assert first[0] == other[0] == 50 and first[1] != other[1]
     other = invoke("optimise", scene, "--minimise", "rms_torque.arm", "--starts", "1", "--json", "--no-plots",
                    "--out", tmp_path / "b").data  # fmt: skip
     assert other["goal"] == "least rms_torque.arm" and other["search"]["starts"] == 1

@@ -68,6 +68,8 @@ ROOMS = {
     "over/many/inverse.py": ["test_mechanism_inverse.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/integrate.py": ["test_error_rules.py", "test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/simulate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
+    "over/many/kinematics.py": ["test_many_kinematics.py"],
+    "over/search": ["test_search.py"],
     "over/sensitivity": ["test_error_rules.py", "test_sensitivity.py", "test_sensitivity_direct.py", "test_slopes.py"],
     "over/study/design.py": STUDY,
     "over/study/report.py": STUDY,
@@ -76,7 +78,7 @@ ROOMS = {
     "results/compare.py": RESULTS,
     "summaries": ["test_observed_figures.py", *RESULTS, "test_run_reactions.py", "test_sweep.py"],
     "works/statics.py": ["test_run_statics.py", "test_observed_figures.py", "test_run_reactions.py", "test_stops.py", "test_limits.py"],
-    "works/kinematics.py": ["test_observed_figures.py", "test_run_kinematics.py", "test_units.py", "test_poses.py"],
+    "works/kinematics.py": ["test_observed_figures.py", "test_run_kinematics.py", "test_units.py", "test_poses.py", "test_many_kinematics.py"],
 }  # fmt: skip
 
 

@@ -23,7 +23,6 @@ from robodyn_cli.scene.load import Family, load_scene_text
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "configs" / "search"
-GOALS = ("minimise", "maximise", "reach")
 STIFFNESS = "forces.spring.stiffness"
 PEAK, NET = (
     14.715,
@@ -58,7 +57,7 @@ def searched(
         name: {key: read[name](x) for key, x in value.items()} if name in read else value
         for name, value in changes.items()
     }
-    search = prepare(family, options_of(family.own.search, own, GOALS))
+    search = prepare(family, options_of(family.own.search, own))
     with journal or SearchJournal() as kept:
         maker = PointMaker(search, 1, kept, lambda runs: None)
         ended = run_search(search, maker)
@@ -304,7 +303,7 @@ def test_starts_whose_run_fails_are_replaced_and_counted() -> None:
     vary = {"robot.points.tip.at#1": "uniform(0.05, 1.1)"}
     # what the first point asks for, with the other nine numbers as they stand
     own = prepare(
-        family, options_of(family.own.search, {"vary": {k: parse_variation(v) for k, v in vary.items()}}, ())
+        family, options_of(family.own.search, {"vary": {k: parse_variation(v) for k, v in vary.items()}})
     )
     wanted, _ = make_one(own.task, 0, np.array([0.8]))
     target = {
@@ -434,3 +433,15 @@ def test_a_scene_says_where_its_search_is_wrong(text: str, message: str) -> None
     section = f"search: {text}\n" if text.startswith("{") else f"search: {{{text}}}\n"
     with pytest.raises(SceneError, match=message):
         load_scene_text(ARM + section)
+
+
+def test_the_same_from_python() -> None:
+    from robodyn_cli import optimise
+
+    result = optimise(
+        load_scene_text(ARM), {STIFFNESS: "uniform(10, 500)"}, minimise="energy_net.arm",
+        keep={"peak_torque.arm": "<= 5"}, starts=1,
+    )  # fmt: skip
+    assert result.summary["limits"]["peak_torque.arm"]["active"]
+    result = optimise(EXAMPLES / "spring_balance.yaml", starts=1)
+    assert result.summary["goal"] == "peak_torque.arm = 0" and result.status == "ok"

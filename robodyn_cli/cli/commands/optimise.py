@@ -79,7 +79,6 @@ def command(
         family.own.search,
         {"vary": variations(vary or ()), "minimise": minimise, "maximise": maximise, "reach": _targets(reach or ()),
          "keep": _limits(keep or ()), "starts": starts, "seed": seed},
-        ("minimise", "maximise", "reach"),
     )  # fmt: skip
     with console.waiting(lambda: progress.doing), output(target, scene, console) as directory:
         search = prepare(family, options)

@@ -5,8 +5,9 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.statements import Expectation, Variation
 from robodyn_cli.model.build import build_model
 from robodyn_cli.over.many.keys import Allowed, Key, setting, understand, value_of
+from robodyn_cli.over.sensitivity.asked import key_unit
 from robodyn_cli.over.study.rows import Task
 from robodyn_cli.over.study.study import check_key, repeated, units_of_keys
 from robodyn_cli.record import record
@@ -23,11 +25,12 @@ from robodyn_cli.scene.checks.options import is_inequality, search_problems
 from robodyn_cli.scene.checks.scene import key_names
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.nested_options import SearchOptions
-from robodyn_cli.scene.units import refuse_doubles, unit_of
+from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.keys import leaf_of, refusal
 from robodyn_cli.version import code_digest
 
+GOALS = ("minimise", "maximise", "reach")
 MOST_NAMED = 4  # targets
 MOST_BEGINNINGS = 10_000  # combinations of values times starts
 EDGE = 1e-12  # of the way between bounds, within which a value is that of the bound
@@ -102,7 +105,8 @@ class Search:
     @cached_property
     def units(self) -> tuple[str, ...]:
         """The units of the keys."""
-        return tuple(unit_of(self.family.root, key) for key in self.task.keys)
+        model = build_model(self.family.own)
+        return tuple(key_unit(self.family, key, model) for key in self.keys)
 
     @cached_property
     def output_units(self) -> tuple[str, ...]:
@@ -242,15 +246,13 @@ def _check_bounds(search: Search) -> None:
             raise SceneError(message, key=name)
 
 
-def options_of(
-    given: SearchOptions | None, changes: Mapping[str, object], goal: Iterable[str]
-) -> SearchOptions:
-    """Return the options of a scene with those of the command line in their place; a goal there takes the place of all.
+def options_of(given: SearchOptions | None, changes: Mapping[str, object]) -> SearchOptions:
+    """Return the options of a scene with others in their place; a goal among these takes the place of all.
 
-    changes : options that are given, by name; None leaves one as it is. goal : names of options that are goals.
+    changes : options that are given, by name; None, or an empty map, leaves one as it is.
     """
-    own = {name: value for name, value in changes.items() if value}
+    own: dict[str, Any] = {name: value for name, value in changes.items() if value not in (None, {})}
     options = given or SearchOptions(vary={}, reach={}, keep={})
-    if set(goal) & set(own):
+    if set(GOALS) & set(own):
         options = dataclasses.replace(options, minimise=None, maximise=None, reach={})
-    return dataclasses.replace(options, **own)  # type: ignore[arg-type]
+    return dataclasses.replace(options, **own)

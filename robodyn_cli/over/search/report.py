@@ -3,18 +3,24 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+import os
+import time
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.expr.statements import parse_expectation, parse_variation
 from robodyn_cli.over.batch.criteria import lookup
-from robodyn_cli.over.search.asked import Constraint
-from robodyn_cli.over.search.optimum import AT_BOUND, Optimum
+from robodyn_cli.over.search.asked import Constraint, options_of, prepare
+from robodyn_cli.over.search.journal import SearchJournal
+from robodyn_cli.over.search.optimum import ACTIVE, Optimum
 from robodyn_cli.over.search.points import DesignPoint, PointMaker
-from robodyn_cli.over.search.search import SAME, EndedSearch
+from robodyn_cli.over.search.search import SAME, EndedSearch, run_search
 from robodyn_cli.over.search.solve import ScaledSearch, SolverWay
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.search import (
@@ -151,7 +157,14 @@ def _key(ended: EndedSearch, k: int) -> FoundKey:
         if optimum.sides.held[at]:
             own["price"] = size * float(optimum.sides.bound_prices[at]) / span
             own["price_error"] = abs(size) * _gradient_error(ended.scaled, optimum) / span
-    return FoundKey(value, unit, _finite(optimum.off[at] * span), float(low), float(high), at=side, **own)
+    off = _finite(optimum.off[at] * span) if optimum.sides.held[at] or _has_errors(ended, optimum) else None
+    return FoundKey(value, unit, off, float(low), float(high), at=side, **own)
+
+
+def _has_errors(ended: EndedSearch, optimum: Optimum) -> bool:
+    """Tell whether the run states errors of all outputs on which the values depend."""
+    binding = [ended.scaled.sides[k][0].output for k in optimum.sides.binding]
+    return bool(np.isfinite(ended.own.error[[*ended.search.goal.outputs, *binding]]).all())
 
 
 def _gradient_error(scaled: ScaledSearch, optimum: Optimum) -> float:
@@ -174,7 +187,7 @@ def _limit(ended: EndedSearch, limit: Constraint) -> KeptLimit:
                 slope = max(float(np.abs(optimum.sides.gradients[k]).max(initial=0.0)), 1e-300)
                 price, active = -sign * float(optimum.sides.prices[k]) * ratio, True
                 error = abs(ratio) * _gradient_error(scaled, optimum) / slope
-            elif other == limit and abs(optimum.sides.room[k]) <= SMALL * AT_BOUND:
+            elif other == limit and optimum.sides.room[k] <= ACTIVE:
                 active = True
     return KeptLimit(
         limit.expected.text, limit.source, _finite(value), _finite(own.error[limit.output]),
@@ -254,9 +267,49 @@ def _second(optimum: Optimum, bends: Array) -> str:
     if not len(bends):
         return "with second derivatives that are not known"
     if bends.min() > optimum.curved.H_error:
-        return "and the goal rises in all directions that are free"
+        return "and all directions that are free are worse"
     return (
         "with a direction in which the goal is flat"
         if bends.min() > -optimum.curved.H_error
-        else "but the goal falls in a direction"
+        else "but a direction is better"
     )
+
+
+def optimise(
+    scene: Scene | Family | str | os.PathLike[str],
+    vary: Mapping[str, Any] | None = None,
+    jobs: int = 1,
+    **search: Any,
+) -> Result:
+    """Return the values of keys that make an output least or largest, or bring outputs to given values.
+
+    Parameters
+    ----------
+    scene : names a command; its file, or as it was loaded.
+    vary : keys of the scene with their bounds (``uniform(low, high)``) or the values that they may take.
+    jobs : processes or threads.
+    search : ``minimise`` or ``maximise``, an output; or ``reach``, values by output; ``keep``, what holds by output;
+        ``starts`` and ``seed``. What is not given is that of the scene's section ``search``.
+
+    Returns
+    -------
+    A Result with all runs (``inputs/KEY``, ``outputs/OUTPUT``, ``runs/best``); ``summary["keys"]`` has the values.
+
+    Raises
+    ------
+    SceneError : the search makes no sense. CapabilityError : no run ends as it should wherever it would begin.
+    """
+    start = time.perf_counter()
+    family = (
+        scene
+        if isinstance(scene, Family)
+        else Family.of(scene)
+        if isinstance(scene, Scene)
+        else Family(scene)
+    )
+    given: dict[str, Any] = {**search, "vary": {key: parse_variation(x) for key, x in (vary or {}).items()}}
+    for name in ("reach", "keep"):
+        given[name] = {key: parse_expectation(x) for key, x in search.get(name, {}).items()}
+    asked = prepare(family, options_of(family.own.search, given))
+    maker = PointMaker(asked, jobs, SearchJournal(), lambda runs: None)
+    return report(run_search(asked, maker), maker, time.perf_counter() - start)

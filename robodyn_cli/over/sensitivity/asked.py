@@ -112,12 +112,12 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
     model = build_model(scene)
     return AskedSlopes(
         task, tuple(key for key, _ in pairs), tuple(value for _, value in pairs), nominal,
-        tuple(_unit(family, key, model) for key, _ in pairs),
+        tuple(key_unit(family, key, model) for key, _ in pairs),
         tuple(units_of_keys(task, model).values()),
     )  # fmt: skip
 
 
-def _unit(family: Family, key: Key, model: Model) -> str:
+def key_unit(family: Family, key: Key, model: Model) -> str:
     """Return the unit of a key; nothing where it is not known."""
     if key.sort == START:
         group, _, column = key.place.partition(".")
