@@ -57,7 +57,8 @@ MOTION = (
 )
 # drawings of joints, and of torques
 JOINTS = ("joints:joint_angles", "joints:joint_rates")
-DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits")
+MARGINS = ("drives:motorisation",)
+DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits", *MARGINS)
 # drawings of one configuration
 STILL = ("mechanism:branches", "mechanism:mechanism")
 
@@ -67,7 +68,7 @@ COMMANDS: dict[str, Command] = {
         "Torques that a motion needs (inverse dynamics).",
         run="works.inverse:inverse",
         check="over.checks:inverse",
-        summary=("inverse:InverseSummary", "drives:DriveKeys"),
+        summary=("inverse:InverseSummary", "drives:DriveKeys", "drives:MotorisationKeys"),
         plan="over.plan.subjects:InversePlan",
         batch="over.many.inverse:InverseRuns",
         slopes="over.sensitivity.along_motions:InverseSlopes",
@@ -86,7 +87,7 @@ COMMANDS: dict[str, Command] = {
         "Motion that the torques give (forward dynamics).",
         run="works.simulate:simulate",
         check="over.checks:simulate",
-        summary=("motion:MotionSummary", "drives:ControlKeys", "drives:DriveKeys"),
+        summary=("motion:MotionSummary", "drives:ControlKeys", "drives:DriveKeys", "drives:MotorisationKeys"),
         plan="over.plan.subjects:Forward",
         batch="over.many.simulate:Simulate",
         slopes="over.sensitivity.report:simulate",
@@ -106,22 +107,34 @@ COMMANDS: dict[str, Command] = {
         "Simulate a mechanism with loops until it locks.",
         run="works.deploy.deploy:deploy",
         check="over.checks:deploy",
-        summary=("motion:MotionSummary", "drives:ControlKeys", "deploy:DeploySummary"),
+        summary=(
+            "motion:MotionSummary",
+            "drives:ControlKeys",
+            "deploy:DeploySummary",
+            "drives:MotorisationKeys",
+        ),
         plan="over.plan.subjects:ForwardUntilLock",
         batch="over.many.simulate:Deploy",
         slopes="over.sensitivity.report:deploy",
         good="locked",
-        plots=("joints:joint_angles", "mechanism:tip_path", *MOTION),
+        plots=("joints:joint_angles", *MARGINS, "mechanism:tip_path", *MOTION),
         streamed=True,
     ),
     "kinematics": Command(
         "Motion without forces, mobility, transmission.",
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
-        summary=("mechanism:KinematicsSummary",),
+        summary=("mechanism:KinematicsSummary", "drives:MotorisationKeys"),
         slopes="over.sensitivity.along_motions:KinematicsSlopes",
         given=("trajectory", "kinematics"),
-        plots=(*JOINTS, "mechanism:tip_path", "joints:point_motion", "joints:transmission_angle", *MOTION),
+        plots=(
+            *JOINTS,
+            *MARGINS,
+            "mechanism:tip_path",
+            "joints:point_motion",
+            "joints:transmission_angle",
+            *MOTION,
+        ),
         blames="trajectory",
     ),
     "assemble": Command(
@@ -164,7 +177,12 @@ COMMANDS: dict[str, Command] = {
         "Find the cheapest or lightest motors and gears for a motion.",
         run="works.size.size:size",
         check="over.checks:size",
-        summary=("inverse:InverseSummary", "drives:DriveKeys", "inverse:SizeSummary"),
+        summary=(
+            "inverse:InverseSummary",
+            "drives:DriveKeys",
+            "drives:MotorisationKeys",
+            "inverse:SizeSummary",
+        ),
         plots=("drives:size_front", "drives:drives"),
         blames="trajectory",
     ),

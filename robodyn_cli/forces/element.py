@@ -22,9 +22,12 @@ from typing import Any, ClassVar
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import ListOf, Text, key
+from robodyn_cli.schema.fields import Choice, ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Twist, Vector, Wrench, dot, zeros
 
+DRIVE, LOAD = "drive", "load"
+# what a force is in a margin of motorisation: what drives, and the kinds of resistance
+ROLES = (DRIVE, "inertia", "spring", "magnetic", "friction", "hysteresis", "harness", "adhesion", LOAD)
 HALF_TURN = 1e-9  # 1 + cos(theta) below which an event is at half a turn
 
 
@@ -118,6 +121,7 @@ class ForceElement:
 
     name: str
     type: str
+    role: str
     term: ClassVar[str]
     switching: ClassVar[bool] = False
     breakpoints: tuple[float, ...] = ()
@@ -142,7 +146,8 @@ class InJoint:
     dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential. Such a force may
     act in space: on the angular velocity of a ball joint, or on a velocity. of_load : whether it follows from the load
     on the joint, and not from q and v alone. acts : whether it exerts anything. set_valued, rigid : whether it gives
-    the joint a contact state, as friction or as a stop. side : of the gear, on which it acts.
+    the joint a contact state, as friction or as a stop. side : of the gear, on which it acts. role : in a margin of
+    motorisation, "" of what takes no part in it.
     """
 
     dissipative: ClassVar[bool] = False
@@ -151,6 +156,7 @@ class InJoint:
     set_valued: bool = False
     rigid: bool = False
     side: str = "joint"
+    role: str = ""
 
     def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit together: the path of a key, and what is wrong."""
@@ -192,6 +198,11 @@ def between_key() -> Any:
         ListOf(Text(), minimum=2, maximum=2),
         doc="The two places: named points or frames, LINK.origin, LINK.end, LINK.com, base.origin.",
     )
+
+
+def role_key(default: str) -> Any:
+    """Declare the key of the role of a force in a margin of motorisation."""
+    return key(Choice(ROLES), default=default, doc="Role in a margin of `motorisation`.")
 
 
 def idle_problems(stiffness: float, damping: float) -> Iterable[tuple[tuple[str, ...], str]]:

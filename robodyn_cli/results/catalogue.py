@@ -140,6 +140,14 @@ RUN: tuple[Entry, ...] = (
         "degC",
         "temperature of the windings in the steady periodic state",
     ),
+    *(
+        Entry(f"motorisation/{kind}_{side}", ("time", "motorised"), "N m or N", f"{meaning}, {of}")
+        for kind, of in (("static", "of the poses"), ("dynamic", "of the motion"))
+        for side, meaning in (
+            ("available", "torque available at a driven joint, less what stands outside"),
+            ("resistance", "factored resistance at a driven joint"),
+        )
+    ),
     Entry(
         "candidates/JOINT",
         ("combination", "quantity"),

@@ -109,17 +109,30 @@ def program_of(scene: Scene) -> InverseProgram:
     ------
     RobodynError : see ``inverse``.
     """
-    return build_inverse(along(scene))
+    program = build_inverse(along(scene))
+    if scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import acting
+
+        acting(program.problem, "inverse")
+    return program
 
 
 def _with_drives(records: list[Any], result: Result, program: InverseProgram, sampled: Sampled) -> list[Any]:
-    """Return the records with those of the scene's drives, where it has any."""
-    if not program.problem.scene.drives:
+    """Return the records with those of the scene's drives and of its margins of motorisation, where it has any."""
+    scene = program.problem.scene
+    if not scene.drives and scene.motorisation is None:
         return records
-    from robodyn_cli.drives.report import with_drives
+    from robodyn_cli.drives.report import Moved, with_drives
 
     breaks = breaks_of(program.problem, sampled.times, sampled.motion)
-    return with_drives(records, result, program.problem.scene, program.problem, breaks)
+    if scene.drives:
+        records = with_drives(records, result, scene, program.problem, breaks)
+    if scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import with_motorisation
+
+        moved = Moved.of(result.__getitem__, tuple(breaks))
+        records = with_motorisation(records, result, program.problem, moved)
+    return records
 
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:

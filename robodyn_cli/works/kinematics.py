@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -73,7 +74,10 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     progress(float(times[-1]), float(times[-1]))
     mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
     result = report(problem, planned, led, arrays)
-    result.summarise(summarise(problem, planned, result, mobile), seconds=watch.report())
+    records: list[Any] = [summarise(problem, planned, result, mobile)]
+    if scene.motorisation is not None and planned.stopped is None:
+        records = _with_motorisation(records, result, problem, planned)
+    result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result.unless(planned.stopped)
 
@@ -83,7 +87,22 @@ def problem_of(scene: Scene) -> Problem:
     if scene.kinematics.sweep is None:
         scene = along(scene)
     led = () if scene.trajectory is None else scene.trajectory.places
-    return Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
+    problem = Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
+    if scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import acting
+
+        acting(problem, "kinematics")
+    return problem
+
+
+def _with_motorisation(records: list[Any], result: Result, problem: Problem, planned: Planned) -> list[Any]:
+    from robodyn_cli.drives.motorisation import with_motorisation
+    from robodyn_cli.drives.report import Moved
+
+    times, motion = planned.times, planned.motion
+    breaks = tuple(spaced(knots_of(problem.scene, times), len(times)))
+    moved = Moved(times, motion.q, motion.qd, motion.qdd, np.zeros_like(motion.qd), breaks)
+    return with_motorisation(records, result, problem, moved)
 
 
 def plan(problem: Problem) -> tuple[Planned, tuple[str, ...]]:
