@@ -250,7 +250,7 @@ def motorisation_lines(summary: Mapping[str, Any]) -> list[str]:
         rows.append(
             [
                 name,
-                "nothing resists" if one["ratio"] is None else number(one["ratio"], 6),
+                _ratio_words(one),
                 "" if one["ratio"] is None or error is None else f"+- {error_text(error)}",
                 number(one["required"], 4),
                 number(one["time"], 5),
@@ -260,6 +260,12 @@ def motorisation_lines(summary: Mapping[str, Any]) -> list[str]:
             ]
         )
     return [table(rows)] if joints else []
+
+
+def _ratio_words(one: Mapping[str, Any]) -> str:
+    if one["ratio"] is None:
+        return "nothing resists" if one["met"] else "drives back"
+    return number(one["ratio"], 6)
 
 
 def margin_text(margin: float) -> str:

@@ -79,14 +79,14 @@ def acting(problem: Problem, command: str) -> dict[str, Exerted]:
     """
     scene = problem.scene
     for there, what in (
-        (geared(problem.model), "losses of gears follow from the load; allowed: friction in their place"),
+        (geared(problem.model), "losses of gears, which follow from the load; allowed: friction"),
         (
             any(payload.changes for payload in scene.payloads),
             "payloads that come and go; allowed: carried ones",
         ),
     ):
         if there:
-            raise CapabilityError(f"{scene.path}: motorisation does not go with {what}", key="motorisation")
+            raise CapabilityError(f"{scene.path}: motorisation: a margin knows no {what}", key="motorisation")
     every = exerted(problem, inertia=command not in (*SIMULATED, "kinematics"))
     if command in SIMULATED and scene.control is not None:
         own = [float(name in scene.control.joints) for name in problem.model.v_names]
@@ -122,13 +122,17 @@ class Sides:
 
 @record
 class Margins:
-    """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion."""
+    """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion.
+
+    follows : whether the motion follows from the torques, and has accelerations that jump with them.
+    """
 
     problem: Problem
     moved: Moved
     driven: tuple[int, ...]
     resisting: tuple[str, ...]
     sides: dict[str, Sides]
+    follows: bool
 
     @staticmethod
     def of(problem: Problem, moved: Moved, inertia: bool | None) -> Margins:
@@ -170,7 +174,7 @@ class Margins:
         if inertia is not None:
             kinds["dynamic"] = sides(v, moved.qdd)
         resisting = tuple(name for name, one in every.items() if one.role != DRIVE)
-        return Margins(problem, moved, driven, resisting, kinds)
+        return Margins(problem, moved, driven, resisting, kinds, follows=inertia is False)
 
     def figures(self) -> dict[str, MotorisationFigures]:
         """Return the figures by joint."""
@@ -202,6 +206,12 @@ class Margins:
         value, error, time, time_error = (
             float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
         )
+        if self.follows:
+            off = self._turn_error(time)
+            error += off * float(
+                np.abs(np.diff(slope)[self._beside(time)] / np.diff(moved.times)[self._beside(time)]).max()
+            )
+            time_error += off
         n = int(np.argmin(np.abs(moved.times - time)))
         shares = sides.shares[n, column]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -215,6 +225,24 @@ class Margins:
         angle, angle_error = self._position(k, time, time_error)
         decides = self.resisting[int(np.argmax(shares))] if resists else None
         return Ratio(ratio, time, angle, decides, RatioErrors(off, time_error, angle_error)), value
+
+    def _beside(self, time: float) -> list[int]:
+        """Return the intervals between samples on both sides of the one with a time."""
+        n = int(np.searchsorted(self.moved.times, time, side="right")) - 1
+        return [int(np.clip(k, 0, len(self.moved.times) - 2)) for k in (n - 1, n + 1)]
+
+    def _turn_error(self, time: float) -> float:
+        """Return how far it is not known when a joint turns back [s], at a time: its acceleration jumps there, so it is
+        between where the tangents of both sides have no rate."""
+        times, v, a = self.moved.times, self.moved.qd, self.moved.qdd
+        n = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+        h = float(times[n + 1] - times[n])
+        turning = v[n] * v[n + 1] < 0.0
+        if not turning.any():
+            return 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            roots = np.stack([times[n] - v[n] / a[n], times[n + 1] - v[n + 1] / a[n + 1]])[:, turning]
+        return float(np.nanmax(np.clip(np.abs(roots - time), 0.0, h)))
 
     def _position(self, k: int, time: float, time_error: float) -> tuple[Any, Any]:
         """Return the position of a joint at a time between samples, by a cubic, with its error."""
