@@ -23,12 +23,12 @@ from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Exerted, exerted
 from robodyn_cli.errors import CapabilityError, SceneError, unknown_data
-from robodyn_cli.forces.element import DRIVE
 from robodyn_cli.model.model import MOTION_GROUPS, unknown_among
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.schema.fields import DRIVE
 from robodyn_cli.solve.extremes import Extreme, smallest
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
@@ -56,13 +56,13 @@ def with_motorisation(
     again : the motion of a second integration, and times the difference of figures is their error.
     """
     inertia = None if result.command == "kinematics" else result.command not in SIMULATED
-    margins = Margins.of(problem, moved, inertia)
+    margins = JointMargins.of(problem, moved, inertia)
     margins.add_to(result)
     figures = margins.figures()
     if again is not None:
         other, factor = again
         figures = with_second(
-            figures, Margins.of(problem, other, inertia).figures(), factor, ("motorisation", JOINT)
+            figures, JointMargins.of(problem, other, inertia).figures(), factor, ("motorisation", JOINT)
         )
     if result.status in ("ok", "locked") and not all(one.met for one in figures.values()):
         result.status = UNDERSIZED
@@ -103,7 +103,7 @@ def acting(problem: Problem, command: str) -> dict[str, Exerted]:
 
 
 @record
-class Sides:
+class RatioSides:
     """Both sides of a ratio of driven joints (T, n), the torque available less what stands outside, and the factored
     resistance; size : of all that enters them. shares : factored resistance by what resists (T, n, k)."""
 
@@ -121,7 +121,7 @@ class Sides:
 
 
 @record
-class Margins:
+class JointMargins:
     """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion.
 
     follows : whether the motion follows from the torques, and has accelerations that jump with them.
@@ -131,11 +131,11 @@ class Margins:
     moved: Moved
     driven: tuple[int, ...]
     resisting: tuple[str, ...]
-    sides: dict[str, Sides]
+    sides: dict[str, RatioSides]
     follows: bool
 
     @staticmethod
-    def of(problem: Problem, moved: Moved, inertia: bool | None) -> Margins:
+    def of(problem: Problem, moved: Moved, inertia: bool | None) -> JointMargins:
         """Return those of a motion; inertia : whether its own counts, None where only poses do."""
         command = {None: "kinematics", True: "inverse", False: "simulate"}[inertia]
         every = acting(problem, command)
@@ -147,9 +147,10 @@ class Margins:
             {**outputs, "psi": [x for row in rows for x in row]}, MOTION_GROUPS, len(times)
         )
         v = directed(moved.qd)
-        call = lambda v, a: function(  # noqa: E731
-            t=times[:, None], q=moved.q, v=v, a=a, p=np.zeros((len(times), 0))
-        )
+
+        def call(v: Array, a: Array) -> dict[str, Array]:
+            return function(t=times[:, None], q=moved.q, v=v, a=a, p=np.zeros((len(times), 0)))
+
         arrays = call(SLOW * v, 0.0 * moved.qdd)
         psi = arrays["psi"].reshape(len(times), len(rows), nv)
         independent, driven = driven_joints(problem, every, psi[len(psi) // 2])
@@ -159,7 +160,7 @@ class Margins:
         R = R[:, :, list(driven)]
         given = {name: one for name, one in every.items() if name in arrays}
 
-        def sides(v: Array, a: Array) -> Sides:
+        def sides(v: Array, a: Array) -> RatioSides:
             arrays = call(v, a)
             torques = np.stack([arrays[name] for name in given], axis=2)
             if CONTROL in every:
@@ -174,11 +175,11 @@ class Margins:
         if inertia is not None:
             kinds["dynamic"] = sides(v, moved.qdd)
         resisting = tuple(name for name, one in every.items() if one.role != DRIVE)
-        return Margins(problem, moved, driven, resisting, kinds, follows=inertia is False)
+        return JointMargins(problem, moved, driven, resisting, kinds, follows=inertia is False)
 
     def figures(self) -> dict[str, MotorisationFigures]:
         """Return the figures by joint."""
-        names, required = self.problem.model.v_names, self.problem.scene.motorisation.required  # type: ignore[union-attr]
+        names, required = self.problem.model.v_names, self.problem.scene.motorisation.required
         found = {}
         for column, k in enumerate(self.driven):
             ratios, met = {}, True
@@ -187,8 +188,10 @@ class Margins:
                 met = met and bool(slope >= np.arctan(required) - EXACT)
             least = min(ratios.values(), key=lambda x: np.inf if x.ratio is None else x.ratio)
             own = {f.name: getattr(least, f.name) for f in dataclasses.fields(Ratio)}
-            both = {"static": ratios["static"], "dynamic": ratios.get("dynamic", ABSENT)}
-            found[names[k]] = MotorisationFigures(**own, required=required, met=met, **both)
+            static, dynamic = ratios["static"], ratios.get("dynamic", ABSENT)
+            found[names[k]] = MotorisationFigures(
+                **own, required=required, met=met, static=static, dynamic=dynamic
+            )
         return found
 
     @cached_property
@@ -199,7 +202,7 @@ class Margins:
             breaks = breaks_of_joint(self.moved.times, v, a, breaks)
         return breaks
 
-    def _least(self, sides: Sides, column: int, k: int) -> tuple[Ratio, float]:
+    def _least(self, sides: RatioSides, column: int, k: int) -> tuple[Ratio, float]:
         """Return the least ratio of a joint, and the angle whose tangent it is."""
         moved, slope = self.moved, sides.slope[:, column]
         least: Extreme = smallest(moved.times, slope[:, None], self.breaks)
@@ -207,11 +210,9 @@ class Margins:
             float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
         )
         if self.follows:
-            off = self._turn_error(time)
-            error += off * float(
-                np.abs(np.diff(slope)[self._beside(time)] / np.diff(moved.times)[self._beside(time)]).max()
-            )
-            time_error += off
+            late, beside = self._turn_error(time), self._beside(time)
+            error += late * float(np.abs(np.diff(slope)[beside] / np.diff(moved.times)[beside]).max())
+            time_error += late
         n = int(np.argmin(np.abs(moved.times - time)))
         shares = sides.shares[n, column]
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -219,7 +220,7 @@ class Margins:
         error += float(rounding) if np.isfinite(rounding) else EXACT
         resists = -0.5 * np.pi < value < 0.5 * np.pi and float(shares.max(initial=0.0)) > 0.0
         ratio = float(np.tan(value)) if resists else None
-        off = None
+        off: float | None = None
         if ratio is not None and abs(value) + error < 0.5 * np.pi:
             off = float(max(np.tan(value + error) - ratio, ratio - np.tan(value - error)))
         angle, angle_error = self._position(k, time, time_error)
@@ -276,10 +277,9 @@ class Margins:
             result.add(f"motorisation/{kind}_resistance", sides.resistance, **columns.described())
 
 
-def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array, v: Array) -> Sides:
+def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array, v: Array) -> RatioSides:
     """Return the sides of ratios from the torques (T, nv, k) of all that acts, R (T, nv, n) and rates (T, n)."""
     options = problem.scene.motorisation
-    assert options is not None
     along = np.sign(v)[:, :, None] * np.einsum("tin,tik->tnk", R, torques)
     drives = np.array([one.role == DRIVE for one in every])
     roles = [one.role for one in every if one.role != DRIVE]
@@ -291,7 +291,7 @@ def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array,
     size = np.abs(along[:, :, drives]).sum(axis=2) + ((inside + outside) * np.abs(along[:, :, ~drives])).sum(
         axis=2
     )
-    return Sides(available, shares.sum(axis=2), size, shares)
+    return RatioSides(available, shares.sum(axis=2), size, shares)
 
 
 def directed(v: Array) -> Array:
@@ -328,7 +328,6 @@ def driven_joints(
     In loops, with Psi (m, nv), they are as many as there are degrees of freedom, and driven joints are taken first.
     """
     names, options = problem.model.v_names, problem.scene.motorisation
-    assert options is not None
     acted = np.any([one.acts for one in every.values() if one.role == DRIVE], axis=0)
     wanted = [names.index(name) for name in options.joints] or np.flatnonzero(acted).tolist()
     if not len(psi):

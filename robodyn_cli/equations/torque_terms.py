@@ -11,8 +11,9 @@ from robodyn_cli.equations.elements import given_torques
 from robodyn_cli.equations.gears import depends_on_load
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, is_nonzero
-from robodyn_cli.forces.element import DRIVE, LOAD
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Torque
+from robodyn_cli.schema.fields import DRIVE, LOAD
 from robodyn_cli.spatial.algebra import zeros
 
 Outputs = dict[str, list[Scalar]]
@@ -62,11 +63,11 @@ def exerted(problem: Problem, inertia: bool) -> dict[str, Exerted]:
                 every[f"{force.name}.{force.kind}"] = Exerted(force.element.role, list(own))
     if problem.model.forces:
         torques = problem.elements.each_torque()
-        for force in problem.model.forces:
-            every[f"forces.{force.name}"] = Exerted(force.element.role, list(torques[force.name]))
+        for between in problem.model.forces:
+            every[f"forces.{between.name}"] = Exerted(between.element.role, list(torques[between.name]))
     for name, torque in problem.scene.torques.items():
         own = given_torques({name: torque}, problem.model, problem.environment)
-        every[f"torques.{name}"] = Exerted(getattr(torque, "role", DRIVE), list(own))
+        every[f"torques.{name}"] = Exerted(torque.role if isinstance(torque, Torque) else DRIVE, list(own))
     rigid = problem.rigid_terms()
     if "gravity" in rigid:
         every["gravity"] = Exerted(LOAD, [-x for x in rigid["gravity"]])

@@ -17,10 +17,9 @@ from robodyn_cli.forces.element import (
     Setting,
     between_key,
     opposite,
-    role_key,
 )
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key
+from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key, role_key
 from robodyn_cli.spatial.algebra import Matrix, Wrench, cross, dot, identity, matrix, skew, vector, zeros
 from robodyn_cli.spatial.algebra import Vector as Components
 

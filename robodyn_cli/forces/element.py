@@ -22,12 +22,9 @@ from typing import Any, ClassVar
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, ListOf, Text, key
+from robodyn_cli.schema.fields import ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Twist, Vector, Wrench, dot, zeros
 
-DRIVE, LOAD = "drive", "load"
-# what a force is in a margin of motorisation: what drives, and the kinds of resistance
-ROLES = (DRIVE, "inertia", "spring", "magnetic", "friction", "hysteresis", "harness", "adhesion", LOAD)
 HALF_TURN = 1e-9  # 1 + cos(theta) below which an event is at half a turn
 
 
@@ -198,11 +195,6 @@ def between_key() -> Any:
         ListOf(Text(), minimum=2, maximum=2),
         doc="The two places: named points or frames, LINK.origin, LINK.end, LINK.com, base.origin.",
     )
-
-
-def role_key(default: str) -> Any:
-    """Declare the key of the role of a force in a margin of motorisation."""
-    return key(Choice(ROLES), default=default, doc="Role in a margin of `motorisation`.")
 
 
 def idle_problems(stiffness: float, damping: float) -> Iterable[tuple[tuple[str, ...], str]]:

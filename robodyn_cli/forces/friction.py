@@ -9,9 +9,9 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import absolute, exp, maximum, sign, sqrt, tanh, where
-from robodyn_cli.forces.element import InJoint, role_key
+from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Either, Number, Section, key
+from robodyn_cli.schema.fields import Choice, Either, Number, Section, key, role_key
 from robodyn_cli.spatial.algebra import dot
 
 SMALL = 1e-2  # x^2 below which a series replaces tanh(x) / x

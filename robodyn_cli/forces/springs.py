@@ -19,7 +19,6 @@ from robodyn_cli.forces.element import (
     between_key,
     idle_problems,
     opposite,
-    role_key,
 )
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
@@ -33,6 +32,7 @@ from robodyn_cli.schema.fields import (
     Section,
     Vector,
     key,
+    role_key,
 )
 from robodyn_cli.spatial.algebra import Wrench, dot, rotation_to_z, vector, zeros
 

@@ -6,9 +6,21 @@ from collections.abc import Iterable
 from typing import Any, ClassVar
 
 from robodyn_cli.expr.functions import interpolate
-from robodyn_cli.forces.element import LOAD, Action, Effect, End, ForceElement, Setting, role_key
+from robodyn_cli.forces.element import Action, Effect, End, ForceElement, Setting
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Either, Formula, ListOf, Name, Section, Text, Vector, key
+from robodyn_cli.schema.fields import (
+    LOAD,
+    Choice,
+    Either,
+    Formula,
+    ListOf,
+    Name,
+    Section,
+    Text,
+    Vector,
+    key,
+    role_key,
+)
 from robodyn_cli.spatial.algebra import Vector as Components
 from robodyn_cli.spatial.algebra import Wrench, vector, zeros
 

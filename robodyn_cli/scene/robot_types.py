@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.functions import interpolate
-from robodyn_cli.forces.element import DRIVE, role_key
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
+    DRIVE,
     Choice,
     Direction,
     Either,
@@ -27,6 +27,7 @@ from robodyn_cli.schema.fields import (
     Vector,
     key,
     like,
+    role_key,
 )
 from robodyn_cli.schema.fields import Orientation as Orientation
 from robodyn_cli.schema.fields import Placement as Placement

@@ -52,15 +52,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.statements import Variation
-    from robodyn_cli.scene.nested_options import (
-        Correlation,
-        Latch,
-        LoadLimit,
-        Motorisation,
-        Payload,
-        ReachOptions,
-        Sweep,
-    )
+    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, Payload, ReachOptions, Sweep
     from robodyn_cli.scene.robot_parts import Coupler
 
 
@@ -382,7 +374,7 @@ class Scene:
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
     )
-    motorisation: Motorisation | None = key(
+    motorisation: Any = key(
         LaterSection("scene.nested_options:Motorisation"),
         default=None,
         doc="Margins of motorisation: torque available over factored resistance, in `inverse`, `simulate`, `deploy` "

@@ -252,7 +252,7 @@ def _finish(ax: Any, result: Result, name: str, by: str, prices: Array) -> None:
                  fontsize=style.FONT_SIZE, loc="left", pad=4)  # fmt: skip
 
 
-RATIOS = {"dynamic": "-", "static": (0, (4, 1.6))}
+RATIOS: dict[str, Any] = {"dynamic": "-", "static": (0, (4, 1.6))}
 HIGHEST = 3.0  # times what is required, up to which ratios are drawn
 
 
@@ -280,7 +280,10 @@ def motorisation(result: Result) -> Any:
             for kind in kinds:
                 x = over.get(name, result.time) if ax is sheet.axes[0] or name in over else NONE
                 y = _ratios(result, kind, k, required)[: len(x)]
-                look = {"color": style.COLOURS[k % len(style.COLOURS)], "linestyle": RATIOS[kind]}
+                look: dict[str, Any] = {
+                    "color": style.COLOURS[k % len(style.COLOURS)],
+                    "linestyle": RATIOS[kind],
+                }
                 handles += ax.plot(x, y, **look)
         handles.append(ax.axhline(required, color=style.ALARM, linewidth=1.0))
         ax.set_xlabel(label)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from robodyn_cli.errors import unknown_name
-from robodyn_cli.forces.element import DRIVE, ROLES
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.orientation import check_orientation
 from robodyn_cli.scene.checks.robot import check_joints, columns, moving
@@ -12,6 +11,7 @@ from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.robot_types import Robot
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.schema.fields import DRIVE, ROLES
 from robodyn_cli.trajectories.led import led_joints
 
 
