@@ -61,12 +61,26 @@ def with_motorisation(
     figures = margins.figures()
     if again is not None:
         other, factor = again
-        figures = with_second(
-            figures, JointMargins.of(problem, other, inertia).figures(), factor, ("motorisation", JOINT)
-        )
+        others = JointMargins.of(problem, other, inertia).figures()
+        grown = with_second(figures, others, factor, ("motorisation", JOINT))
+        figures = {name: _still_unknown(grown[name], one) for name, one in figures.items()}
     if result.status in ("ok", "locked") and not all(one.met for one in figures.values()):
         result.status = UNDERSIZED
     return [*records, MotorisationKeys(figures)]
+
+
+def _still_unknown(grown: Any, one: Any) -> Any:
+    """Return a record with errors of ratios that grew, but for those that were not known: these stay so."""
+    if one is ABSENT:
+        return grown
+    unknown = {"ratio": None} if one.errors.ratio is None else {}
+    changed = dataclasses.replace(grown, errors=dataclasses.replace(grown.errors, **unknown))
+    if not isinstance(one, MotorisationFigures):
+        return changed
+    parts = {
+        kind: _still_unknown(getattr(changed, kind), getattr(one, kind)) for kind in ("static", "dynamic")
+    }
+    return dataclasses.replace(changed, **parts)
 
 
 def acting(problem: Problem, command: str) -> dict[str, Exerted]:
@@ -221,8 +235,11 @@ class JointMargins:
         resists = -0.5 * np.pi < value < 0.5 * np.pi and float(shares.max(initial=0.0)) > 0.0
         ratio = float(np.tan(value)) if resists else None
         off: float | None = None
-        if ratio is not None and abs(value) + error < 0.5 * np.pi:
-            off = float(max(np.tan(value + error) - ratio, ratio - np.tan(value - error)))
+        if ratio is not None and value - error > -0.5 * np.pi:
+            most = min(value + error, float(slope.min()) + EXACT)  # of samples, none is less than the least
+            off = float(
+                max(np.tan(most) - ratio if most < 0.5 * np.pi else 0.0, ratio - np.tan(value - error))
+            )
         angle, angle_error = self._position(k, time, time_error)
         decides = self.resisting[int(np.argmax(shares))] if resists else None
         return Ratio(ratio, time, angle, decides, RatioErrors(off, time_error, angle_error)), value

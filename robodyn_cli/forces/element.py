@@ -11,7 +11,8 @@ Checklist for another kind:
    Ends on the ground that move by formulas do work of their own, which ``equations/elements.py`` adds.
 3. ``term`` is the part of the torques under which ``inverse`` reports it: ``passive`` or ``external``.
 4. ``switching`` says whether the force may jump or bend, as a formula of the scene does: steps then end there.
-5. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
+5. ``role`` is its part in margins of motorisation, with ``role_key`` a key of its own.
+6. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any, ClassVar
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import ListOf, Text, key
+from robodyn_cli.schema.fields import LOAD, ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Twist, Vector, Wrench, dot, zeros
 
 HALF_TURN = 1e-9  # 1 + cos(theta) below which an event is at half a turn
@@ -118,7 +119,7 @@ class ForceElement:
 
     name: str
     type: str
-    role: str
+    role: str = LOAD
     term: ClassVar[str]
     switching: ClassVar[bool] = False
     breakpoints: tuple[float, ...] = ()

@@ -182,6 +182,18 @@ def test_errors_cover_other_samples_and_tolerances() -> None:
                 assert off <= other[kind]["errors"][key] + fine[kind]["errors"][key], (changes, kind, key)
 
 
+def test_two_samples_say_little() -> None:
+    """Errors of figures of two samples cover what those of many say, or are not known."""
+    for run, key in ((simulate, "simulate"), (inverse, "inverse")):
+        many, few = (
+            run(load_scene_text(hinge(), overrides=[f"{key}.samples={n}"])).summary["motorisation"]["hinge"]
+            for n in (2001, 2)
+        )
+        for kind in ("static", "dynamic"):
+            error = few[kind]["errors"]["ratio"]
+            assert error is None or abs(few[kind]["ratio"] - many[kind]["ratio"]) <= error
+
+
 def test_a_panel_that_never_moves_is_driven_where_its_spring_pulls() -> None:
     text = hinge(friction=9.0, gravity=0).replace("viscous: 0.1, transition_speed: 1.0e-4", "law: set_valued")
     result = simulate(load_scene_text(text))
