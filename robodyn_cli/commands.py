@@ -59,7 +59,8 @@ MOTION = (
 POINTS = ("mechanism:tip_path", "joints:point_coordinates")
 # drawings of joints, and of torques
 JOINTS = ("joints:joint_angles", "joints:joint_rates")
-DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits")
+MARGINS = ("drives:motorisation",)
+DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits", *MARGINS)
 # drawings of one configuration
 STILL = ("mechanism:branches", "mechanism:mechanism")
 
@@ -69,7 +70,7 @@ COMMANDS: dict[str, Command] = {
         "Torques that a motion needs (inverse dynamics).",
         run="works.inverse:inverse",
         check="over.checks:inverse",
-        summary=("inverse:InverseSummary", "drives:DriveKeys"),
+        summary=("inverse:InverseSummary", "drives:DriveKeys", "drives:MotorisationKeys"),
         plan="over.plan.subjects:InversePlan",
         batch="over.many.inverse:InverseRuns",
         slopes="over.sensitivity.along_motions:InverseSlopes",
@@ -88,7 +89,13 @@ COMMANDS: dict[str, Command] = {
         "Motion that the torques give (forward dynamics).",
         run="works.simulate:simulate",
         check="over.checks:simulate",
-        summary=("motion:MotionSummary", "drives:ControlKeys", "drives:DriveKeys", "extremes:RunExtremes"),
+        summary=(
+            "motion:MotionSummary",
+            "drives:ControlKeys",
+            "drives:DriveKeys",
+            "drives:MotorisationKeys",
+            "extremes:RunExtremes",
+        ),
         plan="over.plan.subjects:Forward",
         batch="over.many.simulate:Simulate",
         slopes="over.sensitivity.report:simulate",
@@ -113,23 +120,24 @@ COMMANDS: dict[str, Command] = {
             "drives:ControlKeys",
             "deploy:DeploySummary",
             "extremes:RunExtremes",
+            "drives:MotorisationKeys",
         ),
         plan="over.plan.subjects:ForwardUntilLock",
         batch="over.many.simulate:Deploy",
         slopes="over.sensitivity.report:deploy",
         good="locked",
-        plots=("joints:joint_angles", *POINTS, *MOTION),
+        plots=("joints:joint_angles", *MARGINS, *POINTS, *MOTION),
         streamed=True,
     ),
     "kinematics": Command(
         "Motion without forces, mobility, transmission.",
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
-        summary=("mechanism:KinematicsSummary",),
+        summary=("mechanism:KinematicsSummary", "drives:MotorisationKeys"),
         batch="over.many.kinematics:KinematicsRuns",
         slopes="over.sensitivity.along_motions:KinematicsSlopes",
         given=("trajectory", "kinematics"),
-        plots=(*JOINTS, *POINTS, "joints:point_motion", "joints:transmission_angle", *MOTION),
+        plots=(*JOINTS, *MARGINS, *POINTS, "joints:point_motion", "joints:transmission_angle", *MOTION),
         blames="trajectory",
     ),
     "assemble": Command(
@@ -172,7 +180,12 @@ COMMANDS: dict[str, Command] = {
         "Find the cheapest or lightest motors and gears for a motion.",
         run="works.size.size:size",
         check="over.checks:size",
-        summary=("inverse:InverseSummary", "drives:DriveKeys", "inverse:SizeSummary"),
+        summary=(
+            "inverse:InverseSummary",
+            "drives:DriveKeys",
+            "drives:MotorisationKeys",
+            "inverse:SizeSummary",
+        ),
         plots=("drives:size_front", "drives:drives"),
         blames="trajectory",
     ),

@@ -259,6 +259,34 @@ def drive_lines(summary: Mapping[str, Any]) -> list[str]:
     return lines
 
 
+def motorisation_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return the lines about margins of motorisation: of each driven joint the least ratio, where, and whether it
+    suffices."""
+    joints: Mapping[str, Mapping[str, Any]] = summary.get("motorisation", {})
+    rows = [["driven joint", "ratio", "", "required", "at [s]", "position", "decides", "verdict"]]
+    for name, one in joints.items():
+        error = one["errors"]["ratio"]
+        rows.append(
+            [
+                name,
+                _ratio_words(one),
+                "" if one["ratio"] is None or error is None else f"+- {error_text(error)}",
+                number(one["required"], 4),
+                number(one["time"], 5),
+                number(one.get("angle"), 5),
+                one["decides"] or "",
+                "met" if one["met"] else "TOO LITTLE",
+            ]
+        )
+    return [table(rows)] if joints else []
+
+
+def _ratio_words(one: Mapping[str, Any]) -> str:
+    if one["ratio"] is None:
+        return "nothing resists" if one["met"] else "drives back"
+    return number(one["ratio"], 6)
+
+
 def margin_text(margin: float) -> str:
     """Return the part of a limit that is left, or, where more than twice the limit is asked for, how much."""
     return f"{number(100.0 * margin, 3)} %" if margin >= -1.0 else f"{number(1.0 - margin, 3)} x limit"

@@ -192,7 +192,8 @@ class Standstill:
             t=moved.times[:, None], q=moved.q, v=still, a=still, p=np.zeros((len(moved.times), 0))
         )
         nv = problem.model.nv
-        R = following(problem, arrays["psi"].reshape(len(moved.times), len(rows), nv))
+        driven = [problem.model.v_names.index(name) for name in problem.scene.drives]
+        R = following(arrays["psi"].reshape(len(moved.times), len(rows), nv), driven)
         if R is None:
             return Standstill(None, None)
         M_t = arrays["M"].reshape(-1, nv, nv) if "M" in arrays else None
@@ -200,14 +201,12 @@ class Standstill:
         return Standstill(inertia, np.einsum("tik,ti->tk", R, arrays["hold"]) if "hold" in arrays else None)
 
 
-def following(problem: Problem, psi: Array) -> Array | None:
+def following(psi: Array, driven: Sequence[int]) -> Array | None:
     """Return R (T, nv, nv), whose column k is the motion of all joints while joint k moves and the other driven ones
-    rest; None where these motions are not unique."""
+    rest, with Psi (T, m, nv) of the loops; None where these motions are not unique."""
     samples, rows, nv = psi.shape
     if rows == 0:
         return np.broadcast_to(np.eye(nv), (samples, nv, nv))
-    names = problem.model.v_names
-    driven = [names.index(name) for name in problem.scene.drives]
     others = [k for k in range(nv) if k not in driven]
     if np.linalg.matrix_rank(psi[samples // 2]) != len(others):
         return None

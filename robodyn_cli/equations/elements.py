@@ -14,11 +14,10 @@ from robodyn_cli.equations.contact_joints import ContactJoint
 from robodyn_cli.equations.gears import depends_on_load
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.formula_tree import AXES
-from robodyn_cli.expr.functions import absolute, atan2, interpolate, sqrt
+from robodyn_cli.expr.functions import absolute, atan2, sqrt
 from robodyn_cli.expr.graph import Expr, Scalar, free_symbols, is_nonzero
 from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.model import BASE, FixedFrame, Force, JointForce, Model
-from robodyn_cli.scene.types import Torque
 from robodyn_cli.spatial.algebra import Transform, Values, Vector, Wrench, cross, dot, vector, zeros
 
 if TYPE_CHECKING:
@@ -98,17 +97,29 @@ class Elements:
         wrenches: dict[tuple[str, int], dict[int, Wrench]] = {}
         for force, effect in zip(self.model.forces, self.effects):
             root = self.root(force)
-            group = wrenches.setdefault((force.element.term, root), {})
-            for action in effect.actions:
-                end = force.ends[action.end]
-                if end.body in (BASE, root):
-                    continue
-                group[end.body] = group.get(end.body, Wrench.zero()) + self._on_body(end, root, action)
+            self._add_to(wrenches.setdefault((force.element.term, root), {}), force, effect, root)
         terms: dict[str, Vector] = {}
         for (term, root), group in wrenches.items():
             tau = path_torques(self.model, self.q, self.X, group, root)
             terms[term] = terms[term] + tau if term in terms else tau
         return terms
+
+    def _add_to(self, group: dict[int, Wrench], force: Force, effect: Effect, root: int) -> None:
+        """Add the wrenches of an element on the bodies behind a root."""
+        for action in effect.actions:
+            end = force.ends[action.end]
+            if end.body not in (BASE, root):
+                group[end.body] = group.get(end.body, Wrench.zero()) + self._on_body(end, root, action)
+
+    def each_torque(self) -> dict[str, Vector]:
+        """Return the torques of each element on the joints (nv,) [N m or N], by its name."""
+        torques = {}
+        for force, effect in zip(self.model.forces, self.effects):
+            group: dict[int, Wrench] = {}
+            root = self.root(force)
+            self._add_to(group, force, effect, root)
+            torques[force.name] = path_torques(self.model, self.q, self.X, group, root)
+        return torques
 
     @cached_property
     def wrenches(self) -> dict[int, Wrench]:
@@ -220,15 +231,11 @@ def _norm(x: Vector) -> Scalar:
     return absolute(entries[0]) if len(entries) == 1 else sqrt(dot(entries, entries) + TINY)
 
 
-def given_torques(
-    torques: Mapping[str, Any], model: Model, t: Scalar, environment: Mapping[str, Any]
-) -> Vector:
+def given_torques(torques: Mapping[str, Any], model: Model, environment: Mapping[str, Any]) -> Vector:
     """Return the scene's ``torques`` (nv,): constants, formulas, tables."""
     tau = zeros(model.nv)
     for name, torque in torques.items():
-        table = isinstance(torque, Torque)
-        value = interpolate(t, *zip(*torque.table)) if table else torque.evaluate(environment)
-        tau[model.v_names.index(name)] = value
+        tau[model.v_names.index(name)] = torque.evaluate(environment)
     return tau
 
 

@@ -177,7 +177,7 @@ class Problem:
     def actuator_torques(self) -> Vector:
         """tau_a (nv,): the scene's ``torques``, and those of its controller."""
         tau, given = zeros(self.model.nv), self.scene.torques
-        tau = given_torques(given, self.model, self.t, self.environment) if given else tau
+        tau = given_torques(given, self.model, self.environment) if given else tau
         return tau if self.control is None else tau + self.control.on_joints()
 
     @cached_property

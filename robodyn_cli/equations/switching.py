@@ -50,7 +50,7 @@ class Switching:
         e = self.equations
         pairs: list[tuple[str, list[Scalar]]] = []
         for name, torque in e.scene.torques.items():
-            if not isinstance(torque, sc.Torque):
+            if not _tabulated(torque):
                 pairs.append((f"torques.{name}", [torque.evaluate(e.environment)]))
         known: set[str] = set()
         if e.scene.prescribed:
@@ -112,7 +112,7 @@ class Switching:
         """Times at which a step has to end: tables and formulas of time switch there, or change their time scale."""
         scene, t = self.equations.scene, self.equations.t
         duration = scene.simulate.duration
-        tables = [torque for torque in scene.torques.values() if isinstance(torque, sc.Torque)]
+        tables = [torque for torque in scene.torques.values() if _tabulated(torque)]
         times = {float(row[0]) for torque in tables for row in torque.table}
         if self.equations.model.forces:
             times |= self.equations.elements.breakpoints
@@ -128,3 +128,8 @@ class Switching:
 
             times.update(*(beside(structure, times, duration) for _, structure in self.time_structures))
         return tuple(sorted(times))
+
+
+def _tabulated(torque: Any) -> bool:
+    """Tell whether a torque of the scene is a table."""
+    return isinstance(torque, sc.Torque) and torque.table is not None

@@ -9,9 +9,17 @@ import numpy as np
 
 from robodyn_cli.expr.functions import atan2, maximum, sqrt, where
 from robodyn_cli.expr.graph import is_nonzero
-from robodyn_cli.forces.element import Between, Effect, End, HalfTurn, Setting, between_key, opposite
+from robodyn_cli.forces.element import (
+    Between,
+    Effect,
+    End,
+    HalfTurn,
+    Setting,
+    between_key,
+    opposite,
+)
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key
+from robodyn_cli.schema.fields import Choice, ListOf, Name, Vector, key, role_key
 from robodyn_cli.spatial.algebra import Matrix, Wrench, cross, dot, identity, matrix, skew, vector, zeros
 from robodyn_cli.spatial.algebra import Vector as Components
 
@@ -102,6 +110,7 @@ class Bushing(Between):
     damping_matrix: tuple[tuple[float, ...], ...] | None = _rows(
         "N s/m, N s, N m s/rad", "Or the whole of C: six rows, symmetric."
     )
+    role: str = role_key("spring")
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         given = [

@@ -11,7 +11,8 @@ Checklist for another kind:
    Ends on the ground that move by formulas do work of their own, which ``equations/elements.py`` adds.
 3. ``term`` is the part of the torques under which ``inverse`` reports it: ``passive`` or ``external``.
 4. ``switching`` says whether the force may jump or bend, as a formula of the scene does: steps then end there.
-5. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
+5. ``role`` is its part in margins of motorisation, with ``role_key`` a key of its own.
+6. Where the force jumps at half a turn, ``Effect.half_turns`` says so: steps end there, and the run warns of it.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ from typing import Any, ClassVar
 from robodyn_cli.expr.functions import sqrt
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import ListOf, Text, key
+from robodyn_cli.schema.fields import LOAD, ListOf, Text, key
 from robodyn_cli.spatial.algebra import Matrix, Twist, Vector, Wrench, dot, zeros
 
 HALF_TURN = 1e-9  # 1 + cos(theta) below which an event is at half a turn
@@ -118,6 +119,7 @@ class ForceElement:
 
     name: str
     type: str
+    role: str = LOAD
     term: ClassVar[str]
     switching: ClassVar[bool] = False
     breakpoints: tuple[float, ...] = ()
@@ -142,7 +144,8 @@ class InJoint:
     dissipative : whether all of the torque is lost, so that none of it is the gradient of a potential. Such a force may
     act in space: on the angular velocity of a ball joint, or on a velocity. of_load : whether it follows from the load
     on the joint, and not from q and v alone. acts : whether it exerts anything. set_valued, rigid : whether it gives
-    the joint a contact state, as friction or as a stop. side : of the gear, on which it acts.
+    the joint a contact state, as friction or as a stop. side : of the gear, on which it acts. role : in a margin of
+    motorisation, "" of what takes no part in it.
     """
 
     dissipative: ClassVar[bool] = False
@@ -151,6 +154,7 @@ class InJoint:
     set_valued: bool = False
     rigid: bool = False
     side: str = "joint"
+    role: str = ""
 
     def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit together: the path of a key, and what is wrong."""

@@ -11,7 +11,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import absolute, exp, maximum, sign, sqrt, tanh, where
 from robodyn_cli.forces.element import InJoint
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Either, Number, Section, key
+from robodyn_cli.schema.fields import Choice, Either, Number, Section, key, role_key
 from robodyn_cli.spatial.algebra import dot
 
 SMALL = 1e-2  # x^2 below which a series replaces tanh(x) / x
@@ -84,6 +84,7 @@ class Friction(InJoint):
         unit="rad/s or m/s",
         doc="Joint speed over which friction falls from `static` to `coulomb`.",
     )
+    role: str = role_key("friction")
 
     def levels(self) -> tuple[float, float]:
         """Return the Coulomb levels (for qd > 0, for qd < 0), signed so that they oppose the motion."""

@@ -32,6 +32,7 @@ from robodyn_cli.schema.fields import (
     Section,
     Vector,
     key,
+    role_key,
 )
 from robodyn_cli.spatial.algebra import Wrench, dot, rotation_to_z, vector, zeros
 
@@ -53,6 +54,7 @@ class Spring(InJoint):
         unit="rad or m",
         doc="Position q0 at which the torque is zero; in space a rotation vector or a displacement.",
     )
+    role: str = role_key("spring")
 
     def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
         if in_space and not isinstance(self.rest, tuple) and self.rest != 0.0:
@@ -76,6 +78,7 @@ class Damper(InJoint):
     dissipative: ClassVar[bool] = True
 
     damping: float = key(Number(minimum=0.0), unit="N m s/rad or N s/m", doc="Damping c.")
+    role: str = role_key("friction")
 
     def problems_along(self, in_space: bool) -> Iterable[tuple[tuple[Any, ...], str]]:
         return ()
@@ -97,6 +100,7 @@ class LinearSpring(Between):
         Number(minimum=0.0), default=0.0, unit="m", doc="Length l0 at which the spring is free of force."
     )
     damping: float = key(Number(minimum=0.0), default=0.0, unit="N s/m", doc="Damping c.")
+    role: str = role_key("spring")
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         return idle_problems(self.stiffness, self.damping)
@@ -165,6 +169,7 @@ class NonlinearSpring(Between):
         unit="N s/m",
         doc="Added to the tension: c dl/dt, or a table over the rate.",
     )
+    role: str = role_key("spring")
 
     def problems(self) -> Iterable[tuple[tuple[Any, ...], str]]:
         """Yield what does not fit together."""
@@ -230,6 +235,7 @@ class ConstantForce(Between):
     type: str = key(Choice(("constant_force",)), doc="Kind of force.")
     between: tuple[str, ...] = between_key()
     force: float = key(Number(), unit="N", doc="Tension; positive pulls the points together.")
+    role: str = role_key("spring")
 
     def effect(self, ends: tuple[End, ...], setting: Setting) -> Effect:
         """Return forces and energy; the direction is lost where the points meet."""
@@ -259,6 +265,7 @@ class TorsionalSpring(Between):
         Number(), default=0.0, unit="rad", doc="Angle theta0 at which the spring is free of torque."
     )
     damping: float = key(Number(minimum=0.0), default=0.0, unit="N m s/rad", doc="Damping c.")
+    role: str = role_key("spring")
 
     def problems(self) -> Iterable[tuple[tuple[str, ...], str]]:
         return idle_problems(self.stiffness, self.damping)

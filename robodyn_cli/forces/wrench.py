@@ -8,7 +8,19 @@ from typing import Any, ClassVar
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.forces.element import Action, Effect, End, ForceElement, Setting
 from robodyn_cli.record import record
-from robodyn_cli.schema.fields import Choice, Either, Formula, ListOf, Name, Section, Text, Vector, key
+from robodyn_cli.schema.fields import (
+    LOAD,
+    Choice,
+    Either,
+    Formula,
+    ListOf,
+    Name,
+    Section,
+    Text,
+    Vector,
+    key,
+    role_key,
+)
 from robodyn_cli.spatial.algebra import Vector as Components
 from robodyn_cli.spatial.algebra import Wrench, vector, zeros
 
@@ -94,6 +106,7 @@ class PointForce(_FromOutside):
         COMPONENTS, unit="N", doc="Components: three numbers or formulas in t, q and qd, or a table."
     )
     frame: str = key(AXES, default="world", doc=FRAME)
+    role: str = role_key(LOAD)
 
 
 @record
@@ -106,3 +119,4 @@ class PointWrench(_FromOutside):
     force: Any = key(COMPONENTS, default=None, unit="N", doc="Components of the force.")
     moment: Any = key(COMPONENTS, default=None, unit="N m", doc="Components of the moment.")
     frame: str = key(AXES, default="world", doc=FRAME)
+    role: str = role_key(LOAD)

@@ -208,7 +208,8 @@ class Observer:
         self.reactions = _reactions(problem) if with_reactions else None
         # whether the summary has figures that follow from the samples
         scene = problem.scene
-        self.figures = self.reactions is not None or scene.control is not None or bool(scene.drives)
+        asked = scene.control, scene.motorisation
+        self.figures = self.reactions is not None or bool(scene.drives) or any(x is not None for x in asked)
         self.point_motion = _point_motion(problem)
 
     @property

@@ -50,7 +50,7 @@ def streams(command: str, scene: Scene) -> bool:
     """Tell whether a run is so long that its file is written block by block."""
     if locks(command) and scene.deploy.after == "continue":
         return False  # the latch adds columns to what was written before
-    if scene.drives:
+    if scene.drives or scene.motorisation is not None:
         return False  # their figures are of all samples
     return COMMANDS[command].streamed and scene.simulate.samples > STREAMED_ABOVE
 

@@ -137,11 +137,11 @@ RUN: tuple[Entry, ...] = (
     ),
     Entry("drives/use", ("time", "drive"), "1", "part of the motor's envelope that is used"),
     Entry("drives/current", ("time", "electric_drive"), "A", "current of each motor"),
-    Entry(
-        "drives/winding_temperature",
-        ("time", "warm_drive"),
-        "degC",
-        "temperature of the windings in the steady periodic state",
+    Entry("drives/winding_temperature", ("time", "warm_drive"), "degC", "windings, steady periodic state"),
+    *(
+        Entry(f"motorisation/{kind}_{side}", ("time", "motorised"), "N m or N", f"{meaning}, {kind}")
+        for kind in ("static", "dynamic")
+        for side, meaning in (("available", "torque less what stands outside"), ("resistance", "factored"))
     ),
     Entry(
         "candidates/JOINT",

@@ -16,6 +16,7 @@ from robodyn_cli.schema.fields import (
     Integer,
     JointMap,
     ListOf,
+    MapOf,
     Name,
     Number,
     Section,
@@ -157,6 +158,38 @@ class ReachOptions:
         doc="Criterion between several ways: nearest to `initial.q`, else to the middle of the limits.",
     )
     limits: bool = key(Boolean(), default=True, doc="Whether the joints' limits are respected.")
+
+
+@record
+class Motorisation:
+    """Factors of a margin of motorisation, which kinds of resistance stand outside of it, and what is required.
+
+    Kinds are the roles of forces, and ``drive_inertia``: the inertia of a given motion.
+    """
+
+    factors: dict[str, float] = key(
+        MapOf(Number(minimum=0.0), of="role"),
+        default=None,
+        unit="1",
+        doc="Factor of each kind of resistance, 1 by default: the roles of forces, and `drive_inertia`, what a "
+        "given motion needs to be accelerated.",
+    )
+    outside: dict[str, float] = key(
+        MapOf(Number(minimum=0.0), of="role"),
+        default=None,
+        unit="1",
+        doc="Kinds that are taken from the torque available instead, each with its factor, and not multiplied by "
+        "`required`.",
+    )
+    required: float = key(
+        Number(minimum=0.0, exclusive=True), default=1.0, unit="1", doc="Least ratio that is required."
+    )
+    joints: tuple[str, ...] = key(
+        ListOf(Text()),
+        default=(),
+        doc="Driven joints (or coordinates) that ratios are given for; by default those that what drives acts on, in "
+        "loops as many as there are degrees of freedom.",
+    )
 
 
 @record

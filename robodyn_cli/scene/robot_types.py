@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.expr.formula import FormulaTree
+from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
+    DRIVE,
     Choice,
     Direction,
     Either,
@@ -24,6 +27,7 @@ from robodyn_cli.schema.fields import (
     Vector,
     key,
     like,
+    role_key,
 )
 from robodyn_cli.schema.fields import Orientation as Orientation
 from robodyn_cli.schema.fields import Placement as Placement
@@ -241,3 +245,25 @@ class Robot:
         joint, _, part = coordinate.partition(".")
         key = f"limits.{part}" if part else "limits"
         return next((dict(own.forces).get(key) for own in self.joints if own.name == joint), None)
+
+
+@record
+class Torque:
+    """A joint torque as a table, linear between rows and held beyond the ends, or a formula with a role."""
+
+    table: tuple[tuple[float, ...], ...] | None = key(
+        ListOf(Vector(2), minimum=2),
+        default=None,
+        unit="s, N m or N",
+        doc="Rows of time and torque, times increasing.",
+    )
+    formula: FormulaTree | None = key(
+        Formula(), default=None, unit="N m or N", doc="Or: a formula in t, q and qd."
+    )
+    role: str = role_key(DRIVE)
+
+    def evaluate(self, environment: Mapping[str, Any]) -> Any:
+        """Return the torque [N m or N], see ``Formula.evaluate``."""
+        if self.table is None:
+            return self.formula.evaluate(environment)  # type: ignore[union-attr]
+        return interpolate(environment["t"], *zip(*self.table))

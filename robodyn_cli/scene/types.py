@@ -26,6 +26,7 @@ from robodyn_cli.scene.robot_types import Place as Place
 from robodyn_cli.scene.robot_types import Placement as Placement
 from robodyn_cli.scene.robot_types import Point as Point
 from robodyn_cli.scene.robot_types import Robot as Robot
+from robodyn_cli.scene.robot_types import Torque as Torque
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
@@ -88,15 +89,6 @@ class Initial:
     )
     at: float | None = key(
         Number(), default=None, unit="s", doc="Time of the sample to go on from; by default the last one."
-    )
-
-
-@record
-class Torque:
-    """A joint torque as a table; linear between rows, held beyond the ends."""
-
-    table: tuple[tuple[float, ...], ...] = key(
-        ListOf(Vector(2), minimum=2), unit="s, N m or N", doc="Rows of time and torque, times increasing."
     )
 
 
@@ -333,7 +325,7 @@ class Scene:
         JointMap(Either((Formula(), Section(Torque))), coordinates="v"),
         default=None,
         unit="N m or N",
-        doc="Actuator torques: a number, a formula in t, q and qd, or a table.",
+        doc="Actuator torques: a number, a formula in t, q and qd, or a table; with a role by their section.",
     )
     drives: dict[str, Any] = key(
         MapOf(LaterSection("motors.drive:Drive"), of="joint"),
@@ -381,6 +373,12 @@ class Scene:
     )
     statics: StaticsOptions = key(
         Section(StaticsOptions), default=StaticsOptions(), doc="Options of `statics`."
+    )
+    motorisation: Any = key(
+        LaterSection("scene.nested_options:Motorisation"),
+        default=None,
+        doc="Margins of motorisation: torque available over factored resistance, in `inverse`, `simulate`, `deploy` "
+        "and `kinematics`.",
     )
     outputs: Outputs = key(Section(Outputs), default=Outputs(), doc="Further quantities to record.")
     expect: dict[str, Expectation] = key(

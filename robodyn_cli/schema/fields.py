@@ -246,6 +246,16 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     return dataclasses.field(default=default, metadata=metadata)
 
 
+DRIVE, LOAD = "drive", "load"
+# what a force is in a margin of motorisation: what drives, and the kinds of resistance
+ROLES = (DRIVE, "inertia", "spring", "magnetic", "friction", "hysteresis", "harness", "adhesion", LOAD)
+
+
+def role_key(default: str) -> Any:
+    """Declare the key of the role of a force in a margin of motorisation."""
+    return key(Choice(ROLES), default=default, doc="Role in a margin of `motorisation`.")
+
+
 def like(cls: type, name: str) -> Any:
     """Declare a key as another section has it."""
     field = next(field for field in dataclasses.fields(cls) if field.name == name)

@@ -222,3 +222,47 @@ class ControlKeys:
     """Keys of a motion with a controller."""
 
     control: ControlSummary = fact("what the controller did")
+
+
+@record
+class RatioErrors:
+    """Errors of a ratio of motorisation: of what lies between the samples, and of an integrated motion."""
+
+    ratio: float | None = fact("of the ratio; null where it is not known")
+    time: float = fact("of the time when it is least", "s")
+    angle: float | Absent = fact("of the position there", OWN)
+
+
+@record
+class Ratio:
+    """The least ratio of torque available over factored resistance."""
+
+    ratio: float | None = fact(
+        "least ratio of the torque available, less what stands outside, over the factored resistance; null where "
+        "nothing resists",
+        errors=(".errors.ratio",),
+    )
+    time: float = fact("when it is least", "s", errors=(".errors.time",))
+    angle: float | Absent = fact("position of the joint there", OWN, errors=(".errors.angle",))
+    decides: str | None = fact("the largest factored resistance there; null where nothing resists")
+    errors: RatioErrors = fact("errors of the figures")
+
+
+@record
+class MotorisationFigures(Ratio):
+    """The margin of motorisation of a driven joint: the lesser of both ratios, whether it suffices, and both."""
+
+    required: float = fact("least ratio that is required")
+    met: bool = fact("whether the ratio is at least `required` all the time")
+    static: Ratio = fact("of the poses: in motion so slow that rates do not count, without inertia")
+    dynamic: Ratio | Absent = fact(
+        "of the motion: with its rates; the inertia of a motion that is given counts, that of one that follows from "
+        "the torques is their surplus"
+    )
+
+
+@record
+class MotorisationKeys:
+    """Keys of a motion with margins of motorisation."""
+
+    motorisation: dict[str, MotorisationFigures] = fact("margin of each driven joint")

@@ -9,14 +9,14 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.given.motion import Planned
+from robodyn_cli.given.motion import Planned, knot_places
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.places import FORCES, add_places
 from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.quadrature import Breaks
+from robodyn_cli.solve.quadrature import Breaks, spaced
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.inverse import (
@@ -110,19 +110,34 @@ def program_of(scene: Scene) -> InverseProgram:
     ------
     RobodynError : see ``inverse``.
     """
-    return build_inverse(along(scene))
+    program = build_inverse(along(scene))
+    if scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import acting
+
+        acting(program.problem, "inverse")
+    return program
 
 
 def _with_drives(records: list[Any], result: Result, program: InverseProgram, looked: Sampled) -> list[Any]:
-    """Return the records with those of the scene's drives, where it has any."""
-    if not program.problem.scene.drives:
+    """Return the records with those of the scene's drives and of its margins of motorisation, where it has any."""
+    problem, motion = program.problem, looked.motion
+    scene = problem.scene
+    if not scene.drives and scene.motorisation is None:
         return records
     from robodyn_cli.drives.report import Moved, with_drives
 
-    motion = looked.motion
-    breaks = tuple(breaks_of(program.problem, looked.times, motion))
+    breaks = tuple(breaks_of(problem, looked.times, motion))
     moved = Moved(looked.times, motion.q, motion.qd, motion.qdd, looked.tau, breaks)
-    return with_drives(records, result, program.problem.scene, program.problem, moved)
+    if scene.drives:
+        records = with_drives(records, result, scene, problem, moved)
+    if scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import with_motorisation
+
+        at_samples = Moved.of(
+            result.__getitem__, tuple(spaced(knot_places(scene, result.time), len(result.time)))
+        )
+        records = with_motorisation(records, result, problem, at_samples, moved)
+    return records
 
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -86,7 +87,10 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     progress(float(planned.times[-1]), float(planned.times[-1]))
     mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
     summary = dataclasses.replace(summarise(problem, closer, looked, mobile), samples=len(planned.times))
-    result.summarise(summary, seconds=watch.report())
+    records: list[Any] = [summary]
+    if scene.motorisation is not None and planned.stopped is None:
+        records = _with_motorisation(records, result, problem, (planned, closer))
+    result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result.unless(planned.stopped)
 
@@ -96,7 +100,27 @@ def problem_of(scene: Scene) -> Problem:
     if scene.kinematics.sweep is None:
         scene = along(scene)
     led = () if scene.trajectory is None else scene.trajectory.places
-    return Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
+    problem = Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
+    if scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import acting
+
+        acting(problem, "kinematics")
+    return problem
+
+
+def _with_motorisation(
+    records: list[Any], result: Result, problem: Problem, motions: Sequence[Planned]
+) -> list[Any]:
+    """Return the records with margins of motorisation; motions : at the samples, and where figures are looked at."""
+    from robodyn_cli.drives.motorisation import with_motorisation
+    from robodyn_cli.drives.report import Moved
+
+    def moved(planned: Planned) -> Moved:
+        times, motion = planned.times, planned.motion
+        breaks = tuple(spaced(knot_places(problem.scene, times), len(times)))
+        return Moved(times, motion.q, motion.qd, motion.qdd, np.zeros_like(motion.qd), breaks)
+
+    return with_motorisation(records, result, problem, *map(moved, motions))
 
 
 def _closer(problem: Problem, planned: Planned, result: Result) -> tuple[Planned, Result]:

@@ -11,7 +11,7 @@ from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
-from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
+from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records, with_margins
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
@@ -75,12 +75,22 @@ def motion_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
     """Return the motion of a scene, and where its run begins: at t = 0, or where a stored one is."""
     if scene.initial.source is None:
         motion = build_motion(integrable(scene, watch), watch)
+        _refuse_undriven(motion)
         return motion, motion.beginning
     from robodyn_cli.motion.going_on import stored_run
 
     stored = stored_run(scene)
     motion = build_motion(integrable(stored.completed(), watch), watch)
+    _refuse_undriven(motion)
     return motion, stored.beginning(motion)
+
+
+def _refuse_undriven(motion: Motion) -> None:
+    """Refuse a scene that asks for margins of motorisation that it does not have (see ``acting``)."""
+    if motion.scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import acting
+
+        acting(motion.problem, "simulate")
 
 
 def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:
@@ -179,5 +189,8 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
             if estimate is not None and estimate.recorder is not None:
                 again = (estimate.recorder, estimate.factor)
             records = with_drives(records, result, run.motion.scene, run.motion.problem, again=again)
+    if run.motion.scene.motorisation is not None and failure is None:
+        with watch.stage("motorisation"):
+            records = with_margins(records, result, run, estimate)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

@@ -352,9 +352,26 @@ ASKED = {
     "branches": _keys(assemble={"branches": True, "starts": 5}),
 }
 
+
+# -- margins of motorisation ---------------------------------------------------------------------------------------
+def _opener(draft: Draft) -> None:
+    draft.listed("forces").append(
+        {"name": "opener", "type": "spring", "between": ["hook", "tip"], "stiffness": 30, "role": "drive"}
+    )
+    draft.tree["motorisation"] = {"factors": {"friction": 3, "drive_inertia": 1.1}, "outside": {"load": 1}}
+
+
+def _motor_torque(draft: Draft) -> None:
+    draft.section("torques").setdefault("a", {"formula": "40 - qd.a", "role": "drive"})
+    draft.tree["motorisation"] = {"required": 2, "joints": ["a"]}
+
+
+MARGIN = {"spring": _opener, "torque": _motor_torque}
+
+
 FAMILIES: dict[str, Mapping[str, Feature]] = {
     **BODIES, "torque": TORQUE, "initial": INITIAL, "prescribed": PRESCRIBED, "trajectory": TRAJECTORY, "led": LED,
-    "control": CONTROL, "sampled": SAMPLED, "method": METHOD, "form": FORM, "output": OUTPUT, "asked": ASKED,
+    "control": CONTROL, "sampled": SAMPLED, "method": METHOD, "form": FORM, "output": OUTPUT, "asked": ASKED, "margin": MARGIN,
 }  # fmt: skip
 
 
@@ -363,12 +380,12 @@ ROWS: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
     "simulate": (("simulate",), tuple(f for f in FAMILIES if f not in ("trajectory", "asked"))),
     "inverse": (
         ("inverse", "kinematics"),
-        (*BODIES, "initial", "prescribed", "trajectory", "output"),
+        (*BODIES, "initial", "prescribed", "trajectory", "output", "margin"),
     ),
     "still": (
         ("deploy", "statics", "linearise", "reach", "assemble"),
         ("robot", "joint", "loop", "coupler", "force", "passive", "limit", "stop", "payload", "torque", "initial",
-         "prescribed", "asked"),
+         "prescribed", "asked", "margin"),
     ),
 }  # fmt: skip
 

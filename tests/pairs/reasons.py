@@ -42,6 +42,9 @@ REASONS: dict[str, str] = {
     r"does not follow masses that are gripped or released|'fastest' chooses the times|payload.*'singular: pass'|payloads that come":
         "payloads come and go in `inverse` and `simulate` alone, not in `fastest` or beside `singular: pass`",
     r"the motion is given in 'inverse'": "`inverse` grips and releases payloads at times, not where something happens",
+    # margins of motorisation
+    r"motorisation: a margin knows no": "margins of motorisation know no losses of gears, and no payloads that come and go",
+    r"motorisation: nothing drives": "a margin of motorisation needs what drives",
     # controllers
     r"'deploy' follows a mechanism until it locks, without a controller|statics knows no controller|without a controller":
         "`deploy`, `statics` and `singular: pass` have no controller",

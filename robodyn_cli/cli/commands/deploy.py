@@ -7,7 +7,14 @@ from typing import Any
 
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, error_lines, error_text, extreme_lines, number
+from robodyn_cli.cli.words import (
+    cost_line,
+    error_lines,
+    error_text,
+    extreme_lines,
+    motorisation_lines,
+    number,
+)
 
 
 def describe(summary: Mapping[str, Any]) -> str:
@@ -43,7 +50,12 @@ def describe(summary: Mapping[str, Any]) -> str:
         dead = criteria.get("dead_point")
         where = f"dead point at {dead:.9g} s" if dead is not None else "no dead point"
         lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
-    lines += [*extreme_lines(summary), *error_lines(summary), cost_line(summary)]
+    lines += [
+        *extreme_lines(summary),
+        *motorisation_lines(summary),
+        *error_lines(summary),
+        cost_line(summary),
+    ]
     return "\n".join(lines)
 
 

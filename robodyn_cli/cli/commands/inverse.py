@@ -8,7 +8,15 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, drive_lines, error_text, figure_columns, multiplier_lines, table
+from robodyn_cli.cli.words import (
+    cost_line,
+    drive_lines,
+    error_text,
+    figure_columns,
+    motorisation_lines,
+    multiplier_lines,
+    table,
+)
 
 # of the table of an inverse run: heading, key in the summary, quantity that the unit belongs to, digits
 FIGURES = (
@@ -41,6 +49,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     if off is not None:
         lines.append(f"  rounding           torques off by some {error_text(off)} N m or N")
     lines += drive_lines(summary)
+    lines += motorisation_lines(summary)
     lines += _fastest(summary)
     lines += multiplier_lines(summary)
     lines.append(cost_line(summary))

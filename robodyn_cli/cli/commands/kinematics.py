@@ -7,7 +7,15 @@ from typing import Any
 
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import closure_text, extreme_lines, figure_columns, mobility_lines, number, table
+from robodyn_cli.cli.words import (
+    closure_text,
+    extreme_lines,
+    figure_columns,
+    mobility_lines,
+    motorisation_lines,
+    number,
+    table,
+)
 
 JOINT_FIGURES = (
     ("smallest", "smallest", "position", 6),
@@ -49,6 +57,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append(
             f"  transmission       {number(angle['smallest_deg'], 5)} to {number(angle['largest_deg'], 5)} deg"
         )
+    lines += motorisation_lines(summary)
     if closure:
         lines.append("  closure            " + closure_text(closure))
     return "\n".join(lines)

@@ -9,7 +9,15 @@ import typer
 
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
-from robodyn_cli.cli.words import cost_line, drive_lines, error_lines, extreme_lines, number, table
+from robodyn_cli.cli.words import (
+    cost_line,
+    drive_lines,
+    error_lines,
+    extreme_lines,
+    motorisation_lines,
+    number,
+    table,
+)
 
 MOST_ROWS = 12  # of the table of tracking errors
 
@@ -25,6 +33,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         *(_control_lines(summary["control"]) if "control" in summary else ()),
         *drive_lines(summary),
         *extreme_lines(summary),
+        *motorisation_lines(summary),
         cost_line(summary),
     ]
     return "\n".join(lines)

@@ -48,7 +48,12 @@ def suits(task: Task) -> bool:
 
 def beyond(task: Task) -> list[str]:
     """Return the outputs and expectations of a study that compiled code does not give."""
-    wanted = [*task.outputs, *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS))]
+    margins = ["motorisation"] if task.family.own.motorisation is not None else []  # decide the exit code
+    wanted = [
+        *task.outputs,
+        *margins,
+        *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS)),
+    ]
     command = commands.get(task.command)
     return [key for key in dict.fromkeys(wanted) if command is None or not command.is_plain(key)]
 

@@ -250,3 +250,63 @@ def _finish(ax: Any, result: Result, name: str, by: str, prices: Array) -> None:
     count = f"{sized['passing']} of {sized['combinations']} bear it"
     ax.set_title(f"{name}: {drive['motor']}{' + ' + drive['gear'] if drive['gear'] else ''}\n{count}",
                  fontsize=style.FONT_SIZE, loc="left", pad=4)  # fmt: skip
+
+
+RATIOS: dict[str, Any] = {"dynamic": "-", "static": (0, (4, 1.6))}
+HIGHEST = 3.0  # times what is required, up to which ratios are drawn
+
+
+@plot(lambda result: "motorisation/static_available" in result and len(result.time) > 1)
+def motorisation(result: Result) -> Any:
+    """Torque available over factored resistance of each driven joint, over the time and over its position."""
+    names = column_names(result.variables["motorisation/static_available"])[: style.FEW]
+    kinds = [kind for kind in RATIOS if f"motorisation/{kind}_available" in result]
+    figures = {name: result.summary["motorisation"][name] for name in names}
+    required = figures[names[0]]["required"]
+    labels = [f"{name}, {kind}" for name in names for kind in kinds] + ["required"]
+    sheet = Sheet(
+        result,
+        "Torque available over factored resistance; where nothing resists, or little, it is beyond the drawing",
+        panels=2,
+        across=2,
+        labels=labels,
+        captions=[f"Least ratio of {name}: {_ratio(one)}" for name, one in figures.items()],
+    )
+    handles: list[Any] = []
+    angles = dict(zip(column_names(result.variables["q"]), result["q"].T))
+    for ax, over, label in zip(sheet.axes, ({}, angles), ("time [s]", "position of the joint [rad or m]")):
+        handles = []
+        for k, name in enumerate(names):
+            for kind in kinds:
+                x = over.get(name, result.time) if ax is sheet.axes[0] or name in over else NONE
+                y = _ratios(result, kind, k, required)[: len(x)]
+                look: dict[str, Any] = {
+                    "color": style.COLOURS[k % len(style.COLOURS)],
+                    "linestyle": RATIOS[kind],
+                }
+                handles += ax.plot(x, y, **look)
+        handles.append(ax.axhline(required, color=style.ALARM, linewidth=1.0))
+        ax.set_xlabel(label)
+        ax.set_ylim(top=min(ax.get_ylim()[1], HIGHEST * required))
+    sheet.ax.set_ylabel("ratio")
+    sheet.legend(handles, labels)
+    return sheet.figure
+
+
+def _ratios(result: Result, kind: str, k: int, required: float) -> Array:
+    """Return ratios (T,) of a driven joint, nan beyond the drawing."""
+    available, resistance = (
+        result[f"motorisation/{kind}_{side}"][:, k] for side in ("available", "resistance")
+    )
+    beyond = (available >= 2.0 * HIGHEST * required * resistance) | (resistance <= 0.0)
+    ratios: Array = np.where(beyond, np.nan, available / np.where(beyond, 1.0, resistance))
+    return ratios
+
+
+def _ratio(figures: Mapping[str, Any]) -> str:
+    """Return the least ratio of a joint with its error in words."""
+    if figures["ratio"] is None:
+        return "nothing resists"
+    error = figures["errors"]["ratio"]
+    off = "" if error is None else f" +- {style.error_number(error, 2)}"
+    return f"{number(figures['ratio'], 5)}{off} at {number(figures['time'], 4)} s"

@@ -1,4 +1,5 @@
-"""Checks of the options of ``deploy``, ``kinematics`` and ``reach``, and of what ``optimise`` looks for."""
+"""Checks of the options of ``deploy``, ``kinematics`` and ``reach``, of what ``optimise`` looks for, and of margins of
+motorisation."""
 
 from __future__ import annotations
 
@@ -6,14 +7,16 @@ from collections.abc import Iterator
 
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.expr.statements import Expectation
+from robodyn_cli.forces.element import DRIVE, ROLES
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.orientation import check_orientation
 from robodyn_cli.scene.checks.robot import check_joints, columns, moving
-from robodyn_cli.scene.nested_options import ReachOptions, SearchOptions
+from robodyn_cli.scene.nested_options import Motorisation, ReachOptions, SearchOptions
 from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.robot_types import Robot
 from robodyn_cli.scene.text.nodes import Path
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.schema.fields import DRIVE, ROLES
 from robodyn_cli.trajectories.led import led_joints
 
 
@@ -41,6 +44,24 @@ def check_deploy(scene: Scene, check: Check) -> None:
                 check.fail(
                     ("deploy", "latch", "between"), f"both are {between[0]!r}; a latch joins two links"
                 )
+
+
+def check_motorisation(scene: Scene, options: Motorisation, check: Check) -> None:
+    """Factors are of roles, each inside or outside; joints have coordinates."""
+    roles = (*(role for role in ROLES if role != DRIVE), "drive_inertia")
+    for key in ("factors", "outside"):
+        for name in getattr(options, key):
+            with check:
+                check.known(name, roles, "role", ("motorisation", key, name), at_key=True)
+    for name in options.outside:
+        with check:
+            if name in options.factors:
+                message = f"{name!r} stands in 'factors' too; allowed: in one of them"
+                check.fail(("motorisation", "outside", name), message, at_key=True)
+    known = columns(scene.robot, velocities=True)
+    for k, name in enumerate(options.joints):
+        with check:
+            check.known(name, known, "joint or coordinate", ("motorisation", "joints", k))
 
 
 def _check_latch(scene: Scene, check: Check) -> None:

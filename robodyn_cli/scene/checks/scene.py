@@ -234,8 +234,10 @@ def _check_torque(scene: Scene, name: str, torque: object, check: Check) -> None
     if name in velocity_columns(scene.prescribed):
         check.fail(path, f"the motion of {name!r} is prescribed, so its torque is a result", at_key=True)
     if isinstance(torque, Torque):
-        for k in range(1, len(torque.table)):
-            time, before = torque.table[k][0], torque.table[k - 1][0]
+        if (torque.table is None) == (torque.formula is None):
+            check.fail(path, "needs one of 'table' and 'formula'")
+        for k in range(1, len(torque.table or ())):
+            time, before = torque.table[k][0], torque.table[k - 1][0]  # type: ignore[index]
             if not time > before:
                 message = f"times must increase (value {time!r} after {before!r})"
                 check.fail((*path, "table", k, 0), message)
@@ -276,6 +278,10 @@ def _check_runs(scene: Scene, check: Check) -> None:
         from robodyn_cli.scene.checks.options import check_deploy
 
         check_deploy(scene, check)
+    if scene.motorisation is not None:
+        from robodyn_cli.scene.checks.options import check_motorisation
+
+        check_motorisation(scene, scene.motorisation, check)
     if scene.reach is not None:
         from robodyn_cli.scene.checks.options import check_reach
 

@@ -12,7 +12,14 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
-from robodyn_cli.motion.self_check import Judgement, Run, motion_records, motion_warnings, redundant_rows
+from robodyn_cli.motion.self_check import (
+    Judgement,
+    Run,
+    motion_records,
+    motion_warnings,
+    redundant_rows,
+    with_margins,
+)
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
@@ -132,6 +139,10 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     refuse_changes(scene, "deploy")
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
     motion = build_motion(integrable(scene, watch), watch, follow_deployment, reactions=reactions, plan=plan)
+    if scene.motorisation is not None:
+        from robodyn_cli.drives.motorisation import acting
+
+        acting(motion.problem, "deploy")
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
 
@@ -248,7 +259,10 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         after_lock=ABSENT if failure is not None else _after_lock(done),
         overload=overload if limits and failure is None else ABSENT,
     )
-    result.summarise(summary, *others, keys, seconds=watch.report())
+    records = [summary, *others, keys]
+    if done.motion.scene.motorisation is not None and failure is None:
+        records = with_margins(records, result, done, done.estimate)
+    result.summarise(*records, seconds=watch.report())
     return result.unless(failure)
 
 

@@ -104,12 +104,11 @@ class Responses:
         planned, sampled = evaluated_at(program, program.looked_at(scene.inverse.samples))
         variants = _Variants.of(program, unit, tuple(drives))
         hold = variants.loads(program, sampled, still=True)
-        R = None
+        R, names = None, program.problem.model.v_names
         if hold is not None:
             loops = sampled.loops
             psi = np.zeros((len(planned.times), 0, program.problem.model.nv)) if loops is None else loops.psi
-            R = following(program.problem, psi)
-        names = program.problem.model.v_names
+            R = following(psi, [names.index(name) for name in program.problem.scene.drives])
         tau = variants.loads(program, sampled)
         assert tau is not None
         return Responses(

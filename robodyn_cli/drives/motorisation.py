@@ -1,0 +1,360 @@
+"""Margins of motorisation: the torque available over the factored resistance, in poses and along a motion.
+
+For a driven joint k, with the motion R_k of all joints while it moves alone, sigma the sign of its rate, and tau_i the
+torques (nv,) of each thing i that acts on the joints,
+
+    A = sigma sum_drive R_k . tau_i,      W_i = max(0, -sigma R_k . tau_i),
+    ratio = (A - sum_outside g_i W_i) / sum_i f_i W_i,
+
+which has to be at least ``required``. What helps the motion, but does not drive it, counts for nothing.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Sequence
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.drives.report import UNDERSIZED, Moved, following
+from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.torque_terms import Exerted, exerted
+from robodyn_cli.errors import CapabilityError, SceneError, unknown_data
+from robodyn_cli.model.model import MOTION_GROUPS, unknown_among
+from robodyn_cli.observe.evaluation import SampleFunction
+from robodyn_cli.observe.units import JointColumns, joint_columns
+from robodyn_cli.record import record
+from robodyn_cli.results.result import Result
+from robodyn_cli.schema.fields import DRIVE
+from robodyn_cli.solve.extremes import Extreme, smallest
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, Ratio, RatioErrors
+from robodyn_cli.summaries.facts import ABSENT, JOINT
+from robodyn_cli.torques.checks import breaks_of_joint
+
+SIMULATED = ("simulate", "deploy")  # commands whose motion follows from the torques
+SLOW = 1e-12  # of the rates: so slow that only the direction of motion counts
+AT_REST = 1e-9  # of the largest rate of a joint, below which it is at rest
+EXACT = 1e-12  # part of the torques by which rounding and the closure of loops put them off
+CONTROL = "control"
+
+
+def with_motorisation(
+    records: list[Any],
+    result: Result,
+    problem: Problem,
+    moved: Moved,
+    looked: Moved | None = None,
+    again: tuple[Moved, float] | None = None,
+) -> list[Any]:
+    """Return the records of a motion's summary with the margins of its driven joints behind them; add their datasets to
+    the result, and its status.
+
+    looked : the motion where figures are looked at, by default at the samples. again : that of a second integration, and
+    times the difference of figures is their error.
+    """
+    inertia = None if result.command == "kinematics" else result.command not in SIMULATED
+    margins = JointMargins.of(problem, moved, inertia)
+    margins.add_to(result)
+    figures = (margins if looked is None else JointMargins.of(problem, looked, inertia)).figures()
+    if again is not None:
+        other, factor = again
+        others = JointMargins.of(problem, other, inertia).figures()
+        grown = with_second(figures, others, factor, ("motorisation", JOINT))
+        figures = {name: _still_unknown(grown[name], one) for name, one in figures.items()}
+    if result.status in ("ok", "locked") and not all(one.met for one in figures.values()):
+        result.status = UNDERSIZED
+    return [*records, MotorisationKeys(figures)]
+
+
+def _still_unknown(grown: Any, one: Any) -> Any:
+    """Return a record with errors of ratios that grew, but for those that were not known: these stay so."""
+    if one is ABSENT:
+        return grown
+    unknown = {"ratio": None} if one.errors.ratio is None else {}
+    changed = dataclasses.replace(grown, errors=dataclasses.replace(grown.errors, **unknown))
+    if not isinstance(one, MotorisationFigures):
+        return changed
+    parts = {
+        kind: _still_unknown(getattr(changed, kind), getattr(one, kind)) for kind in ("static", "dynamic")
+    }
+    return dataclasses.replace(changed, **parts)
+
+
+def acting(problem: Problem, command: str) -> dict[str, Exerted]:
+    """Return what acts on the joints of a scene, where a command can give margins of motorisation.
+
+    Raises
+    ------
+    CapabilityError : it has gears with losses, or masses that come and go. SceneError : nothing drives, or data are
+    missing.
+    """
+    scene = problem.scene
+    for there, what in (
+        (geared(problem.model), "losses of gears, which follow from the load; allowed: friction"),
+        (
+            any(payload.changes for payload in scene.payloads),
+            "payloads that come and go; allowed: carried ones",
+        ),
+    ):
+        if there:
+            raise CapabilityError(f"{scene.path}: motorisation: a margin knows no {what}", key="motorisation")
+    every = exerted(problem, inertia=command not in (*SIMULATED, "kinematics"))
+    if command in SIMULATED and scene.control is not None:
+        own = [float(name in scene.control.joints) for name in problem.model.v_names]
+        every[CONTROL] = Exerted(DRIVE, list(own))
+    if not any(one.role == DRIVE for one in every.values()):
+        raise SceneError(
+            f"{scene.path}: motorisation: nothing drives; give `torques`, or a force with `role: drive`",
+            key="motorisation",
+        )
+    missing = unknown_among([x for one in every.values() for x in one.torque])
+    if missing:
+        raise unknown_data(missing)
+    return every
+
+
+@record
+class RatioSides:
+    """Both sides of a ratio of driven joints (T, n), the torque available less what stands outside, and the factored
+    resistance; size : of all that enters them. shares : factored resistance by what resists (T, n, k)."""
+
+    available: Array
+    resistance: Array
+    size: Array
+    shares: Array
+
+    @property
+    def slope(self) -> Array:
+        """The angle whose tangent is the ratio, which has no poles; a right angle where nothing resists."""
+        nothing = np.hypot(self.available, self.resistance) <= EXACT * self.size.max(axis=0)
+        free: Array = np.where(nothing, 0.5 * np.pi, np.arctan2(self.available, self.resistance))
+        return free
+
+
+@record
+class JointMargins:
+    """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion.
+
+    follows : whether the motion follows from the torques, and has accelerations that jump with them.
+    """
+
+    problem: Problem
+    moved: Moved
+    driven: tuple[int, ...]
+    resisting: tuple[str, ...]
+    sides: dict[str, RatioSides]
+    follows: bool
+
+    @staticmethod
+    def of(problem: Problem, moved: Moved, inertia: bool | None) -> JointMargins:
+        """Return those of a motion; inertia : whether its own counts, None where only poses do."""
+        command = {None: "kinematics", True: "inverse", False: "simulate"}[inertia]
+        every = acting(problem, command)
+        held = problem.constraints.prescribed
+        rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
+        outputs = {name: one.torque for name, one in every.items() if name != CONTROL}
+        times, nv = moved.times, problem.model.nv
+        function = SampleFunction(
+            {**outputs, "psi": [x for row in rows for x in row]}, MOTION_GROUPS, len(times)
+        )
+        v = directed(moved.qd)
+
+        def call(v: Array, a: Array) -> dict[str, Array]:
+            return function(t=times[:, None], q=moved.q, v=v, a=a, p=np.zeros((len(times), 0)))
+
+        arrays = call(SLOW * v, 0.0 * moved.qdd)
+        psi = arrays["psi"].reshape(len(times), len(rows), nv)
+        independent, driven = driven_joints(problem, every, psi[len(psi) // 2])
+        R = following(psi, independent)
+        if R is None:
+            raise CapabilityError(f"{problem.scene.path}: motorisation: the loops lose rank in the motion")
+        R = R[:, :, list(driven)]
+        given = {name: one for name, one in every.items() if name in arrays}
+
+        def sides(v: Array, a: Array) -> RatioSides:
+            arrays = call(v, a)
+            torques = np.stack([arrays[name] for name in given], axis=2)
+            if CONTROL in every:
+                names = [name for name in given if name.startswith("torques.")]
+                beside = moved.tau - sum((arrays[name] for name in names), np.zeros_like(moved.tau))
+                control = np.array(every[CONTROL].torque, dtype=float) * beside
+                torques = np.concatenate([torques, control[:, :, None]], axis=2)
+            return _sides(problem, list(every.values()), R, torques, v[:, list(driven)])
+
+        v = _begun(v, R, driven, arrays, given)
+        kinds = {"static": sides(SLOW * v, 0.0 * moved.qdd)}
+        if inertia is not None:
+            kinds["dynamic"] = sides(v, moved.qdd)
+        resisting = tuple(name for name, one in every.items() if one.role != DRIVE)
+        return JointMargins(problem, moved, driven, resisting, kinds, follows=inertia is False)
+
+    def figures(self) -> dict[str, MotorisationFigures]:
+        """Return the figures by joint."""
+        names, required = self.problem.model.v_names, self.problem.scene.motorisation.required
+        found = {}
+        for column, k in enumerate(self.driven):
+            ratios, met = {}, True
+            for kind, sides in self.sides.items():
+                ratios[kind], slope = self._least(sides, column, k)
+                met = met and bool(slope >= np.arctan(required) - EXACT)
+            least = min(ratios.values(), key=lambda x: np.inf if x.ratio is None else x.ratio)
+            own = {f.name: getattr(least, f.name) for f in dataclasses.fields(Ratio)}
+            static, dynamic = ratios["static"], ratios.get("dynamic", ABSENT)
+            found[names[k]] = MotorisationFigures(
+                **own, required=required, met=met, static=static, dynamic=dynamic
+            )
+        return found
+
+    @cached_property
+    def breaks(self) -> tuple[float, ...]:
+        """Where torques jump, in steps from the first sample: friction where any joint turns back."""
+        breaks = self.moved.breaks
+        for v, a in zip(self.moved.qd.T, self.moved.qdd.T):
+            breaks = breaks_of_joint(self.moved.times, v, a, breaks)
+        return breaks
+
+    def _least(self, sides: RatioSides, column: int, k: int) -> tuple[Ratio, float]:
+        """Return the least ratio of a joint, and the angle whose tangent it is."""
+        moved, slope = self.moved, sides.slope[:, column]
+        least: Extreme = smallest(moved.times, slope[:, None], self.breaks)
+        value, error, time, time_error = (
+            float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
+        )
+        if self.follows:
+            late, beside = self._turn_error(time), self._beside(time)
+            error += late * float(np.abs(np.diff(slope)[beside] / np.diff(moved.times)[beside]).max())
+            time_error += late
+        n = int(np.argmin(np.abs(moved.times - time)))
+        shares = sides.shares[n, column]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            rounding = EXACT * sides.size[n, column] / np.hypot(sides.available, sides.resistance)[n, column]
+        error += float(rounding) if np.isfinite(rounding) else EXACT
+        resists = -0.5 * np.pi < value < 0.5 * np.pi and float(shares.max(initial=0.0)) > 0.0
+        ratio = float(np.tan(value)) if resists else None
+        off: float | None = None
+        if ratio is not None and value - error > -0.5 * np.pi:
+            most = min(value + error, float(slope.min()) + EXACT)  # of samples, none is less than the least
+            off = float(
+                max(np.tan(most) - ratio if most < 0.5 * np.pi else 0.0, ratio - np.tan(value - error))
+            )
+        angle, angle_error = self._position(k, time, time_error)
+        decides = self.resisting[int(np.argmax(shares))] if resists else None
+        return Ratio(ratio, time, angle, decides, RatioErrors(off, time_error, angle_error)), value
+
+    def _beside(self, time: float) -> list[int]:
+        """Return the intervals between samples on both sides of the one with a time."""
+        n = int(np.searchsorted(self.moved.times, time, side="right")) - 1
+        return [int(np.clip(k, 0, len(self.moved.times) - 2)) for k in (n - 1, n + 1)]
+
+    def _turn_error(self, time: float) -> float:
+        """Return how far it is not known when a joint turns back [s], at a time: its acceleration jumps there, so it is
+        between where the tangents of both sides have no rate."""
+        times, v, a = self.moved.times, self.moved.qd, self.moved.qdd
+        n = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+        h = float(times[n + 1] - times[n])
+        turning = v[n] * v[n + 1] < 0.0
+        if not turning.any():
+            return 0.0
+        with np.errstate(divide="ignore", invalid="ignore"):
+            roots = np.stack([times[n] - v[n] / a[n], times[n + 1] - v[n + 1] / a[n + 1]])[:, turning]
+        return float(np.nanmax(np.clip(np.abs(roots - time), 0.0, h)))
+
+    def _position(self, k: int, time: float, time_error: float) -> tuple[Any, Any]:
+        """Return the position of a joint at a time between samples, by a cubic, with its error."""
+        moved, model = self.moved, self.problem.model
+        if model.v_names[k] not in model.q_names:
+            return ABSENT, ABSENT
+        q, qd = moved.q[:, model.q_names.index(model.v_names[k])], moved.qd[:, k]
+        n = int(np.clip(np.searchsorted(moved.times, time, side="right") - 1, 0, len(q) - 2))
+        h = float(moved.times[n + 1] - moved.times[n])
+        s = (time - float(moved.times[n])) / h
+        straight = q[n] + s * (q[n + 1] - q[n])
+        bent = (
+            s
+            * (1.0 - s)
+            * ((1.0 - s) * (h * qd[n] - (q[n + 1] - q[n])) - s * (h * qd[n + 1] - (q[n + 1] - q[n])))
+        )
+        near = np.abs(moved.times - time) <= time_error + 1.5 * h
+        off = min(float(np.abs(qd[near]).max()) * time_error, float(np.ptp(q))) + abs(float(bent))
+        return float(straight + bent), off + EXACT * float(np.abs(q).max())
+
+    def add_to(self, result: Result) -> None:
+        """Add both sides of the ratios as datasets, where the samples of the result are those of the motion."""
+        if len(result.time) != len(self.moved.times):
+            return
+        tau, names = joint_columns(self.problem.model)["tau"], self.problem.model.v_names
+        units = dict(zip(tau.names, tau.column_units))
+        driven = tuple(names[k] for k in self.driven)
+        columns = JointColumns(driven, tuple(units[name] for name in driven), ("time", "motorised"))
+        for kind, sides in self.sides.items():
+            result.add(f"motorisation/{kind}_available", sides.available, **columns.described())
+            result.add(f"motorisation/{kind}_resistance", sides.resistance, **columns.described())
+
+
+def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array, v: Array) -> RatioSides:
+    """Return the sides of ratios from the torques (T, nv, k) of all that acts, R (T, nv, n) and rates (T, n)."""
+    options = problem.scene.motorisation
+    along = np.sign(v)[:, :, None] * np.einsum("tin,tik->tnk", R, torques)
+    drives = np.array([one.role == DRIVE for one in every])
+    roles = [one.role for one in every if one.role != DRIVE]
+    outside = np.array([options.outside.get(role, 0.0) for role in roles])
+    inside = np.array([0.0 if role in options.outside else options.factors.get(role, 1.0) for role in roles])
+    resists = np.maximum(0.0, -along[:, :, ~drives])
+    shares = inside * resists
+    available = along[:, :, drives].sum(axis=2) - (outside * resists).sum(axis=2)
+    size = np.abs(along[:, :, drives]).sum(axis=2) + ((inside + outside) * np.abs(along[:, :, ~drives])).sum(
+        axis=2
+    )
+    return RatioSides(available, shares.sum(axis=2), size, shares)
+
+
+def directed(v: Array) -> Array:
+    """Return rates (T, nv) with those of joints at rest so small that they only tell where the joint goes next, or came
+    from; of joints that never move 0."""
+    v = v.copy()
+    for k, most in enumerate(np.abs(v).max(axis=0)):
+        moving = np.flatnonzero(np.abs(v[:, k]) > AT_REST * most)
+        if most > 0.0 and len(moving) < len(v):
+            still = np.setdiff1d(np.arange(len(v)), moving)
+            after = moving[np.minimum(np.searchsorted(moving, still), len(moving) - 1)]
+            v[still, k] = AT_REST * SLOW * most * np.sign(v[after, k])
+    return v
+
+
+def _begun(
+    v: Array, R: Array, driven: Sequence[int], arrays: dict[str, Array], given: dict[str, Exerted]
+) -> Array:
+    """Return rates (T, nv) in which driven joints that never move are about to go where what drives would move them."""
+    resting = [n for n, k in enumerate(driven) if not v[:, k].any()]
+    if not resting:
+        return v
+    drive = sum((arrays[name] for name, one in given.items() if one.role == DRIVE), np.zeros_like(v))
+    towards = np.sign(np.einsum("tin,ti->tn", R[:, :, resting], drive))
+    moved: Array = v + AT_REST * np.einsum("tin,tn->ti", R[:, :, resting], towards)
+    return moved
+
+
+def driven_joints(
+    problem: Problem, every: dict[str, Exerted], psi: Array
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return coordinates that the others follow from, as places among the velocities, and the driven ones of these.
+
+    In loops, with Psi (m, nv), they are as many as there are degrees of freedom, and driven joints are taken first.
+    """
+    names, options = problem.model.v_names, problem.scene.motorisation
+    acted = np.any([one.acts for one in every.values() if one.role == DRIVE], axis=0)
+    wanted = [names.index(name) for name in options.joints] or np.flatnonzero(acted).tolist()
+    if not len(psi):
+        return tuple(range(len(names))), tuple(wanted)
+    _, sizes, V = np.linalg.svd(psi)
+    free = V[int(np.sum(sizes > 1e-9 * sizes.max(initial=0.0))) :].T
+    chosen: list[int] = []
+    for k in (*wanted, *(k for k in range(len(names)) if k not in wanted)):
+        if np.linalg.matrix_rank(free[[*chosen, k]], tol=1e-9) > len(chosen):
+            chosen.append(k)
+    return tuple(chosen), tuple(k for k in wanted if k in chosen)
