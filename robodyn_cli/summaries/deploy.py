@@ -6,6 +6,7 @@ from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import (
     ABSENT,
     JOINT,
+    LATCH,
     LOOP,
     OWN,
     RATE,
@@ -167,6 +168,7 @@ class LockKeys:
     multipliers: MultiplierKeys | None = fact("norm of the loops' multipliers")
     singular_values: SingularValues | None = fact("at the lock")
     latch: LatchKeys | Absent | None = fact("what the latch does when it closes", default=ABSENT)
+    name: str | Absent = fact("of several latches the one that closed", default=ABSENT)
     latch_note: str | Absent = fact("why no latch can close", default=ABSENT)
 
 
@@ -232,14 +234,38 @@ class Overload:
 
 
 @record
+class MissedErrors:
+    """Errors of how near a latch came, that of the motion and of what lies between the samples."""
+
+    nearest: float | Absent | None = fact("of the distance", "rad or m", default=ABSENT)
+    time: float | Absent | None = fact("of its time", "s", default=ABSENT)
+
+
+@record
+class MissedLatch:
+    """How near a latch that has not closed came to it."""
+
+    nearest: float | None = fact(
+        "least distance from the position at which it closes, or of its formula from zero; `null` for a dead point",
+        "rad or m", errors=(".errors.nearest",),
+    )  # fmt: skip
+    time: float | None = fact("when it was nearest", "s", errors=(".errors.time",))
+    errors: MissedErrors = fact("errors of these figures")
+
+
+@record
 class DeploySummary:
     """Keys of the summary of ``deploy``, beside those of every integrated motion."""
 
-    criteria: CriterionTimes = fact("when each criterion fired")
-    lock: LockKeys | None = fact("the lock; `null` without one")
+    lock: LockKeys | None = fact("the lock; `null` without one; of several latches the last that closed")
+    criteria: CriterionTimes | Absent = fact("when each criterion fired", default=ABSENT)
+    missed: dict[str, MissedLatch] | Absent = fact(
+        "with `deploy.latches`: those that have not closed", names=LATCH, default=ABSENT
+    )
     after_lock: AfterLock | Absent | None = fact(
-        "with `deploy.after: continue`: the motion of the locked structure; `null` where no latch could close"
+        "with `deploy.after: continue`: the motion of the locked structure; `null` where no latch could close",
+        default=ABSENT,
     )
     overload: Overload | Absent | None = fact(
-        "with `deploy.loads`: the first load beyond its limit; `null` if there is none"
+        "with `deploy.loads`: the first load beyond its limit; `null` if there is none", default=ABSENT
     )

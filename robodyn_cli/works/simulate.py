@@ -49,7 +49,7 @@ def simulate(
     """
     watch = watch or Stopwatch()
     run = _start(scene, writer, watch)
-    stopped = _drive(run, progress, watch, journal)
+    stopped = drive(run, progress, watch, journal)
     judgement = judge(run, stopped)
     estimate = None
     if judgement.failure is None and scene.simulate.error_estimate:
@@ -81,7 +81,9 @@ def motion_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
     return motion, stored.beginning(motion)
 
 
-def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:
+def drive(
+    run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None = None
+) -> RobodynError | None:
     """Integrate over the duration and record; return why the run ended before, with its last state recorded."""
     s, driver, recorder = run.motion.scene.simulate, run.driver, run.recorder
     driver.tick = lambda time: progress(time, s.duration)

@@ -277,8 +277,7 @@ class Integrator:
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
             if outcome.ends:
                 end = outcome
-            else:
-                self.apply(outcome, event.function.owner)
+            self.apply(outcome, event.function.owner)
         return end
 
     def apply(self, outcome: Outcome, owner: Owner | None) -> None:

@@ -1,10 +1,12 @@
-"""The event functions of joints that stick, slip and meet rigid stops."""
+"""The event functions of joints that stick, slip and meet rigid stops, and of latches."""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
+from robodyn_cli.equations.latches import LatchRow
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
@@ -81,3 +83,61 @@ def known_sides(
         if known:
             sides[number] = 1.0
     return sides
+
+
+# -- latches ------------------------------------------------------------------------------------------------
+class Change(enum.Enum):
+    """What an event function of a latch tells."""
+
+    CLOSES = "latch"
+    OPENS = "release"
+    LARGEST = "largest load"  # of a compliant one
+    MEETS = "contact"
+    LETS_GO = "no load"
+
+
+@record
+class LatchFunction(EventFunction):
+    """An event function of a latch, by its number."""
+
+    number: int = 0
+    change: Change = Change.CLOSES
+
+
+DIRECTIONS: Mapping[str, int] = {"up": 1, "down": -1, "either": 0}
+
+
+def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) -> list[LatchFunction]:
+    """Return the event functions of all latches, those at which the equations jump last.
+
+    values : what passes zero where each closes.
+    """
+    functions: list[LatchFunction] = []
+
+    def add(k: int, change: Change, value: Any, direction: int, kind: EventKind = EventKind.LATCH) -> None:
+        name = f"{change.value} {problem.latches[k].name}"
+        functions.append(LatchFunction(name, value, direction, kind, owner, k, change))
+
+    for k, (latch, value) in enumerate(zip(problem.latches, values)):
+        add(k, Change.CLOSES, (1.0 - latch.closed) * value, DIRECTIONS[latch.spec.side])
+        if latch.opens is not None:
+            add(k, Change.OPENS, latch.closed * latch.opens, 1)
+        if not latch.rigid:
+            add(k, Change.LARGEST, latch.closed * _growth(problem, latch), -1)
+    for k, latch in enumerate(problem.latches):
+        if latch.rigid:
+            continue
+        delta, rate = latch.depth(problem.q, problem.v)
+        add(k, Change.MEETS, latch.closed * delta, 0, EventKind.DISCONTINUITY)
+        if latch.spec.hold.damping != 0.0:
+            add(k, Change.LETS_GO, latch.closed * latch.law(delta, rate), 0, EventKind.DISCONTINUITY)
+    return functions
+
+
+def _growth(problem: Problem, latch: LatchRow) -> Any:
+    """Return the rate of k delta + c delta-dot; accelerations enter where there is a damper."""
+    assert latch.v is not None
+    speed = latch.direction * problem.v[latch.v]
+    if latch.spec.hold.damping == 0.0:
+        return latch.spec.hold.stiffness * speed
+    return latch.law(speed, latch.direction * problem.forward.qdd[latch.v])

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.build import build_motion, follow_latches
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, motion_records, motion_warnings, redundant_rows
@@ -90,6 +90,10 @@ def deploy(
     """
     watch = watch or Stopwatch()
     motion = build_deployment(scene, watch)
+    if scene.deploy.latches:
+        from robodyn_cli.works.deploy.latched import deploy_latched
+
+        return deploy_latched(motion, motion.beginning, progress, watch, writer)
     with watch.stage("scan"):
         scanned = scan(motion, motion.options, progress=progress)
     done = _record(motion, scanned, writer, progress, watch)
@@ -114,15 +118,20 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
 
     Raises
     ------
-    CapabilityError : it has a controller, or no loops. SingularConfigurationError : it starts where it is to end.
+    CapabilityError : it has a controller, or neither loops nor a latch.
+    SingularConfigurationError : it starts where it is to end.
     """
     if scene.control is not None:
         raise CapabilityError(
             f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
             "'simulate'"
         )
-    _refuse_open_chain(scene)
     refuse_changes(scene, "deploy")
+    if scene.deploy.latches:
+        scene = dataclasses.replace(scene, latched=True)
+        ready, loads = integrable(scene, watch), bool(scene.deploy.loads)
+        return build_motion(ready, watch, follow_latches, reactions=loads, plan=plan)
+    _refuse_open_chain(scene)
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
     motion = build_motion(integrable(scene, watch), watch, follow_deployment, reactions=reactions, plan=plan)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
@@ -139,7 +148,7 @@ def _refuse_open_chain(scene: Scene) -> None:
     if not scene.loops and not scene.couplers and scene.deploy.criterion != "latch":
         raise CapabilityError(
             f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none; allowed in an open chain: "
-            "a latch that closes at a position (deploy.criterion: latch)",
+            "latches that close at positions (deploy.latches)",
             key="loops",
         )
 

@@ -1,0 +1,383 @@
+"""Latches along a motion: they close, each where its own condition is met, hold what they hold, and open again.
+
+The states of latches are parameters of the equations, beside those of joints that stick and meet stops, which go on
+with what the latches leave them. A rigid latch closes by an impulse, in which joints that rest on stops take part;
+those that close at the same instant do so together, by impulses of least norm where these are not unique.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.latches import FIELDS, refuse_company
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import NumericalError
+from robodyn_cli.formulations.events import GO_ON, Event, Halt, Jump, Outcome
+from robodyn_cli.integrators.runtime.options import Options
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.motion.contact.events import (
+    Change,
+    ContactFunction,
+    LatchFunction,
+    contact_functions,
+    known_sides,
+    latch_functions,
+)
+from robodyn_cli.motion.contact.impact import Impact
+from robodyn_cli.motion.contact.states import ContactStates
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.ready.singularity import classify, passive_determinant
+from robodyn_cli.record import mutable_record
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import LatchLock, LatchLockErrors
+
+TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
+AGAIN = 1e-6  # s, or part of the time: so soon after it has opened in its position a latch does not close
+NEW = 1e-6  # part of a row that must be independent of the others for its latch to bear anything
+TORN = 1e-6  # part of a rate, or of an acceleration, that a closed latch may leave
+
+
+@mutable_record
+class Closing:
+    """What has happened to a latch since it closed last.
+
+    order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
+    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. opened : when, None: it is closed.
+    """
+
+    order: int
+    time: float
+    angle: float | None
+    speed: float
+    lost: float = 0.0
+    impulse: float | None = None
+    peak: float = 0.0
+    peak_time: float = 0.0
+    rebounds: int = 0
+    opened: float | None = None
+    closings: int = 1
+
+
+class Latches(ContactStates):
+    """The latches of one run, and the contact states of its joints.
+
+    closed : numbers of the latches that are, in their order. bearing : those that hold by their own row; what the
+    others hold is held by these and the loops already. last : time and state x (nx,) before the last closing.
+    """
+
+    functions: tuple[Any, ...]
+
+    def __init__(self, problem: Problem, passive: Sequence[int] = ()) -> None:
+        refuse_company(problem)
+        super().__init__(problem)
+        self.latches, self.passive = problem.latches, passive
+        self.values = [
+            passive_determinant(problem, passive) if x.closes is None else x.closes for x in self.latches
+        ]
+        self._own = tuple(latch_functions(problem, self.values, self))
+        self.functions = (*self._own, *contact_functions(problem, self))
+
+    def follow(self, motion: Motion) -> None:
+        super().follow(motion)
+        p = self.problem
+        self._rows = SampleKernel(
+            {
+                "rows": [x for latch in self.latches for x in latch.psi],
+                "drift": [latch.gamma for latch in self.latches],
+                "values": self.values,
+            },
+            STATE_GROUPS,
+        )
+        self._q = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
+        self._v = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
+        self._names = p.model.q_names
+
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        return {**super().kernels, "latches at events": self._rows}
+
+    def _clear(self) -> None:
+        super()._clear()
+        self.closed: list[int] = []
+        self.bearing: list[int] = []
+        self.closings: dict[int, Closing] = {}
+        self.last: tuple[float, Array, int] | None = None
+        self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
+        self._since = np.full(len(self.latches), -np.inf)
+        self._frozen: set[int] = set()
+        self._values = np.ones(len(self.latches))
+
+    def facts(self, end: float) -> dict[str, Any]:
+        own = super().facts(end) if self.joints else {}
+        return {**own, "locks": {self.latches[k].name: self._described(k, end) for k in self.closings}}
+
+    @property
+    def warnings(self) -> list[str]:
+        return [
+            f"the run ends when latch {self.latches[k].name!r} closes, before its spring bears its largest load; "
+            "'deploy.until: end' follows it"
+            for k in self.closed
+            if self.last is not None and not self.latches[k].rigid and self._is_met() and k == self.last[2]
+        ]
+
+    def _described(self, k: int, end: float) -> LatchLock:
+        latch, it = self.latches[k], self.closings[k]
+        compliant = not latch.rigid and it.time < end
+        return LatchLock(
+            order=it.order,
+            time=it.time,
+            angle=ABSENT if it.angle is None else it.angle,
+            speed=it.speed,
+            energy_lost=it.lost,
+            angular_impulse=ABSENT if it.impulse is None else it.impulse,
+            peak_moment=it.peak if compliant else ABSENT,
+            peak_time=it.peak_time if compliant else ABSENT,
+            rebounds=it.rebounds,
+            closings=it.closings,
+            opened=ABSENT if it.opened is None else it.opened,
+            errors=LatchLockErrors(),
+        )
+
+    # -- a run ----------------------------------------------------------------------------------------
+    def begin(self, t: float, x: Array, options: Options) -> Array:
+        x = super().begin(t, x, options)
+        self._look(t, x)
+        self._since[np.abs(self._values) <= TORN] = t
+        return x
+
+    def _look(self, t: float, x: Array) -> tuple[Array, Array]:
+        """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
+        here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+        self._values = here["values"][0]
+        return here["rows"].reshape(len(self.latches), -1), here["drift"][0]
+
+    def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
+        """Return the mass matrix (nv, nv), and Psi (m, nv) with the rows of latches that bear below it."""
+        M, psi = super()._mass_matrix_and_psi(t, x)
+        return M, np.concatenate([psi, self._look(t, x)[0][self.bearing]]) if self.bearing else psi
+
+    def arm(self, x: Array) -> Outcome:
+        sides = {n: 1.0 for n, f in enumerate(self._own) if self._starts_positive(f)}
+        contacts = known_sides(self.functions[len(self._own) :], self.state, self.rest, self.contact)
+        return Jump(
+            x, self.p, sides | {n + len(self._own): side for n, side in contacts.items()}, self._flight
+        )
+
+    def _starts_positive(self, function: LatchFunction) -> bool:
+        """Tell whether a function at zero is to be watched from the positive side."""
+        k = function.number
+        if function.change is Change.CLOSES:
+            return k not in self.closed and self._values[k] == 0.0
+        just = self.last is not None and self.last[2] == k and k in self.closed
+        return just and function.change in (Change.MEETS, Change.LETS_GO)
+
+    def handle(self, event: Event) -> Outcome:
+        function = event.function
+        if isinstance(function, ContactFunction):
+            return GO_ON if function.joint in self._frozen else super().handle(event)
+        assert isinstance(function, LatchFunction)
+        t, x, k = event.time, event.state.copy(), function.number
+        self._flight = np.inf
+        if function.change is Change.CLOSES:
+            return self._close(t, x, k)
+        if k not in self.closed:
+            return GO_ON
+        if function.change is Change.OPENS:
+            return self._open(t, x, k)
+        self._load(t, x, k, function.change)
+        return GO_ON
+
+    def see(self, t: Array, x: Array) -> None:
+        super().see(t, x)
+        q = self.system.split(x)[0]
+        for k in self.closed:
+            latch = self.latches[k]
+            if not latch.rigid or k in self.bearing or latch.q is None:
+                continue
+            off = np.abs(q[:, latch.q] - self._rest[k])
+            if (wrong := off > TORN * max(1.0, abs(self._rest[k]))).any():
+                raise self._torn(float(t[int(np.argmax(wrong))]), k)
+
+    # -- closing --------------------------------------------------------------------------------------
+    def _close(self, t: float, x: Array, k: int) -> Outcome:
+        rows, _ = self._look(t, x)
+        latch = self.latches[k]
+        if k in self.closed or t <= self._since[k] + AGAIN * max(1.0, t):
+            return GO_ON
+        if latch.closes is None:
+            q = self.system.split(x)[0]
+            if classify(self.problem, q, self.passive).kind != "dead_point":
+                return GO_ON
+        self.last = (t, x.copy(), k)
+        places = list(self.system.v_places)
+        together = [k, *self._others(t, x, k)] if latch.rigid else [k]
+        order = 1 + sum(it.opened is None or it.time < t for it in self.closings.values())
+        for j in together:
+            self._take(t, x, j, float(rows[j] @ x[places]), order)
+        if latch.rigid:
+            self._strike_latches(t, x, together, rows[together])
+        self.closed += together
+        self._rearrange(t, x)
+        for j in together:
+            freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
+            lost = {"energy_lost": self.closings[j].lost, "degrees_of_freedom": int(freedom)}
+            self._log.append({"time": t, "name": self.latches[j].name, "kind": "latched", **lost})
+        return self._outcome(t, x)
+
+    def _take(self, t: float, x: Array, k: int, speed: float, order: int) -> None:
+        """Note a closing, and put a coordinate exactly where its latch holds it."""
+        latch, before = self.latches[k], self.closings.get(k)
+        place = self._q[k]
+        angle = None if place is None else float(x[place])
+        if place is not None and latch.is_own:
+            x[place] -= float(self._values[k])
+            angle = float(x[place])
+        self._rest[k] = 0.0 if angle is None else angle
+        self._direction[k] = 1.0 if speed >= 0.0 else -1.0
+        count = 1 if before is None else before.closings + 1
+        self.closings[k] = Closing(order, t, angle, speed, closings=count)
+        if not latch.rigid:
+            self.closings[k].peak, self.closings[k].peak_time = abs(latch.law(0.0, abs(speed))), t
+
+    def _others(self, t: float, x: Array, k: int) -> list[int]:
+        """Return the other rigid latches that close at the same instant: their positions are as near as rounding."""
+        near = TOGETHER * max(1.0, t)
+        others = []
+        for j, latch in enumerate(self.latches):
+            if j == k or j in self.closed or not latch.rigid or latch.closing is None:
+                continue
+            rate = float(x[self.system.v_places[latch.closing]])
+            way = {"up": rate > 0.0, "down": rate < 0.0}.get(latch.spec.side, True)
+            if way and rate != 0.0 and abs(self._values[j]) <= near * abs(rate):
+                others.append(j)
+        return others
+
+    def _strike_latches(self, t: float, x: Array, together: list[int], rows: Array) -> None:
+        """Change the state x by the impulses of rigid latches with these rows (k, nv)."""
+        places = list(self.system.v_places)
+        M, psi = self._mass_matrix_and_psi(t, x)
+        v, rates = x[places], rows @ x[places]
+        resting = {self.joints[j].v: side for j, side in self.contact.items()}
+        jump = np.concatenate([np.zeros(len(psi)), -rates])
+        met = Impact(M, np.concatenate([psi, rows]), v, None, resting, jump)
+        after, impulse = met.solved()
+        if np.abs(rows @ after).max() > TORN * np.abs(rows).max() * np.abs(v).max(initial=0.0):
+            names = ", ".join(self.latches[j].name for j in together)
+            raise NumericalError(
+                f"latch {names} closes at t = {t:.6g} s, and prescribed motion or loops force on what it holds",
+                time=t, status="latch",
+            )  # fmt: skip
+        for j, share, rate in zip(together, impulse[len(psi) :], rates):
+            self.closings[j].impulse = float(abs(share))
+            self.closings[j].lost = float(-0.5 * share * rate)
+        x[places] = after
+        for j in (*self.bearing, *together):
+            if (place := self._v[j]) is not None:
+                x[place] = 0.0
+        if self.system.work_place is not None:
+            x[self.system.work_place] -= met.lost(after)
+
+    def _open(self, t: float, x: Array, k: int) -> Outcome:
+        """Open a latch; the energy in its spring is lost."""
+        latch = self.latches[k]
+        q = self.system.split(x)[0]
+        if not latch.rigid and self.system.work_place is not None:
+            x[self.system.work_place] -= float(latch.stored(q, self._direction[k], self._rest[k]))
+        self.closed.remove(k)
+        self.closings[k].opened = t
+        self._log.append({"time": t, "name": latch.name, "kind": "opened"})
+        self._look(t, x)
+        self._since[k] = t
+        self._rearrange(t, x)
+        return self._outcome(t, x)
+
+    def _rearrange(self, t: float, x: Array) -> None:
+        """Choose the latches that bear, and find the contact states that they leave."""
+        self.bearing = []
+        psi = self._mass_matrix_and_psi(t, x)[1]
+        rows, drift = self._look(t, x)
+        basis = (
+            np.linalg.svd(psi, full_matrices=False)[2][: np.linalg.matrix_rank(psi, tol=1e-9)]
+            if len(psi)
+            else psi
+        )
+        idle = []
+        for k in (k for k in self.closed if self.latches[k].rigid):
+            rest = rows[k] - basis.T @ (basis @ rows[k])
+            if np.linalg.norm(rest) > NEW * np.linalg.norm(rows[k]):
+                basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+                self.bearing.append(k)
+            else:
+                idle.append(k)
+        held = np.einsum("ij,ij->j", basis, basis) > 1.0 - NEW
+        self._frozen = {k for k, joint in enumerate(self.joints) if held[joint.v]} if self.closed else set()
+        self._settle_speeds(x)
+        if self.joints:
+            x[:] = self._strike_others(t, x, -1)
+            self._settle(t, x, {})
+        self._write()
+        if idle:
+            a = self.rates(t, x)[0]
+            for k in idle:
+                left = abs(float(rows[k] @ a + drift[k]))
+                if not left <= TORN * (np.abs(rows[k]) @ np.abs(a) + abs(drift[k])) + 1e-300:
+                    raise self._torn(t, k)
+
+    def _torn(self, t: float, k: int) -> NumericalError:
+        return NumericalError(
+            f"latch {self.latches[k].name!r} holds what the loops and other latches hold already, but only in the pose "
+            f"in which it closed, and is torn open at t = {t:.6g} s: no finite impulse holds the mechanism there; "
+            "let it hold another joint, or close in another pose",
+            time=t, status="latch",
+        )  # fmt: skip
+
+    def _load(self, t: float, x: Array, k: int, change: Change) -> None:
+        """Note the load of a compliant latch, and whether it has been left."""
+        latch, it = self.latches[k], self.closings[k]
+        s, place, rate = self._direction[k], self._q[k], self._v[k]
+        assert place is not None and rate is not None
+        delta, speed = s * (x[place] - self._rest[k]), s * x[rate]
+        if change is Change.MEETS:
+            it.rebounds += speed < 0.0
+            delta = 0.0
+        load = float(latch.law(delta, speed)) if delta >= 0.0 else 0.0
+        if load > it.peak:
+            it.peak, it.peak_time = load, t
+
+    # -- contact states -------------------------------------------------------------------------------
+    def _settle_speeds(self, x: Array) -> None:
+        super()._settle_speeds(x)
+        for k in self._frozen:
+            self.rest.discard(k)
+            self.contact.pop(k, None)
+            self.state[k] = 0
+
+    def _write(self) -> None:
+        super()._write()
+        for k, latch in enumerate(self.latches):
+            closed, bears = float(k in self.closed), float(k in self.bearing)
+            values = (closed, bears, self._direction[k], self._rest[k])
+            self.p[latch.place : latch.place + len(FIELDS)] = values
+
+    def _outcome(self, t: float, x: Array) -> Outcome:
+        self._look(t, x)
+        jump = self.arm(x)
+        assert isinstance(jump, Jump)
+        return Halt(jump.state, jump.parameters, jump.sides, jump.step) if self._is_met() else jump
+
+    def _is_met(self) -> bool:
+        """Tell whether the run has come to what it goes on until."""
+        until = self.problem.scene.deploy.until
+        return until != "end" and self.are_closed
+
+    @property
+    def are_closed(self) -> bool:
+        """Whether the latch that is waited for is closed, or all are."""
+        until = self.problem.scene.deploy.until
+        names = {self.latches[k].name for k in self.closed}
+        return until in names if until not in ("all", "end") else len(names) == len(self.latches)

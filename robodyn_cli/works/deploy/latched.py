@@ -1,0 +1,225 @@
+"""Deployment with several latches: one motion that goes on behind each, until what is waited for is closed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.motion.contact.latches import Latches
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.method import supervisor_for
+from robodyn_cli.motion.motion import Beginning, Motion, Watcher
+from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
+from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
+from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.results.hdf5.writer import ResultWriter
+from robodyn_cli.results.result import Result
+from robodyn_cli.solve.extremes import largest
+from robodyn_cli.solve.quadrature import breaks_at
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.deploy import (
+    DeploySummary,
+    LockErrors,
+    LockKeys,
+    MissedErrors,
+    MissedLatch,
+)
+from robodyn_cli.summaries.facts import ABSENT, Termination
+from robodyn_cli.summaries.motion import MotionSummary
+from robodyn_cli.tools.progress import Progress, Stopwatch
+from robodyn_cli.works.deploy.recording import first_overload
+from robodyn_cli.works.simulate import drive
+
+
+def deploy_latched(
+    motion: Motion,
+    beginning: Beginning,
+    progress: Progress,
+    watch: Stopwatch,
+    writer: ResultWriter | None,
+) -> Result:
+    """Follow a motion with latches, from its beginning until what is waited for is closed.
+
+    Returns
+    -------
+    A Result with status ``locked``, ``no_lock`` or ``overload``, and ``summary["locks"]``.
+
+    Raises
+    ------
+    RobodynError : with ``result``.
+    """
+    with watch.stage("equations"):
+        recorder = Recorder.of(motion.observer, writer)
+    with watch.stage("method"):
+        driver = Driver.of(motion, supervisor_for(motion.choice))
+        driver.start(beginning.time, beginning.state)
+    run = Run(motion, beginning, driver, recorder)
+    stopped = drive(run, progress, watch)
+    recorder.keep_last_state(driver.time, driver.state, driver.parameters)
+    judgement = judge(run, stopped)
+    estimate = None
+    if judgement.failure is None and motion.scene.simulate.error_estimate:
+        with watch.stage("error_estimate"):
+            estimate = _estimate(run)
+    return _report(run, judgement, estimate, watch)
+
+
+def _estimate(run: Run) -> Estimate:
+    """Return the error of the run; the second one goes on until its own latches are closed."""
+    scene = run.motion.scene
+    first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
+    if run.driver.time < scene.simulate.duration:
+        first = dataclasses.replace(first, latest=scene.simulate.duration)
+    return estimate_error(
+        run.motion, first, run.recorder, figures=not watcher_of(run.driver.watchers).are_closed
+    )
+
+
+def watcher_of(watchers: Sequence[Watcher]) -> Latches:
+    """Return the one that follows latches."""
+    return next(watcher for watcher in watchers if isinstance(watcher, Latches))
+
+
+# -- the report ---------------------------------------------------------------------------------------------
+def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:
+    """Return the result with its summary.
+
+    Raises
+    ------
+    RobodynError : why the run failed, with the result.
+    """
+    failure, scene = judgement.failure, run.motion.scene
+    result = Result.of("deploy", scene, "failed")
+    result.events = run.driver.log
+    run.recorder.fill(result)
+    add_joint_limits(result, scene, run.motion.problem.model)
+    summary, *others = motion_records(run, judgement, estimate)
+    overload = None
+    if failure is None:
+        overload = first_overload(result, scene.deploy.loads)
+        latches = watcher_of(run.driver.watchers)
+        locked = "locked" if latches.are_closed else "no_lock"
+        result.status = "overload" if overload is not None else locked
+        summary = dataclasses.replace(summary, termination=Termination(_reason(latches), run.driver.time))
+    if overload is not None:
+        result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
+        result.events.sort(key=lambda event: float(event["time"]))
+    keys = DeploySummary(
+        lock=_lock(run, summary, estimate),
+        missed=_missed(run, estimate),
+        overload=overload if scene.deploy.loads and failure is None else ABSENT,
+    )
+    result.summarise(summary, *others, keys, seconds=watch.report())
+    return result.unless(failure)
+
+
+def _reason(latches: Latches) -> str:
+    """Return why the run ended, in words."""
+    until = latches.problem.scene.deploy.until
+    count = len(latches.latches)
+    if until not in ("all", "end"):
+        return f"latch {until} is closed" if latches.are_closed else f"duration: latch {until} is open"
+    if latches.are_closed:
+        every = "the latch is closed" if count == 1 else f"all {count} latches are closed"
+        return every if until == "all" else f"duration: {every}"
+    names = [x.name for k, x in enumerate(latches.latches) if k not in latches.closed]
+    return f"duration: {len(names)} of {count} latches are open ({', '.join(names[:8])}{', ...' * (len(names) > 8)})"
+
+
+def _lock(run: Run, summary: MotionSummary, estimate: Estimate | None) -> LockKeys | None:
+    """Return the last closing, with errors from the last one of the second run."""
+    own = _lock_of(run.motion, watcher_of(run.driver.watchers), summary)
+    if own is None or estimate is None or not estimate.watchers:
+        return own
+    other = _lock_of(run.motion, watcher_of(estimate.watchers), summary)
+    if other is None or other.name != own.name:
+        return own
+    return dataclasses.replace(with_second(own, other, estimate.factor, ("lock",)), time_error=own.time_error)
+
+
+def _lock_of(motion: Motion, latches: Latches, summary: MotionSummary) -> LockKeys | None:
+    if latches.last is None:
+        return None
+    time, state, k = latches.last
+    model, latch = motion.problem.model, latches.latches[k]
+    q, qd, _ = motion.system.split(state)
+    errors = summary.locks[latch.name].errors if isinstance(summary.locks, Mapping) else ABSENT
+    error = getattr(errors, "time", ABSENT)
+    return LockKeys(
+        time=time,
+        time_error=error if isinstance(error, float) else None,
+        time_error_method="difference from a second, tighter integration"
+        if isinstance(error, float)
+        else "not asked for",
+        angles=dict(zip(model.q_names, q.tolist())),
+        angles_deg={
+            n: float(np.degrees(x)) for n, x, u in zip(model.q_names, q, model.q_units) if u == "rad"
+        },
+        rates=dict(zip(model.v_names, qd.tolist())),
+        errors=LockErrors(),
+        kind="latched",
+        joint=None if latch.v is None else model.v_names[latch.v],
+        loop=None,
+        criterion="latches",
+        driven=False,
+        multiplier_growth=None,
+        growth_times={},
+        multipliers=None,
+        singular_values=None,
+        name=latch.name,
+    )
+
+
+def _missed(run: Run, estimate: Estimate | None) -> dict[str, MissedLatch]:
+    """Return how near the latches that have not closed came to it, with errors by the second run."""
+    latches = watcher_of(run.driver.watchers)
+    names = {x.name: k for k, x in enumerate(latches.latches) if k not in latches.closings}
+    if not names or not run.recorder.samples:
+        return {}
+    jumps = [float(event["time"]) for event in run.driver.log]
+    own = _nearest(latches, run.recorder, names, jumps)
+    if estimate is None or estimate.recorder is None:
+        return own
+    other = _nearest(latches, estimate.recorder, names, jumps)
+    missed: dict[str, MissedLatch] = with_second(own, other, estimate.factor, ("missed", "LATCH"))
+    return missed
+
+
+def _nearest(
+    latches: Latches, recorder: Recorder, names: Mapping[str, int], jumps: Sequence[float]
+) -> dict[str, MissedLatch]:
+    """Return where each of some latches was nearest to closing, between the samples too."""
+    t, q, v = (recorder.array(path) for path in ("time", "q", "qd"))
+    kernel = SampleKernel({"g": [latches.values[k] for k in names.values()]}, STATE_GROUPS)
+    p = np.zeros(len(latches.p))
+    values = kernel.evaluate(len(t), {"t": t[:, None], "q": q, "v": v, "z": np.zeros((len(t), 0)), "p": p})[
+        "g"
+    ]
+    nearest = {}
+    for (name, k), g in zip(names.items(), values.T):
+        if latches.latches[k].closes is None:
+            nearest[name] = MissedLatch(None, None, MissedErrors())
+        else:
+            nearest[name] = _nearest_of(t, g, jumps)
+    return nearest
+
+
+def _nearest_of(t: Array, g: Array, jumps: Sequence[float]) -> MissedLatch:
+    """Return the least |g| of samples g (T,) at times t (T,)."""
+    passed = np.flatnonzero(g[:-1] * g[1:] <= 0.0)
+    if len(passed):  # on the side on which the latch does not close
+        k = int(passed[0])
+        step = float(t[k + 1] - t[k])
+        part = abs(g[k]) / max(abs(g[k]) + abs(g[k + 1]), 1e-300)
+        return MissedLatch(0.0, float(t[k] + part * step), MissedErrors(0.0, step))
+    least = largest(t, -np.abs(g)[:, None], breaks_at(t, jumps))
+    value, error, time, time_error = (
+        float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
+    )
+    return MissedLatch(-value, time, MissedErrors(error, time_error))
