@@ -103,9 +103,9 @@ class LatchRow:
         """Return the energy stored [J]."""
         return self.closed * self.stored(q, self.direction, self.rest)
 
-    def stored(self, q: Sequence[Any], direction: Any, rest: Any) -> Any:
+    def stored(self, q: Any, direction: Any, rest: Any) -> Any:
         """Return the energy [J] in its spring while it is closed with such s and rest."""
-        delta = maximum(direction * (q[self.q] - rest), 0.0)  # type: ignore[index]
+        delta = maximum(direction * (q[self.q] - rest), 0.0)
         return 0.5 * self.spec.hold.stiffness * (delta * delta)
 
 
@@ -124,13 +124,24 @@ def latch_rows(problem: Problem) -> tuple[LatchRow, ...]:
     for k, given in enumerate(problem.scene.deploy.latches):
         spec = placed(given, f"deploy.latches.{given.name}")
         place = first + len(FIELDS) * k
-        symbols = [
+        closed, hold, direction, rest = (
             model.graph.symbol(f"{spec.name}.{name}", PARAMETER_GROUP, place + i)
             for i, name in enumerate(FIELDS)
-        ]
-        held = _held(problem, spec)
+        )
         opens = None if spec.release is None else spec.release.evaluate(problem.environment)
-        rows.append(LatchRow(spec, place, *symbols, *held, *_closes(problem, spec), opens))
+        rows.append(
+            LatchRow(
+                spec,
+                place,
+                closed,
+                hold,
+                direction,
+                rest,
+                *_held(problem, spec),
+                *_closes(problem, spec),
+                opens,
+            )
+        )
     return tuple(rows)
 
 

@@ -93,8 +93,8 @@ class Latches(ContactStates):
             },
             STATE_GROUPS,
         )
-        self._q = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
-        self._v = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
+        self._q_of = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
+        self._v_of = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
         self._names = p.model.q_names
 
     @property
@@ -189,7 +189,7 @@ class Latches(ContactStates):
             return GO_ON
         if function.change is Change.OPENS:
             return self._open(t, x, k)
-        self._load(t, x, k, function.change)
+        self._bear(t, x, k, function.change)
         return GO_ON
 
     def see(self, t: Array, x: Array) -> None:
@@ -232,7 +232,7 @@ class Latches(ContactStates):
     def _take(self, t: float, x: Array, k: int, speed: float, order: int) -> None:
         """Note a closing, and put a coordinate exactly where its latch holds it."""
         latch, before = self.latches[k], self.closings.get(k)
-        place = self._q[k]
+        place = self._q_of[k]
         angle = None if place is None else float(x[place])
         if place is not None and latch.is_own:
             x[place] -= float(self._values[k])
@@ -277,7 +277,7 @@ class Latches(ContactStates):
             self.closings[j].lost = float(-0.5 * share * rate)
         x[places] = after
         for j in (*self.bearing, *together):
-            if (place := self._v[j]) is not None:
+            if (place := self._v_of[j]) is not None:
                 x[place] = 0.0
         if self.system.work_place is not None:
             x[self.system.work_place] -= met.lost(after)
@@ -336,10 +336,10 @@ class Latches(ContactStates):
             time=t, status="latch",
         )  # fmt: skip
 
-    def _load(self, t: float, x: Array, k: int, change: Change) -> None:
+    def _bear(self, t: float, x: Array, k: int, change: Change) -> None:
         """Note the load of a compliant latch, and whether it has been left."""
         latch, it = self.latches[k], self.closings[k]
-        s, place, rate = self._direction[k], self._q[k], self._v[k]
+        s, place, rate = self._direction[k], self._q_of[k], self._v_of[k]
         assert place is not None and rate is not None
         delta, speed = s * (x[place] - self._rest[k]), s * x[rate]
         if change is Change.MEETS:
