@@ -2,7 +2,7 @@
 
 Whether a latch is closed is a parameter p of the equations, so one compiled program serves all combinations.
 
-    rigid:      rho v = 0 with a multiplier, where hold = 1
+    rigid:      rho v = 0, where hold = 1
     compliant:  tau = -s max(0, k delta + c delta-dot) where delta = s (q - rest) > 0 and closed = 1
 
 rho (nv,) is the row of what the latch holds: the rate of a joint, or the rate at which two links turn against each
@@ -20,7 +20,7 @@ from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Loop
 from robodyn_cli.model.places import placed
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Array, Vector, dot, zeros
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.problem import Problem
@@ -145,11 +145,6 @@ def latch_rows(problem: Problem) -> tuple[LatchRow, ...]:
     return tuple(rows)
 
 
-def rigid(latches: Sequence[LatchRow]) -> list[LatchRow]:
-    """Return those that hold by a multiplier."""
-    return [latch for latch in latches if latch.rigid]
-
-
 def _closes(problem: Problem, spec: DeployLatch) -> tuple[int | None, Scalar | None]:
     """Return the place in v of the coordinate whose position closes a latch, and what passes zero where it closes."""
     if spec.when is not None:
@@ -226,19 +221,39 @@ def _turning(problem: Problem, loop: Loop) -> tuple[Vector, Scalar]:
     return n @ (second.Jw - first.Jw), dot(n, second.wd - first.wd)
 
 
-def held_rows(problem: Problem) -> tuple[Array, list[Scalar], list[Scalar], list[int | None]]:
-    """Return what parameters hold, joints with a contact state first and then rigid latches: rows (k, nv), their drift,
-    the parameters that hold them, and the velocity coordinate of each, None where it holds none.
+def without_held(problem: Problem, f: Values, psi: Matrix) -> tuple[Matrix, Vector, Matrix]:
+    """Return M (nv, nv), f (nv,) and rows Psi (m, nv) without the coordinates that rigid latches hold.
+
+    In their own equations nothing is left but their inertia, so that they have no acceleration, and the others move as
+    if they were not there.
     """
-    contacts, latches = problem.contact_joints, rigid(problem.latches)
+    if not problem.latches:
+        return problem.mass_matrix, vector(list(f)), psi
+    M, f, psi = problem.mass_matrix.copy(), vector(list(f)), psi.copy()
+    held: dict[int, Scalar] = {}
+    for latch in problem.latches:
+        if latch.rigid and latch.v is not None:
+            held[latch.v] = held.get(latch.v, 1.0) - latch.hold
+    for v, moves in held.items():
+        own, M[v] = M[v, v], M[v] * moves
+        M[:, v] = M[:, v] * moves
+        M[v, v], f[v], psi[:, v] = own, f[v] * moves, psi[:, v] * moves
+    return M, f, psi
+
+
+def held_rows(problem: Problem) -> tuple[Matrix, list[Scalar], list[Scalar]]:
+    """Return what parameters hold by a multiplier, joints with a contact state first, then latches between links that a
+    closure joins: rows (k, nv), their drift, and the parameters that hold them.
+    """
+    contacts = problem.contact_joints
+    latches = [latch for latch in problem.latches if latch.rigid and latch.v is None]
     rows = zeros(len(contacts) + len(latches), problem.model.nv)
     for k, joint in enumerate(contacts):
         rows[k, joint.v] = 1.0
     for k, latch in enumerate(latches, start=len(contacts)):
         rows[k] = latch.psi
     drift = [*(0.0 for _ in contacts), *(latch.gamma for latch in latches)]
-    holds = [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)]
-    return rows, drift, holds, [*(joint.v for joint in contacts), *(latch.v for latch in latches)]
+    return rows, drift, [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)]
 
 
 def refuse_company(problem: Problem) -> None:

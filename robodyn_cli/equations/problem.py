@@ -340,7 +340,7 @@ class Problem:
 
     @cached_property
     def holding(self) -> list[Scalar]:
-        """Multipliers of joints with a contact state, then of rigid latches: the torques that hold them, or zero."""
+        """Multipliers of the joints with a contact state: the torques that hold them, zero for free joints."""
         return self._solved[1]
 
     @cached_property
@@ -354,15 +354,15 @@ class Problem:
         f = self.applied - self.bias
         if not self.has_multipliers:
             return Multipliers(self.free_accelerations(f), zeros(0)), []
-        from robodyn_cli.equations.latches import held_rows
+        from robodyn_cli.equations.latches import held_rows, without_held
 
-        factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
-        rows, drift, holds, held = held_rows(self)
+        rows, drift, holds = held_rows(self)
         psi = np.concatenate([self.independent_rows.psi(self.model.nv), rows])
+        M, f, psi = without_held(self, f, psi)
+        factor = LdlFactor.of(M, self.elimination_order)
         solved = solve_with_multipliers(factor, f, psi, [*gamma, *drift], holds)
-        for v, hold in zip(held, holds):
-            if v is not None:  # rounding must not set a held joint in motion
-                solved.qdd[v] = solved.qdd[v] * (1.0 - hold)
+        for joint in self.contact_joints:  # rounding must not set a held joint in motion
+            solved.qdd[joint.v] = solved.qdd[joint.v] * (1.0 - joint.hold)
         lam, holding = solved.lam[: len(gamma)], list(solved.lam[len(gamma) :])
         if self.combinations:
             from robodyn_cli.equations.constraints import multipliers_of_rows
