@@ -17,6 +17,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 
+TOGETHER = 1e-9  # rad, within which other latches close at the same instant
+
+
 @dataclasses.dataclass
 class Panels:
     """mass, com, length, inertia (about the com), stiffness, rest, damping, at, start : by panel (n,).
@@ -45,6 +48,15 @@ class Panels:
             rng.uniform(0.3, 0.9, n), -np.sign(start) * rng.uniform(0.6, 1.2, n), rng.uniform(0.05, 0.2, n),
             rng.uniform(-0.05, 0.05, n), start, np.zeros((0, n)),
         )  # fmt: skip
+
+    def synchronised(self) -> Panels:
+        """Return the array folded flat, with couplers that keep the hinges at the same part of their way."""
+        n = len(self.mass)
+        start = np.array([-np.pi / 2, *[np.pi * (-1) ** k for k in range(n - 1)]])
+        rows = np.zeros((n - 1, n))
+        rows[:, 0] = 1.0
+        rows[np.arange(n - 1), np.arange(1, n)] = -start[0] / start[1:]
+        return dataclasses.replace(self, start=start, at=np.zeros(n), couplers=rows)
 
     def scene(self, **simulate: Any) -> dict[str, Any]:
         """Return the same as a scene."""
@@ -128,7 +140,6 @@ class Panels:
         closings = []
         while len(latched) < n and t < end:
             open_ = [k for k in range(n) if k not in latched]
-            before = np.sign(self.start - self.at)
 
             def meets(k: int) -> Any:
                 def value(_: float, y: np.ndarray) -> float:
@@ -143,10 +154,9 @@ class Panels:
                 events=[meets(k) for k in open_],
             )  # fmt: skip
             t, phi, rate = float(run.t[-1]), run.y[:n, -1], run.y[n:, -1]
-            closing = [k for k, times in zip(open_, run.t_events) if len(times)]
-            if not closing:
+            if not any(len(times) for times in run.t_events):
                 break
-            assert before is not None
+            closing = [k for k in open_ if abs((D @ phi)[k] - self.at[k]) < TOGETHER]
             speed = D @ rate
             after = self.struck(phi, rate, [*latched, *closing])
             lost = self.energy(phi, rate) - self.energy(phi, after)

@@ -35,6 +35,27 @@ def test_closings_of_random_arrays_are_within_their_errors(seed: int) -> None:
             own = locks[f"latch{k}"]
             for key, value in (("time", time), ("speed", speed), ("energy_lost", lost)):
                 allowed = own["errors"][key] + ORACLE * max(1.0, abs(value))
-                assert abs(own[key] - value) <= allowed, (tolerances, key, own[key] - value, own["errors"][key])
+                assert abs(own[key] - value) <= allowed, (
+                    tolerances,
+                    key,
+                    own[key] - value,
+                    own["errors"][key],
+                )
             if tolerances:
                 assert abs(own["time"] - time) <= 1e-9
+
+
+@pytest.mark.parametrize("seed", SEEDS[:3])
+def test_synchronised_arrays_close_all_latches_at_once(seed: int) -> None:
+    rng = np.random.default_rng([seed, 1])
+    panels = Panels.random(rng, int(rng.integers(2, 7))).synchronised()
+    (_, time, _, lost), *others = panels.deploy()
+    assert len(others) == len(panels.mass) - 1
+    summary = _deployed(panels)
+    locks = summary["locks"].values()
+    assert len(locks) == len(panels.mass) and {own["order"] for own in locks} == {1}
+    for own in locks:
+        assert abs(own["time"] - time) <= own["errors"]["time"] + ORACLE * time
+    allowed = sum(own["errors"]["energy_lost"] for own in locks) + ORACLE * max(1.0, lost)
+    assert abs(sum(own["energy_lost"] for own in locks) - lost) <= allowed
+    assert max(abs(x) for x in summary["final"]["qd"].values()) < 1e-12

@@ -67,7 +67,8 @@ class Latches(ContactStates):
     """The latches of one run, and the contact states of its joints.
 
     closed : numbers of the latches that are, in their order. bearing : those that hold by their own row; what the
-    others hold is held by these and the loops already. last : time and state x (nx,) before the last closing.
+    others hold is held by these and the loops already. last : time and state x (nx,) before the last closing. turns :
+    times of events, where motions may turn back, and how far latches are from closing there (k,).
     """
 
     functions: tuple[Any, ...]
@@ -110,6 +111,7 @@ class Latches(ContactStates):
         self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
         self._since = np.full(len(self.latches), -np.inf)
         self._frozen: set[int] = set()
+        self.turns: list[tuple[float, Array]] = []
         self._values = np.ones(len(self.latches))
 
     def facts(self, end: float) -> dict[str, Any]:
@@ -154,6 +156,7 @@ class Latches(ContactStates):
         """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
         here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
         self._values = here["values"][0]
+        self.turns.append((t, np.abs(self._values)))
         return here["rows"].reshape(len(self.latches), -1), here["drift"][0]
 
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
@@ -179,7 +182,11 @@ class Latches(ContactStates):
     def handle(self, event: Event) -> Outcome:
         function = event.function
         if isinstance(function, ContactFunction):
-            return GO_ON if function.joint in self._frozen else super().handle(event)
+            if function.joint in self._frozen:
+                return GO_ON
+            outcome = super().handle(event)
+            self._look(event.time, event.state)
+            return outcome
         assert isinstance(function, LatchFunction)
         t, x, k = event.time, event.state.copy(), function.number
         self._flight = np.inf

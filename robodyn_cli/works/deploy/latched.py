@@ -182,18 +182,15 @@ def _missed(run: Run, estimate: Estimate | None) -> dict[str, MissedLatch]:
     names = {x.name: k for k, x in enumerate(latches.latches) if k not in latches.closings}
     if not names or not run.recorder.samples:
         return {}
-    jumps = [float(event["time"]) for event in run.driver.log]
-    own = _nearest(latches, run.recorder, names, jumps)
+    own = _nearest(latches, run.recorder, names)
     if estimate is None or estimate.recorder is None:
         return own
-    other = _nearest(latches, estimate.recorder, names, jumps)
+    other = _nearest(watcher_of(estimate.watchers), estimate.recorder, names)
     missed: dict[str, MissedLatch] = with_second(own, other, estimate.factor, ("missed", "LATCH"))
     return missed
 
 
-def _nearest(
-    latches: Latches, recorder: Recorder, names: Mapping[str, int], jumps: Sequence[float]
-) -> dict[str, MissedLatch]:
+def _nearest(latches: Latches, recorder: Recorder, names: Mapping[str, int]) -> dict[str, MissedLatch]:
     """Return where each of some latches was nearest to closing, between the samples too."""
     t, q, v = (recorder.array(path) for path in ("time", "q", "qd"))
     kernel = SampleKernel({"g": [latches.values[k] for k in names.values()]}, STATE_GROUPS)
@@ -206,20 +203,27 @@ def _nearest(
         if latches.latches[k].closes is None:
             nearest[name] = MissedLatch(None, None, MissedErrors())
         else:
-            nearest[name] = _nearest_of(t, g, jumps)
+            nearest[name] = _nearest_of(t, g, [(time, float(own[k])) for time, own in latches.turns])
     return nearest
 
 
-def _nearest_of(t: Array, g: Array, jumps: Sequence[float]) -> MissedLatch:
-    """Return the least |g| of samples g (T,) at times t (T,)."""
+def _nearest_of(t: Array, g: Array, turns: Sequence[tuple[float, float]]) -> MissedLatch:
+    """Return the least |g| of samples g (T,) at times t (T,), or where an event turns the motion back.
+
+    turns : times of events, and |g| there.
+    """
     passed = np.flatnonzero(g[:-1] * g[1:] <= 0.0)
     if len(passed):  # on the side on which the latch does not close
         k = int(passed[0])
         step = float(t[k + 1] - t[k])
         part = abs(g[k]) / max(abs(g[k]) + abs(g[k + 1]), 1e-300)
         return MissedLatch(0.0, float(t[k] + part * step), MissedErrors(0.0, step))
-    least = largest(t, -np.abs(g)[:, None], breaks_at(t, jumps))
+    least = largest(t, -np.abs(g)[:, None], breaks_at(t, sorted({time for time, _ in turns})))
     value, error, time, time_error = (
         float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
     )
+    away = time_error + float(t[1] - t[0])
+    for turn, distance in turns:
+        if abs(turn - time) <= away and abs(distance + value) <= error:  # the same one, and known exactly
+            return MissedLatch(distance, turn, MissedErrors(0.0, 0.0))
     return MissedLatch(-value, time, MissedErrors(error, time_error))
