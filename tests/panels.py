@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from scipy.integrate import solve_ivp
 
-
 TOGETHER = 1e-9  # rad, within which other latches close at the same instant
 
 
@@ -142,15 +141,15 @@ class Panels:
             open_ = [k for k in range(n) if k not in latched]
 
             def meets(k: int) -> Any:
-                def value(_: float, y: np.ndarray) -> float:
+                def value(_: float, y: np.ndarray, held: list[int]) -> float:
                     return float((D @ y[:n])[k] - self.at[k])
 
                 value.terminal = True  # type: ignore[attr-defined]
                 return value
 
             run = solve_ivp(
-                lambda _, y: np.concatenate([y[n:], self.accelerations(y[:n], y[n:], latched)]),
-                (t, end), np.concatenate([phi, rate]), method="DOP853", rtol=1e-13, atol=1e-14,
+                lambda _, y, held: np.concatenate([y[n:], self.accelerations(y[:n], y[n:], held)]),
+                (t, end), np.concatenate([phi, rate]), method="DOP853", rtol=1e-13, atol=1e-14, args=(latched,),
                 events=[meets(k) for k in open_],
             )  # fmt: skip
             t, phi, rate = float(run.t[-1]), run.y[:n, -1], run.y[n:, -1]

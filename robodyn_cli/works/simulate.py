@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.build import build_motion, follow_latches, follow_motion
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
@@ -49,7 +50,7 @@ def simulate(
     """
     watch = watch or Stopwatch()
     run = _start(scene, writer, watch)
-    stopped = drive(run, progress, watch, journal)
+    stopped = _drive(run, progress, watch, journal)
     judgement = judge(run, stopped)
     estimate = None
     if judgement.failure is None and scene.simulate.error_estimate:
@@ -77,13 +78,15 @@ def motion_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
     from robodyn_cli.motion.going_on import stored_run
 
     stored = stored_run(scene)
-    motion = build_motion(integrable(stored.completed(), watch), watch)
+    scene, follow = stored.completed(), follow_motion
+    if stored.latched and scene.deploy.latches:  # the same mechanism, to the end of the duration
+        deploy = dataclasses.replace(scene.deploy, until="end")
+        scene, follow = dataclasses.replace(scene, latched=True, deploy=deploy), follow_latches
+    motion = build_motion(integrable(scene, watch), watch, follow)
     return motion, stored.beginning(motion)
 
 
-def drive(
-    run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None = None
-) -> RobodynError | None:
+def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:
     """Integrate over the duration and record; return why the run ended before, with its last state recorded."""
     s, driver, recorder = run.motion.scene.simulate, run.driver, run.recorder
     driver.tick = lambda time: progress(time, s.duration)

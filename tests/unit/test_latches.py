@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -273,3 +274,98 @@ def test_what_does_not_fit_together_is_refused(change: dict[str, Any], message: 
     tree["deploy"] = change
     with pytest.raises((SceneError, RobodynError), match=message.replace("(", r"\(")):
         load_scene_text(yaml.safe_dump(tree))
+
+
+# -- going on ---------------------------------------------------------------------------------------------
+def pair(**deploy_keys: Any) -> dict[str, Any]:
+    """Return two panels in a chain; the first reaches its latch well before the second."""
+    tree = panel()
+    joint = {
+        "name": "elbow",
+        "type": "revolute",
+        "axis": [0, 0, 1],
+        "origin": {"xyz": [1, 0, 0]},
+        "damper": {"damping": 0.1},
+    }
+    tree["robot"]["joints"].append(joint)
+    tree["robot"]["links"].append({"name": "fore", "mass": 1.0, "com": [0.4, 0, 0], "inertia": {"zz": 0.1}})
+    tree["torques"]["elbow"] = -0.02
+    tree["initial"]["q"]["elbow"] = 2.0
+    tree["deploy"]["latches"].append({"name": "lower", "joint": "elbow", "at": 0.5})
+    tree["deploy"] |= deploy_keys
+    tree["simulate"]["duration"] = 40
+    return tree
+
+
+def stored(tree: dict[str, Any], folder: Path) -> Result:
+    from robodyn_cli.results.hdf5 import write
+
+    result = deployed(tree)
+    write(result, folder / "result.h5")
+    return result
+
+
+def test_deployment_goes_on_from_its_first_lock(tmp_path: Path) -> None:
+    whole = deployed(pair())
+    first = stored(pair(until="catch"), tmp_path)
+    assert list(first.summary["locks"]) == ["catch"]
+    again = pair()
+    again["initial"]["from"] = str(tmp_path)
+    rest = deployed(again)
+    assert rest.status == "locked" and list(rest.summary["locks"]) == ["lower"]
+    own, other = rest.summary["locks"]["lower"], whole.summary["locks"]["lower"]
+    assert own["time"] == pytest.approx(other["time"], abs=1e-9)
+    assert own["energy_lost"] == pytest.approx(other["energy_lost"], abs=1e-9)
+    assert np.ptp(rest["q"][:, 0]) == 0.0
+
+
+def test_simulation_goes_on_with_the_locked_mechanism(tmp_path: Path) -> None:
+    from robodyn_cli.works.simulate import simulate
+
+    stored(pair(until="catch"), tmp_path)
+    tree = pair()
+    tree["initial"]["from"] = str(tmp_path)
+    result = simulate(load_scene_text(yaml.safe_dump(tree)))
+    assert result.time[-1] == tree["simulate"]["duration"] and result.status == "ok"
+    assert np.ptp(result["q"][:, 0]) == 0.0 and list(result.summary["locks"]) == ["lower"]
+
+
+def test_stage_that_is_released_starts_from_a_lock_without_the_joints_that_are_gone(tmp_path: Path) -> None:
+    first = stored(pair(), tmp_path)
+    tree = pair()
+    tree["robot"]["joints"].pop(0)
+    base = tree["robot"]["links"].pop(0)
+    assert base["name"] == "panel"
+    del tree["torques"]["hinge"], tree["initial"]["q"]["hinge"]
+    tree["deploy"] = {"latches": [{"name": "other", "joint": "elbow", "at": 0.1}], "until": "end"}
+    tree["simulate"]["duration"] = 80
+    tree["initial"] = {"from": str(tmp_path)}
+    result = deployed(tree)
+    told = " ".join(result.summary["warnings"])
+    assert "joints of the stored run that this scene does not have: hinge" in told
+    assert "catch, lower" in told and "open" in told
+    # samples keep to the grid, the first one lies up to 0.8 s behind the lock
+    assert result["q"][0, 0] == pytest.approx(first.summary["final"]["q"]["elbow"], abs=0.05)
+    assert "other" in result.summary["locks"]
+
+
+def test_joint_that_moves_is_not_left_behind(tmp_path: Path) -> None:
+    stored(pair(until="catch"), tmp_path)
+    tree = pair()
+    tree["robot"]["joints"].pop()
+    tree["robot"]["links"].pop()
+    del tree["torques"]["elbow"]
+    tree["initial"] = {"from": str(tmp_path)}
+    tree["deploy"]["latches"].pop()
+    with pytest.raises(SceneError, match="elbow.*moves at"):
+        deployed(tree)
+
+
+def test_deployment_with_one_latch_is_not_gone_on_from(tmp_path: Path) -> None:
+    from robodyn_cli.results.hdf5 import write
+
+    write(deploy(load_scene(FOUR_BAR)), tmp_path / "result.h5")
+    with pytest.raises(SceneError, match="deployment with one 'latch'"):
+        deployed(
+            {**four_bar({"name": "a", "joint": "theta1", "at": 1.0}), "initial": {"from": str(tmp_path)}}
+        )

@@ -7,18 +7,18 @@ those that close at the same instant do so together, by impulses of least norm w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.equations.latches import FIELDS, refuse_company
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import NumericalError
 from robodyn_cli.formulations.events import GO_ON, Event, Halt, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.motion.contact.checks import forced_on, torn_open
 from robodyn_cli.motion.contact.events import (
     Change,
     ContactFunction,
@@ -33,7 +33,7 @@ from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.singularity import classify, passive_determinant
 from robodyn_cli.record import mutable_record
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import LatchLock, LatchLockErrors
 
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
@@ -47,19 +47,19 @@ class Closing:
     """What has happened to a latch since it closed last.
 
     order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
-    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. opened : when, None: it is closed.
+    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. opened : when, if it has.
     """
 
     order: int
     time: float
-    angle: float | None
+    angle: float | Absent
     speed: float
     lost: float = 0.0
-    impulse: float | None = None
+    impulse: float | Absent = ABSENT
     peak: float = 0.0
     peak_time: float = 0.0
     rebounds: int = 0
-    opened: float | None = None
+    opened: float | Absent = ABSENT
     closings: int = 1
 
 
@@ -68,7 +68,8 @@ class Latches(ContactStates):
 
     closed : numbers of the latches that are, in their order. bearing : those that hold by their own row; what the
     others hold is held by these and the loops already. last : time and state x (nx,) before the last closing. turns :
-    times of events, where motions may turn back, and how far latches are from closing there (k,).
+    times of events, where motions may turn back, and how far latches are from closing there (k,). given : latches that
+    an earlier run has closed, by name, with the event at which it did.
     """
 
     functions: tuple[Any, ...]
@@ -77,6 +78,8 @@ class Latches(ContactStates):
         refuse_company(problem)
         super().__init__(problem)
         self.latches, self.passive = problem.latches, passive
+        self.names = [latch.name for latch in self.latches]
+        self.given: Mapping[str, Mapping[str, Any]] = {}
         self.values = [
             passive_determinant(problem, passive) if x.closes is None else x.closes for x in self.latches
         ]
@@ -111,46 +114,52 @@ class Latches(ContactStates):
         self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
         self._since = np.full(len(self.latches), -np.inf)
         self._frozen: set[int] = set()
+        self._brisk = 1e-300  # the largest acceleration at a closing so far
         self.turns: list[tuple[float, Array]] = []
         self._values = np.ones(len(self.latches))
 
     def facts(self, end: float) -> dict[str, Any]:
         own = super().facts(end) if self.joints else {}
-        return {**own, "locks": {self.latches[k].name: self._described(k, end) for k in self.closings}}
+        return {**own, "locks": {self.names[k]: self._described(k, end) for k in self.closings}}
 
     @property
     def warnings(self) -> list[str]:
         return [
-            f"the run ends when latch {self.latches[k].name!r} closes, before its spring bears its largest load; "
+            f"the run ends when latch {self.names[k]!r} closes, before its spring bears its largest load; "
             "'deploy.until: end' follows it"
             for k in self.closed
             if self.last is not None and not self.latches[k].rigid and self._is_met() and k == self.last[2]
         ]
 
     def _described(self, k: int, end: float) -> LatchLock:
-        latch, it = self.latches[k], self.closings[k]
-        compliant = not latch.rigid and it.time < end
+        it = self.closings[k]
+        compliant = not self.latches[k].rigid and it.time < end
+        peak, when = (it.peak if compliant else ABSENT), (it.peak_time if compliant else ABSENT)
         return LatchLock(
-            order=it.order,
-            time=it.time,
-            angle=ABSENT if it.angle is None else it.angle,
-            speed=it.speed,
-            energy_lost=it.lost,
-            angular_impulse=ABSENT if it.impulse is None else it.impulse,
-            peak_moment=it.peak if compliant else ABSENT,
-            peak_time=it.peak_time if compliant else ABSENT,
-            rebounds=it.rebounds,
-            closings=it.closings,
-            opened=ABSENT if it.opened is None else it.opened,
-            errors=LatchLockErrors(),
-        )
+            it.order, it.time, it.angle, it.speed, it.lost, it.impulse, peak, when, it.rebounds, it.closings, it.opened,
+            LatchLockErrors(),
+        )  # fmt: skip
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
         x = super().begin(t, x, options)
         self._look(t, x)
         self._since[np.abs(self._values) <= TORN] = t
+        for k, name in enumerate(self.names):
+            if name in self.given:
+                self._take_up(x, k, self.given[name])
+        if self.closed:
+            self._rearrange(t, x)
         return x
+
+    def _take_up(self, x: Array, k: int, event: Mapping[str, Any]) -> None:
+        """Close a latch as an earlier run has closed it, at this event."""
+        latch, place = self.latches[k], self._v_of[k]
+        self.closed.append(k)
+        self._direction[k] = 1.0 if event["speed"] >= 0.0 else -1.0
+        self._rest[k] = event["rest"]
+        if latch.rigid and place is not None:
+            x[place] = 0.0
 
     def _look(self, t: float, x: Array) -> tuple[Array, Array]:
         """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
@@ -208,7 +217,7 @@ class Latches(ContactStates):
                 continue
             off = np.abs(q[:, latch.q] - self._rest[k])
             if (wrong := off > TORN * max(1.0, abs(self._rest[k]))).any():
-                raise self._torn(float(t[int(np.argmax(wrong))]), k)
+                raise torn_open(self.names[k], float(t[int(np.argmax(wrong))]))
 
     # -- closing --------------------------------------------------------------------------------------
     def _close(self, t: float, x: Array, k: int) -> Outcome:
@@ -221,9 +230,11 @@ class Latches(ContactStates):
             if classify(self.problem, q, self.passive).kind != "dead_point":
                 return GO_ON
         self.last = (t, x.copy(), k)
+        if self.problem.constraints.rows:
+            self._brisk = max(self._brisk, float(np.abs(self.rates(t, x)[0]).max()))
         places = list(self.system.v_places)
         together = [k, *self._others(t, x, k)] if latch.rigid else [k]
-        order = 1 + sum(it.opened is None or it.time < t for it in self.closings.values())
+        order = 1 + sum(it.time < t for it in self.closings.values())
         for j in together:
             self._take(t, x, j, float(rows[j] @ x[places]), order)
         if latch.rigid:
@@ -232,19 +243,24 @@ class Latches(ContactStates):
         self._rearrange(t, x)
         for j in together:
             freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
-            lost = {"energy_lost": self.closings[j].lost, "degrees_of_freedom": int(freedom)}
-            self._log.append({"time": t, "name": self.latches[j].name, "kind": "latched", **lost})
+            it = self.closings[j]
+            facts = {
+                "energy_lost": it.lost,
+                "degrees_of_freedom": int(freedom),
+                "rest": float(self._rest[j]),
+                "speed": it.speed,
+            }
+            self._log.append({"time": t, "name": self.names[j], "kind": "latched", **facts})
         return self._outcome(t, x)
 
     def _take(self, t: float, x: Array, k: int, speed: float, order: int) -> None:
         """Note a closing, and put a coordinate exactly where its latch holds it."""
         latch, before = self.latches[k], self.closings.get(k)
         place = self._q_of[k]
-        angle = None if place is None else float(x[place])
         if place is not None and latch.is_own:
             x[place] -= float(self._values[k])
-            angle = float(x[place])
-        self._rest[k] = 0.0 if angle is None else angle
+        self._rest[k] = 0.0 if place is None else x[place]
+        angle = ABSENT if place is None else float(x[place])
         self._direction[k] = 1.0 if speed >= 0.0 else -1.0
         count = 1 if before is None else before.closings + 1
         self.closings[k] = Closing(order, t, angle, speed, closings=count)
@@ -274,11 +290,7 @@ class Latches(ContactStates):
         met = Impact(M, np.concatenate([psi, rows]), v, None, resting, jump)
         after, impulse = met.solved()
         if np.abs(rows @ after).max() > TORN * np.abs(rows).max() * np.abs(v).max(initial=0.0):
-            names = ", ".join(self.latches[j].name for j in together)
-            raise NumericalError(
-                f"latch {names} closes at t = {t:.6g} s, and prescribed motion or loops force on what it holds",
-                time=t, status="latch",
-            )  # fmt: skip
+            raise forced_on([self.names[j] for j in together], t)
         for j, share, rate in zip(together, impulse[len(psi) :], rates):
             self.closings[j].impulse = float(abs(share))
             self.closings[j].lost = float(-0.5 * share * rate)
@@ -296,7 +308,8 @@ class Latches(ContactStates):
         if not latch.rigid and self.system.work_place is not None:
             x[self.system.work_place] -= float(latch.stored(q, self._direction[k], self._rest[k]))
         self.closed.remove(k)
-        self.closings[k].opened = t
+        if k in self.closings:
+            self.closings[k].opened = t
         self._log.append({"time": t, "name": latch.name, "kind": "opened"})
         self._look(t, x)
         self._since[k] = t
@@ -332,28 +345,21 @@ class Latches(ContactStates):
             a = self.rates(t, x)[0]
             for k in idle:
                 left = abs(float(rows[k] @ a + drift[k]))
-                if not left <= TORN * (np.abs(rows[k]) @ np.abs(a) + abs(drift[k])) + 1e-300:
-                    raise self._torn(t, k)
-
-    def _torn(self, t: float, k: int) -> NumericalError:
-        return NumericalError(
-            f"latch {self.latches[k].name!r} holds what the loops and other latches hold already, but only in the pose "
-            f"in which it closed, and is torn open at t = {t:.6g} s: no finite impulse holds the mechanism there; "
-            "let it hold another joint, or close in another pose",
-            time=t, status="latch",
-        )  # fmt: skip
+                if not left <= TORN * np.abs(rows[k]).max() * self._brisk:
+                    raise torn_open(self.names[k], t)
 
     def _bear(self, t: float, x: Array, k: int, change: Change) -> None:
         """Note the load of a compliant latch, and whether it has been left."""
-        latch, it = self.latches[k], self.closings[k]
+        latch, it = self.latches[k], self.closings.get(k)
         s, place, rate = self._direction[k], self._q_of[k], self._v_of[k]
         assert place is not None and rate is not None
         delta, speed = s * (x[place] - self._rest[k]), s * x[rate]
         if change is Change.MEETS:
-            it.rebounds += speed < 0.0
+            if it is not None:
+                it.rebounds += speed < 0.0
             delta = 0.0
         load = float(latch.law(delta, speed)) if delta >= 0.0 else 0.0
-        if load > it.peak:
+        if it is not None and load > it.peak:
             it.peak, it.peak_time = load, t
 
     # -- contact states -------------------------------------------------------------------------------
@@ -386,5 +392,5 @@ class Latches(ContactStates):
     def are_closed(self) -> bool:
         """Whether the latch that is waited for is closed, or all are."""
         until = self.problem.scene.deploy.until
-        names = {self.latches[k].name for k in self.closed}
+        names = {self.names[k] for k in self.closed}
         return until in names if until not in ("all", "end") else len(names) == len(self.latches)

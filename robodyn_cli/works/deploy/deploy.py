@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion, follow_latches
-from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import Judgement, Run, motion_records, motion_warnings, redundant_rows
 from robodyn_cli.observe.recorder import Recorder
@@ -89,11 +89,11 @@ def deploy(
     RobodynError : with ``result``; SingularConfigurationError at a bifurcation.
     """
     watch = watch or Stopwatch()
-    motion = build_deployment(scene, watch)
+    motion, beginning = deployment_of(scene, watch)
     if scene.deploy.latches:
         from robodyn_cli.works.deploy.latched import deploy_latched
 
-        return deploy_latched(motion, motion.beginning, progress, watch, writer)
+        return deploy_latched(motion, beginning, progress, watch, writer)
     with watch.stage("scan"):
         scanned = scan(motion, motion.options, progress=progress)
     done = _record(motion, scanned, writer, progress, watch)
@@ -111,6 +111,25 @@ def deploy(
         except CapabilityError as refusal:
             failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
     return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
+
+
+def deployment_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
+    """Return the motion of a deployment, and where it begins: at t = 0, or where a stored run is.
+
+    Raises
+    ------
+    RobodynError : see ``build_deployment``; SceneError : it cannot go on from there.
+    """
+    if scene.initial.source is None:
+        motion = build_deployment(scene, watch)
+        return motion, motion.beginning
+    from robodyn_cli.motion.going_on import refused, stored_run
+
+    if not scene.deploy.latches:
+        raise refused(scene, "'deploy' goes on from a stored run with 'deploy.latches' alone")
+    stored = stored_run(scene)
+    motion = build_deployment(stored.completed(), watch)
+    return motion, stored.beginning(motion)
 
 
 def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Motion:

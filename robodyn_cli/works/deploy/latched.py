@@ -7,10 +7,12 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from robodyn_cli.errors import RobodynError
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.failure import explained
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
@@ -34,7 +36,6 @@ from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.motion import MotionSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch
 from robodyn_cli.works.deploy.recording import first_overload
-from robodyn_cli.works.simulate import drive
 
 
 def deploy_latched(
@@ -60,7 +61,7 @@ def deploy_latched(
         driver = Driver.of(motion, supervisor_for(motion.choice))
         driver.start(beginning.time, beginning.state)
     run = Run(motion, beginning, driver, recorder)
-    stopped = drive(run, progress, watch)
+    stopped = _drive(run, progress, watch)
     recorder.keep_last_state(driver.time, driver.state, driver.parameters)
     judgement = judge(run, stopped)
     estimate = None
@@ -68,6 +69,22 @@ def deploy_latched(
         with watch.stage("error_estimate"):
             estimate = _estimate(run)
     return _report(run, judgement, estimate, watch)
+
+
+def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | None:
+    """Integrate and record, up to what is waited for; return why the run ended before."""
+    duration, driver = run.motion.scene.simulate.duration, run.driver
+    driver.tick = lambda time: progress(time, duration)
+    with watch.stage("integrate"):
+        try:
+            driver.run(
+                duration,
+                grid_of(run.motion.scene, run.beginning),
+                lambda t, x: run.recorder.emit(t, x, driver.parameters),
+            )
+        except RobodynError as error:
+            return explained(error, run.motion, driver)
+    return None
 
 
 def _estimate(run: Run) -> Estimate:
@@ -179,7 +196,11 @@ def _lock_of(motion: Motion, latches: Latches, summary: MotionSummary) -> LockKe
 def _missed(run: Run, estimate: Estimate | None) -> dict[str, MissedLatch]:
     """Return how near the latches that have not closed came to it, with errors by the second run."""
     latches = watcher_of(run.driver.watchers)
-    names = {x.name: k for k, x in enumerate(latches.latches) if k not in latches.closings}
+    names = {
+        x.name: k
+        for k, x in enumerate(latches.latches)
+        if k not in latches.closings and k not in latches.closed
+    }
     if not names or not run.recorder.samples:
         return {}
     own = _nearest(latches, run.recorder, names)
