@@ -185,7 +185,7 @@ class LatchLock:
     )  # fmt: skip
     speed: float = fact("rate of what it holds, right before", RATE, errors=(".errors.speed",), default=0.0)
     energy_lost: float = fact(
-        "that the impact cost; of latches that close together, by the impulse of each",
+        "that the impact cost; of latches that close together, that of all of them",
         "J", errors=(".errors.energy_lost",), default=0.0,
     )  # fmt: skip
     angular_impulse: float | Absent = fact(

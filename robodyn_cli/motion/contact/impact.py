@@ -30,18 +30,14 @@ class Impact:
     resting: Mapping[int, float]
     jump: Array | None = None
 
-    def after(self, restitution: float, kept: Collection[int] = ()) -> Array:
-        """Return the velocities (nv,) after the impact; see ``solved``."""
-        return self.solved(restitution, kept)[0]
-
-    def solved(self, restitution: float = 0.0, kept: Collection[int] = ()) -> tuple[Array, Array]:
-        """Return the velocities (nv,) after the impact of joint j with e the ``restitution``, and mu (m,).
+    def after(self, restitution: float = 0.0, kept: Collection[int] = ()) -> Array:
+        """Return the velocities (nv,) after the impact of joint j, with e the ``restitution``.
 
             M (v+ - v-) = Psi^T mu + e_j Lambda_j + sum e_k Lambda_k,   Psi (v+ - v-) = jump,   v+_j = -e v-_j
 
         Joints that rest on stops stay there, or leave them: v+_k and Lambda_k, both away from the stop, are not
         negative, and one of them is zero; those ``kept`` stay in any case. Friction is bounded and has no part in an
-        impulse. Where rows depend on each other the impulses are those of least norm.
+        impulse.
 
         Raises
         ------
@@ -51,7 +47,7 @@ class Impact:
         struck = [] if self.joint is None else [self.joint]
         active = list(resting)
         spread = np.linalg.inv(self.M)
-        out, impulse = v.copy(), np.zeros(len(psi))
+        out = v.copy()
         for _ in range(ROUNDS):
             rows = [*struck, *active]
             units = np.zeros((len(rows), len(v)))
@@ -71,11 +67,25 @@ class Impact:
             active = [k for k in active if k not in pulled[:1]] if pulled else [*active, entering[0]]
         out[struck] = -restitution * v[struck]
         out[active] = 0.0
-        return out, impulse[: len(psi)]
+        return out
 
     def lost(self, after: Array) -> float:
         """Return the energy that an impact takes which leaves the velocities ``after`` (nv,) [J]."""
         return 0.5 * float(self.v @ self.M @ self.v - after @ self.M @ after)
+
+
+def shared(M: Array, psi: Array, rows: Array, rates: Array) -> Array:
+    """Return the impulses (k,) of latches that stop the rates rho v (k,) of ``rows`` rho (k, nv).
+
+        A Lambda = -rho v,   A = rho (M^-1 - M^-1 Psi^T (Psi M^-1 Psi^T)^+ Psi M^-1) rho^T
+
+    Where latches hold the same, those of least norm. Psi (m, nv) : what is held already.
+    """
+    spread = np.linalg.inv(M)
+    both = rows @ spread @ psi.T
+    A = rows @ spread @ rows.T - both @ np.linalg.pinv(psi @ spread @ psi.T, rcond=1e-13) @ both.T
+    impulses: Array = np.linalg.lstsq(A, -rates, rcond=1e-9)[0]
+    return impulses
 
 
 def joined(before: Array, after: Array, psi: Array, v: Array, momentum: Array) -> Array:

@@ -27,7 +27,7 @@ from robodyn_cli.motion.contact.events import (
     known_sides,
     latch_functions,
 )
-from robodyn_cli.motion.contact.impact import Impact
+from robodyn_cli.motion.contact.impact import Impact, shared
 from robodyn_cli.motion.contact.states import ContactStates
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.singularity import classify, passive_determinant
@@ -288,12 +288,12 @@ class Latches(ContactStates):
         resting = {self.joints[j].v: side for j, side in self.contact.items()}
         jump = np.concatenate([np.zeros(len(psi)), -rates])
         met = Impact(M, np.concatenate([psi, rows]), v, None, resting, jump)
-        after, impulse = met.solved()
+        after = met.after()
         if np.abs(rows @ after).max() > TORN * np.abs(rows).max() * np.abs(v).max(initial=0.0):
             raise forced_on([self.names[j] for j in together], t)
-        for j, share, rate in zip(together, impulse[len(psi) :], rates):
-            self.closings[j].impulse = float(abs(share))
-            self.closings[j].lost = float(-0.5 * share * rate)
+        stay = np.eye(len(v))[[k for k in resting if after[k] == 0.0]]
+        for j, share in zip(together, shared(M, np.concatenate([psi, stay]), rows, rates)):
+            self.closings[j].impulse, self.closings[j].lost = float(abs(share)), met.lost(after)
         x[places] = after
         for j in (*self.bearing, *together):
             if (place := self._v_of[j]) is not None:
