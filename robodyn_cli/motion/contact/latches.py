@@ -289,17 +289,20 @@ class Latches(ContactStates):
         jump = np.concatenate([np.zeros(len(psi)), -rates])
         met = Impact(M, np.concatenate([psi, rows]), v, None, resting, jump)
         after = met.after()
-        if np.abs(rows @ after).max() > TORN * np.abs(rows).max() * np.abs(v).max(initial=0.0):
+        fastest = max(self._fastest, float(np.abs(v).max()))
+        if np.abs(rows @ after).max() > TORN * np.abs(rows).max() * fastest:
             raise forced_on([self.names[j] for j in together], t)
         stay = np.eye(len(v))[[k for k in resting if after[k] == 0.0]]
         for j, share in zip(together, shared(M, np.concatenate([psi, stay]), rows, rates)):
             self.closings[j].impulse, self.closings[j].lost = float(abs(share)), met.lost(after)
         x[places] = after
-        for j in (*self.bearing, *together):
-            if (place := self._v_of[j]) is not None:
-                x[place] = 0.0
+        self._halt(x, together)
         if self.system.work_place is not None:
             x[self.system.work_place] -= met.lost(after)
+
+    def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
+        """Let what latches bear stand exactly still: what rounding leaves would go on."""
+        x[[place for j in (*self.bearing, *more) if (place := self._v_of[j]) is not None]] = 0.0
 
     def _open(self, t: float, x: Array, k: int) -> Outcome:
         """Open a latch; the energy in its spring is lost."""
@@ -364,6 +367,7 @@ class Latches(ContactStates):
 
     # -- contact states -------------------------------------------------------------------------------
     def _settle_speeds(self, x: Array) -> None:
+        self._halt(x)
         super()._settle_speeds(x)
         for k in self._frozen:
             self.rest.discard(k)
