@@ -264,7 +264,11 @@ def refuse_company(problem: Problem) -> None:
     CapabilityError
     """
     scene, model = problem.scene, problem.model
+    dead_points = any(row.spec.at_dead_point for row in problem.latches)
     reasons = {
+        "'at_dead_point' in an open chain, which has none": dead_points and not model.closures,
+        "'at_dead_point' and prescribed motion together; allowed: criterion: dead_point": dead_points
+        and bool(scene.prescribed),
         "loops with redundant rows, whose loads are not unique; allowed: loops in their plane": problem.dependent,
         "'simulate.singular: pass'; allowed: stop": scene.simulate.singular == "pass",
         "payloads that are gripped or released": model.switched,
