@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -27,9 +27,6 @@ from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import PARAMETER_GROUP, Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, Matrix, Values, Vector, dot, zeros
-
-if TYPE_CHECKING:
-    from robodyn_cli.equations.problem import Problem
 
 
 @record
@@ -121,34 +118,6 @@ def coordinate_row(
     rate = directional([value], [t], [1.0])[0]
     second = directional([rate], [t], [1.0])[0]
     return Row(name, eta - value, psi, -second, -rate, kind)
-
-
-def constraints_of(problem: Problem) -> Constraints:
-    """Return the rows of the loop closures of a mechanism, then of couplers, then of prescribed joints."""
-    from robodyn_cli.algorithms.constraints import LoopRows, vanishes
-
-    rows: list[Row] = []
-    dropped: list[str] = []
-    if problem.model.loops:
-        closures = LoopRows(problem.model, problem.X, problem.q, problem.v, problem.gravity)
-        for row in (row for loop in problem.model.loops for row in closures.of(loop)):
-            if vanishes(row):
-                dropped.append(row.name)
-            else:
-                rows.append(row)
-    env = problem.environment
-    for coupler in problem.scene.couplers:
-        value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
-        units = {problem.model.q_units[problem.model.q_names.index(name)] for name in coupler.terms}
-        kind = "moment" if units == {"rad"} else "force"
-        name = f"{coupler.name}.coupling"
-        rows.append(coordinate_row(name, problem.model, problem.q, coupler.terms, value, kind))
-    first = len(rows)
-    if problem.scene.prescribed:
-        from robodyn_cli.equations.prescribed import prescribed_rows
-
-        rows += prescribed_rows(problem.model, problem.q, problem.v, problem.scene.prescribed, env)
-    return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
 
 Braces = Mapping[str, float]  # b_i by the name of a row

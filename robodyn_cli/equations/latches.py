@@ -23,7 +23,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zeros
 
 if TYPE_CHECKING:
-    from robodyn_cli.equations.problem import Problem
+    from robodyn_cli.equations.prescribed import MechanismParts
     from robodyn_cli.scene.nested_options import DeployLatch
 
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
@@ -109,7 +109,7 @@ class LatchRow:
         return 0.5 * self.spec.hold.stiffness * (delta * delta)
 
 
-def latch_rows(problem: Problem) -> tuple[LatchRow, ...]:
+def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
     """Return the latches of a scene whose command follows them; their parameters follow those of contact states.
 
     Raises
@@ -145,7 +145,7 @@ def latch_rows(problem: Problem) -> tuple[LatchRow, ...]:
     return tuple(rows)
 
 
-def _closes(problem: Problem, spec: DeployLatch) -> tuple[int | None, Scalar | None]:
+def _closes(problem: MechanismParts, spec: DeployLatch) -> tuple[int | None, Scalar | None]:
     """Return the place in v of the coordinate whose position closes a latch, and what passes zero where it closes."""
     if spec.when is not None:
         return None, spec.when.evaluate(problem.environment)
@@ -167,7 +167,7 @@ def closing_position(robot: Any, spec: DeployLatch) -> tuple[str, float]:
     return name, getattr(robot.limits_of(name), side)
 
 
-def _held(problem: Problem, spec: DeployLatch) -> tuple[Vector, Scalar, int | None, int | None]:
+def _held(problem: MechanismParts, spec: DeployLatch) -> tuple[Vector, Scalar, int | None, int | None]:
     """Return the row of what a latch holds, its drift, and the places of its coordinate in q and v."""
     model = problem.model
     name = spec.joint or _joint_between(problem, spec)
@@ -197,7 +197,7 @@ def _held(problem: Problem, spec: DeployLatch) -> tuple[Vector, Scalar, int | No
     return sign * psi, sign * drift, None, None
 
 
-def _joint_between(problem: Problem, spec: DeployLatch) -> str | None:
+def _joint_between(problem: MechanismParts, spec: DeployLatch) -> str | None:
     """Return the joint of one axis that joins the two links of a latch."""
     model = problem.model
     assert spec.between is not None
@@ -208,7 +208,7 @@ def _joint_between(problem: Problem, spec: DeployLatch) -> str | None:
     return None
 
 
-def _turning(problem: Problem, loop: Loop) -> tuple[Vector, Scalar]:
+def _turning(problem: MechanismParts, loop: Loop) -> tuple[Vector, Scalar]:
     """Return rho and rho-dot v of the rate at which the links of a closure turn about its axis.
 
     rho v = n . (w_2 - w_1). The closure keeps w_2 - w_1 along n, so that n-dot adds nothing.
@@ -221,7 +221,7 @@ def _turning(problem: Problem, loop: Loop) -> tuple[Vector, Scalar]:
     return n @ (second.Jw - first.Jw), dot(n, second.wd - first.wd)
 
 
-def without_held(problem: Problem, f: Values, psi: Matrix) -> tuple[Matrix, Vector, Matrix]:
+def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matrix, Vector, Matrix]:
     """Return M (nv, nv), f (nv,) and rows Psi (m, nv) without the coordinates that rigid latches hold.
 
     In their own equations nothing is left but their inertia, so that they have no acceleration, and the others move as
@@ -241,7 +241,7 @@ def without_held(problem: Problem, f: Values, psi: Matrix) -> tuple[Matrix, Vect
     return M, f, psi
 
 
-def held_rows(problem: Problem) -> tuple[Matrix, list[Scalar], list[Scalar]]:
+def held_rows(problem: MechanismParts) -> tuple[Matrix, list[Scalar], list[Scalar]]:
     """Return what parameters hold by a multiplier, joints with a contact state first, then latches between links that a
     closure joins: rows (k, nv), their drift, and the parameters that hold them.
     """
@@ -256,7 +256,7 @@ def held_rows(problem: Problem) -> tuple[Matrix, list[Scalar], list[Scalar]]:
     return rows, drift, [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)]
 
 
-def refuse_company(problem: Problem) -> None:
+def refuse_company(problem: MechanismParts) -> None:
     """Refuse what does not go with latches.
 
     Raises

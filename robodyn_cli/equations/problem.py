@@ -72,6 +72,13 @@ class Problem:
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
         self.keep_rows, self.dependent = keep_rows, tuple(dependent)
         self.braces = braces or {}
+        self.latches: tuple[LatchRow, ...] = ()  # those that events close and open
+        self.sprung: tuple[LatchRow, ...] = ()  # of these the ones with a spring
+        if scene.latched:
+            from robodyn_cli.equations.latches import latch_rows
+
+            self.latches = latch_rows(self)
+            self.sprung = tuple(latch for latch in self.latches if not latch.rigid)
         self.control: Control | None = None
         if scene.control is not None:
             from robodyn_cli.equations.control.control import Control
@@ -193,15 +200,6 @@ class Problem:
         """Joints with a contact state, which a simulation holds and releases by events."""
         return contact_joints(self.model)
 
-    @cached_property
-    def latches(self) -> tuple[LatchRow, ...]:
-        """Latches that events close and open, where the command follows them."""
-        if not self.scene.latched:
-            return ()
-        from robodyn_cli.equations.latches import latch_rows
-
-        return latch_rows(self)
-
     @property
     def at_start(self) -> tuple[float, ...]:
         """The parameters p at t = 0, with all joints moving freely and all latches open."""
@@ -245,14 +243,14 @@ class Problem:
         ``smooth`` replaces the sign in Coulomb friction, for simulations.
         """
         terms = self.forces_in_joints.terms(smooth)
-        for latch in (x for x in self.latches if not x.rigid):
+        for latch in self.sprung:
             terms["stops"] = terms.get("stops", zeros(self.model.nv)) + latch.torques(self.q, self.v)
         return terms
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
         """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
-        given = [(x.v, x.loss(self.q, self.v)) for x in self.latches if x.v is not None and not x.rigid]
-        return [*self.forces_in_joints.losses(smooth), *self.gear_losses(smooth).items(), *given]
+        of_latches = [(x.v, x.loss(self.q, self.v)) for x in self.sprung if x.v is not None]
+        return [*self.forces_in_joints.losses(smooth), *self.gear_losses(smooth).items(), *of_latches]
 
     @cached_property
     def applied(self) -> Vector:
@@ -273,7 +271,7 @@ class Problem:
     @cached_property
     def all_constraints(self) -> Constraints:
         """All of them: see ``constraints_of``."""
-        from robodyn_cli.equations.constraints import constraints_of
+        from robodyn_cli.equations.prescribed import constraints_of
 
         return constraints_of(self)
 
@@ -391,8 +389,9 @@ class Problem:
     def potential(self) -> Scalar:
         """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
-        stored = sum((x.potential(self.q) for x in self.latches if not x.rigid), own)
-        return stored + self.elements.potential if self.model.forces else stored
+        for latch in self.sprung:
+            own = own + latch.potential(self.q)
+        return own + self.elements.potential if self.model.forces else own
 
     # -- places ---------------------------------------------------------------------------------------
     def world_point(self, frame: FixedFrame) -> Vector:

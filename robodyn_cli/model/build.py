@@ -365,16 +365,8 @@ def _take_up(places: _Places, moving: Sequence[_Moving], values: _Values, switch
 
 def _spans(scene: sc.Scene) -> list[str]:
     """Return the distances of points that formulas ask for, in the order of the scene."""
-    formulas = formulas_in(
-        [
-            scene.torques,
-            scene.forces,
-            scene.payloads,
-            scene.control,
-            scene.outputs.signals,
-            scene.deploy.latches,
-        ]
-    )
+    given = [scene.torques, scene.forces, scene.payloads, scene.control, scene.outputs.signals]
+    formulas = formulas_in([*given, scene.deploy.latches])
     names = (name for x in formulas for name in sorted(x.names))
     return list(dict.fromkeys(name for name in names if name.endswith(")")))
 

@@ -86,7 +86,7 @@ def known_sides(
 
 
 # -- latches ------------------------------------------------------------------------------------------------
-class Change(enum.Enum):
+class LatchChange(enum.Enum):
     """What an event function of a latch tells."""
 
     CLOSES = "latch"
@@ -101,7 +101,7 @@ class LatchFunction(EventFunction):
     """An event function of a latch, by its number."""
 
     number: int = 0
-    change: Change = Change.CLOSES
+    change: LatchChange = LatchChange.CLOSES
 
 
 DIRECTIONS: Mapping[str, int] = {"up": 1, "down": -1, "either": 0}
@@ -114,23 +114,25 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
     """
     functions: list[LatchFunction] = []
 
-    def add(k: int, change: Change, value: Any, direction: int, kind: EventKind = EventKind.LATCH) -> None:
+    def add(
+        k: int, change: LatchChange, value: Any, direction: int, kind: EventKind = EventKind.LATCH
+    ) -> None:
         name = f"{change.value} {problem.latches[k].name}"
         functions.append(LatchFunction(name, value, direction, kind, owner, k, change))
 
     for k, (latch, value) in enumerate(zip(problem.latches, values)):
-        add(k, Change.CLOSES, (1.0 - latch.closed) * value, DIRECTIONS[latch.spec.side])
+        add(k, LatchChange.CLOSES, (1.0 - latch.closed) * value, DIRECTIONS[latch.spec.side])
         if latch.opens is not None:
-            add(k, Change.OPENS, latch.closed * latch.opens, 1)
+            add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
         if not latch.rigid:
-            add(k, Change.LARGEST, latch.closed * _growth(problem, latch), -1)
+            add(k, LatchChange.LARGEST, latch.closed * _growth(problem, latch), -1)
     for k, latch in enumerate(problem.latches):
         if latch.rigid:
             continue
         delta, rate = latch.depth(problem.q, problem.v)
-        add(k, Change.MEETS, latch.closed * delta, 0, EventKind.DISCONTINUITY)
+        add(k, LatchChange.MEETS, latch.closed * delta, 0, EventKind.DISCONTINUITY)
         if latch.spec.hold.damping != 0.0:
-            add(k, Change.LETS_GO, latch.closed * latch.law(delta, rate), 0, EventKind.DISCONTINUITY)
+            add(k, LatchChange.LETS_GO, latch.closed * latch.law(delta, rate), 0, EventKind.DISCONTINUITY)
     return functions
 
 

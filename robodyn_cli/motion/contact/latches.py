@@ -20,8 +20,8 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.checks import forced_on, torn_open
 from robodyn_cli.motion.contact.events import (
-    Change,
     ContactFunction,
+    LatchChange,
     LatchFunction,
     contact_functions,
     known_sides,
@@ -43,7 +43,7 @@ TORN = 1e-6  # part of a rate, or of an acceleration, that a closed latch may le
 
 
 @mutable_record
-class Closing:
+class LatchClosing:
     """What has happened to a latch since it closed last.
 
     order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
@@ -109,7 +109,7 @@ class Latches(ContactStates):
         super()._clear()
         self.closed: list[int] = []
         self.bearing: list[int] = []
-        self.closings: dict[int, Closing] = {}
+        self.closings: dict[int, LatchClosing] = {}
         self.last: tuple[float, Array, int] | None = None
         self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
         self._since = np.full(len(self.latches), -np.inf)
@@ -183,10 +183,10 @@ class Latches(ContactStates):
     def _starts_positive(self, function: LatchFunction) -> bool:
         """Tell whether a function at zero is to be watched from the positive side."""
         k = function.number
-        if function.change is Change.CLOSES:
+        if function.change is LatchChange.CLOSES:
             return k not in self.closed and self._values[k] == 0.0
         just = self.last is not None and self.last[2] == k and k in self.closed
-        return just and function.change in (Change.MEETS, Change.LETS_GO)
+        return just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
 
     def handle(self, event: Event) -> Outcome:
         function = event.function
@@ -199,11 +199,11 @@ class Latches(ContactStates):
         assert isinstance(function, LatchFunction)
         t, x, k = event.time, event.state.copy(), function.number
         self._flight = np.inf
-        if function.change is Change.CLOSES:
+        if function.change is LatchChange.CLOSES:
             return self._close(t, x, k)
         if k not in self.closed:
             return GO_ON
-        if function.change is Change.OPENS:
+        if function.change is LatchChange.OPENS:
             return self._open(t, x, k)
         self._bear(t, x, k, function.change)
         return GO_ON
@@ -263,7 +263,7 @@ class Latches(ContactStates):
         angle = ABSENT if place is None else float(x[place])
         self._direction[k] = 1.0 if speed >= 0.0 else -1.0
         count = 1 if before is None else before.closings + 1
-        self.closings[k] = Closing(order, t, angle, speed, closings=count)
+        self.closings[k] = LatchClosing(order, t, angle, speed, closings=count)
         if not latch.rigid:
             self.closings[k].peak, self.closings[k].peak_time = abs(latch.law(0.0, abs(speed))), t
 
@@ -281,7 +281,7 @@ class Latches(ContactStates):
         return others
 
     def _strike_latches(self, t: float, x: Array, together: list[int], rows: Array) -> None:
-        """Change the state x by the impulses of rigid latches with these rows (k, nv)."""
+        """LatchChange the state x by the impulses of rigid latches with these rows (k, nv)."""
         places = list(self.system.v_places)
         M, psi = self._mass_matrix_and_psi(t, x)
         v, rates = x[places], rows @ x[places]
@@ -351,13 +351,13 @@ class Latches(ContactStates):
                 if not left <= TORN * np.abs(rows[k]).max() * self._brisk:
                     raise torn_open(self.names[k], t)
 
-    def _bear(self, t: float, x: Array, k: int, change: Change) -> None:
+    def _bear(self, t: float, x: Array, k: int, change: LatchChange) -> None:
         """Note the load of a compliant latch, and whether it has been left."""
         latch, it = self.latches[k], self.closings.get(k)
         s, place, rate = self._direction[k], self._q_of[k], self._v_of[k]
         assert place is not None and rate is not None
         delta, speed = s * (x[place] - self._rest[k]), s * x[rate]
-        if change is Change.MEETS:
+        if change is LatchChange.MEETS:
             if it is not None:
                 it.rebounds += speed < 0.0
             delta = 0.0

@@ -33,7 +33,7 @@ from robodyn_cli.summaries.deploy import (
     MissedLatch,
 )
 from robodyn_cli.summaries.facts import ABSENT, Termination
-from robodyn_cli.summaries.motion import MotionSummary
+from robodyn_cli.summaries.motion import LatchLockErrors, MotionSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch
 from robodyn_cli.works.deploy.recording import first_overload
 
@@ -117,6 +117,9 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     run.recorder.fill(result)
     add_joint_limits(result, scene, run.motion.problem.model)
     summary, *others = motion_records(run, judgement, estimate)
+    if doubts := _doubts(run, estimate):
+        told = [] if summary.warnings is ABSENT else summary.warnings
+        summary = dataclasses.replace(summary, warnings=[*told, *doubts])
     overload = None
     if failure is None:
         overload = first_overload(result, scene.deploy.loads)
@@ -134,6 +137,24 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     )
     result.summarise(summary, *others, keys, seconds=watch.report())
     return result.unless(failure)
+
+
+def _doubts(run: Run, estimate: Estimate | None) -> list[str]:
+    """Return warnings about latches that the second integration does not confirm."""
+    if estimate is None or not estimate.watchers:
+        return []
+    one, other = ({w.names[k]: it.closings for k, it in w.closings.items()}
+                  for w in (watcher_of(run.driver.watchers), watcher_of(estimate.watchers)))  # fmt: skip
+    return [
+        f"latch {name!r} closes {_often(one.get(name, 0))}, and {_often(other.get(name, 0))} in a second, tighter "
+        "integration: the motion is too sensitive to say what it does"
+        for name in sorted({*one, *other})
+        if one.get(name, 0) != other.get(name, 0)
+    ]
+
+
+def _often(count: int) -> str:
+    return "never" if count == 0 else "once" if count == 1 else f"{count} times"
 
 
 def _reason(latches: Latches) -> str:
@@ -167,7 +188,7 @@ def _lock_of(motion: Motion, latches: Latches, summary: MotionSummary) -> LockKe
     model, latch = motion.problem.model, latches.latches[k]
     q, qd, _ = motion.system.split(state)
     errors = summary.locks[latch.name].errors if isinstance(summary.locks, Mapping) else ABSENT
-    error = getattr(errors, "time", ABSENT)
+    error = errors.time if isinstance(errors, LatchLockErrors) else ABSENT
     return LockKeys(
         time=time,
         time_error=error if isinstance(error, float) else None,
