@@ -6,7 +6,6 @@ from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import (
     ABSENT,
     JOINT,
-    LATCH,
     LOOP,
     OWN,
     RATE,
@@ -234,34 +233,11 @@ class Overload:
 
 
 @record
-class MissedErrors:
-    """Errors of how near a latch came, that of the motion and of what lies between the samples."""
-
-    nearest: float | Absent | None = fact("of the distance", "rad or m", default=ABSENT)
-    time: float | Absent | None = fact("of its time", "s", default=ABSENT)
-
-
-@record
-class MissedLatch:
-    """How near a latch that has not closed came to it."""
-
-    nearest: float | None = fact(
-        "least distance from the position at which it closes, or of its formula from zero; `null` for a dead point",
-        "rad or m", errors=(".errors.nearest",),
-    )  # fmt: skip
-    time: float | None = fact("when it was nearest", "s", errors=(".errors.time",))
-    errors: MissedErrors = fact("errors of these figures")
-
-
-@record
 class DeploySummary:
     """Keys of the summary of ``deploy``, beside those of every integrated motion."""
 
     lock: LockKeys | None = fact("the lock; `null` without one; of several latches the last that closed")
     criteria: CriterionTimes | Absent = fact("when each criterion fired", default=ABSENT)
-    missed: dict[str, MissedLatch] | Absent = fact(
-        "with `deploy.latches`: those that have not closed", names=LATCH, default=ABSENT
-    )
     after_lock: AfterLock | Absent | None = fact(
         "with `deploy.after: continue`: the motion of the locked structure; `null` where no latch could close",
         default=ABSENT,

@@ -208,6 +208,26 @@ class LatchLock:
 
 
 @record
+class MissedLatchErrors:
+    """Errors of how near a latch came; left out where none was asked for."""
+
+    nearest: float | Absent | None = fact("of the distance", OWN, default=ABSENT)
+    time: float | Absent | None = fact("of its time", "s", default=ABSENT)
+
+
+@record
+class MissedLatch:
+    """How near a latch that has not closed came to it."""
+
+    nearest: float | None = fact(
+        "least distance from the position at which it closes; `null` for a dead point or a formula",
+        OWN, errors=(".errors.nearest",),
+    )  # fmt: skip
+    time: float | None = fact("when it was nearest", "s", errors=(".errors.time",))
+    errors: MissedLatchErrors = fact("errors of these figures")
+
+
+@record
 class FinalState:
     """The last state of a run."""
 
@@ -261,6 +281,9 @@ class MotionSummary:
     payloads: dict[str, PayloadFacts] | Absent = fact("that come or go", names=PAYLOAD, default=ABSENT)
     locks: dict[str, LatchLock] | Absent = fact(
         "with `deploy.latches`: those that closed, open ones among them", names=LATCH, default=ABSENT
+    )
+    missed: dict[str, MissedLatch] | Absent = fact(
+        "with `deploy.latches`: those that have not closed", names=LATCH, default=ABSENT
     )
     passed: list[float] | Absent = fact(
         "with `singular: pass`: times of the singular configurations that were stepped over",

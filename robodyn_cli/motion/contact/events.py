@@ -1,4 +1,4 @@
-"""The event functions of joints that stick, slip and meet rigid stops, and of latches."""
+"""The event functions of joints that stick, slip and meet rigid stops, and of latches; what becomes of a latch."""
 
 from __future__ import annotations
 
@@ -10,7 +10,9 @@ from robodyn_cli.equations.latches import LatchRow
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
-from robodyn_cli.record import record
+from robodyn_cli.record import mutable_record, record
+from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.motion import LatchLock, LatchLockErrors
 
 
 class Transition(enum.Enum):
@@ -91,6 +93,7 @@ class LatchChange(enum.Enum):
 
     CLOSES = "latch"
     OPENS = "release"
+    TURNS = "turn"  # of the joint whose position closes it
     LARGEST = "largest load"  # of a compliant one
     MEETS = "contact"
     LETS_GO = "no load"
@@ -102,6 +105,36 @@ class LatchFunction(EventFunction):
 
     number: int = 0
     change: LatchChange = LatchChange.CLOSES
+
+
+@mutable_record
+class LatchClosing:
+    """What has happened to a latch since it closed last.
+
+    order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
+    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. opened : when, if it has.
+    """
+
+    order: int
+    time: float
+    angle: float | Absent
+    speed: float
+    lost: float = 0.0
+    impulse: float | Absent = ABSENT
+    peak: float = 0.0
+    peak_time: float = 0.0
+    rebounds: int = 0
+    opened: float | Absent = ABSENT
+    closings: int = 1
+
+    def described(self, rigid: bool, end: float) -> LatchLock:
+        """Return what the summary of a run that came to ``end`` [s] says of it; a load takes time to grow."""
+        known = not rigid and self.time < end
+        peak, when = (self.peak if known else ABSENT), (self.peak_time if known else ABSENT)
+        return LatchLock(
+            self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.rebounds,
+            self.closings, self.opened, LatchLockErrors(),
+        )  # fmt: skip
 
 
 DIRECTIONS: Mapping[str, int] = {"up": 1, "down": -1, "either": 0}
@@ -122,6 +155,8 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
 
     for k, (latch, value) in enumerate(zip(problem.latches, values)):
         add(k, LatchChange.CLOSES, (1.0 - latch.closed) * value, DIRECTIONS[latch.spec.side])
+        if latch.closing is not None:
+            add(k, LatchChange.TURNS, (1.0 - latch.closed) * problem.v[latch.closing], 0)
         if latch.opens is not None:
             add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
         if not latch.rigid:

@@ -22,6 +22,7 @@ from robodyn_cli.motion.contact.checks import forced_on, torn_open
 from robodyn_cli.motion.contact.events import (
     ContactFunction,
     LatchChange,
+    LatchClosing,
     LatchFunction,
     contact_functions,
     known_sides,
@@ -31,36 +32,14 @@ from robodyn_cli.motion.contact.impact import Impact, shared
 from robodyn_cli.motion.contact.states import ContactStates
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.singularity import classify, passive_determinant
-from robodyn_cli.record import mutable_record
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT, Absent
-from robodyn_cli.summaries.motion import LatchLock, LatchLockErrors
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
 
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 AGAIN = 1e-6  # s, or part of the time: so soon after it has opened in its position a latch does not close
 NEW = 1e-6  # part of a row that must be independent of the others for its latch to bear anything
 TORN = 1e-6  # part of a rate, or of an acceleration, that a closed latch may leave
-
-
-@mutable_record
-class LatchClosing:
-    """What has happened to a latch since it closed last.
-
-    order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
-    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. opened : when, if it has.
-    """
-
-    order: int
-    time: float
-    angle: float | Absent
-    speed: float
-    lost: float = 0.0
-    impulse: float | Absent = ABSENT
-    peak: float = 0.0
-    peak_time: float = 0.0
-    rebounds: int = 0
-    opened: float | Absent = ABSENT
-    closings: int = 1
 
 
 class Latches(ContactStates):
@@ -120,7 +99,9 @@ class Latches(ContactStates):
 
     def facts(self, end: float) -> dict[str, Any]:
         own = super().facts(end) if self.joints else {}
-        return {**own, "locks": {self.names[k]: self._described(k, end) for k in self.closings}}
+        missed = [k for k in range(len(self.names)) if k not in self.closings and k not in self.closed]
+        locks = {self.names[k]: it.described(self.latches[k].rigid, end) for k, it in self.closings.items()}
+        return {**own, "locks": locks, "missed": {self.names[k]: self._nearest(k) for k in missed}}
 
     @property
     def warnings(self) -> list[str]:
@@ -131,14 +112,12 @@ class Latches(ContactStates):
             if self.last is not None and not self.latches[k].rigid and self._is_met() and k == self.last[2]
         ]
 
-    def _described(self, k: int, end: float) -> LatchLock:
-        it = self.closings[k]
-        compliant = not self.latches[k].rigid and it.time < end
-        peak, when = (it.peak if compliant else ABSENT), (it.peak_time if compliant else ABSENT)
-        return LatchLock(
-            it.order, it.time, it.angle, it.speed, it.lost, it.impulse, peak, when, it.rebounds, it.closings, it.opened,
-            LatchLockErrors(),
-        )  # fmt: skip
+    def _nearest(self, k: int) -> MissedLatch:
+        """Return how near a latch came to its position: at an event, or at the start or the end."""
+        if self.latches[k].closing is None:
+            return MissedLatch(None, None, MissedLatchErrors())
+        distance, time = min((float(values[k]), time) for time, values in self.turns)
+        return MissedLatch(distance, time, MissedLatchErrors())
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
@@ -174,11 +153,23 @@ class Latches(ContactStates):
         return M, np.concatenate([psi, self._look(t, x)[0][self.bearing]]) if self.bearing else psi
 
     def arm(self, x: Array) -> Outcome:
-        sides = {n: 1.0 for n, f in enumerate(self._own) if self._starts_positive(f)}
+        sides = {n: 1.0 for n, f in enumerate(self._own) if self._starts_positive(f)} | self._turning(x)
         contacts = known_sides(self.functions[len(self._own) :], self.state, self.rest, self.contact)
         return Jump(
             x, self.p, sides | {n + len(self._own): side for n, side in contacts.items()}, self._flight
         )
+
+    def _turning(self, x: Array) -> dict[int, float]:
+        """Return the signs that rates which are zero are going to have, by the numbers of their functions."""
+        starts = {}
+        for n, function in enumerate(self._own):
+            v = self.latches[function.number].closing
+            if function.change is LatchChange.TURNS and v is not None and x[self.system.v_places[v]] == 0.0:
+                starts[n] = v
+        if not starts:
+            return {}
+        a = self.rates(self.turns[-1][0], x)[0]
+        return {n: 1.0 if a[v] >= 0.0 else -1.0 for n, v in starts.items()}
 
     def _starts_positive(self, function: LatchFunction) -> bool:
         """Tell whether a function at zero is to be watched from the positive side."""
@@ -201,6 +192,9 @@ class Latches(ContactStates):
         self._flight = np.inf
         if function.change is LatchChange.CLOSES:
             return self._close(t, x, k)
+        if function.change is LatchChange.TURNS:
+            self._look(t, x)
+            return GO_ON
         if k not in self.closed:
             return GO_ON
         if function.change is LatchChange.OPENS:
@@ -210,6 +204,7 @@ class Latches(ContactStates):
 
     def see(self, t: Array, x: Array) -> None:
         super().see(t, x)
+        self._look(float(t[-1]), x[-1])
         q = self.system.split(x)[0]
         for k in self.closed:
             latch = self.latches[k]
@@ -229,11 +224,12 @@ class Latches(ContactStates):
             q = self.system.split(x)[0]
             if classify(self.problem, q, self.passive).kind != "dead_point":
                 return GO_ON
-        self.last = (t, x.copy(), k)
+        before = x.copy()
         if self.problem.constraints.rows:
             self._brisk = max(self._brisk, float(np.abs(self.rates(t, x)[0]).max()))
         places = list(self.system.v_places)
         together = [k, *self._others(t, x, k)] if latch.rigid else [k]
+        self.last = (t, before, min(together))
         order = 1 + sum(it.time < t for it in self.closings.values())
         for j in together:
             self._take(t, x, j, float(rows[j] @ x[places]), order)

@@ -8,8 +8,6 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from robodyn_cli.errors import RobodynError
-from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.failure import explained
@@ -21,16 +19,11 @@ from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
-from robodyn_cli.solve.extremes import largest
-from robodyn_cli.solve.quadrature import breaks_at
-from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import (
     DeploySummary,
     LockErrors,
     LockKeys,
-    MissedErrors,
-    MissedLatch,
 )
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.motion import LatchLockErrors, MotionSummary
@@ -93,9 +86,7 @@ def _estimate(run: Run) -> Estimate:
     first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
     if run.driver.time < scene.simulate.duration:
         first = dataclasses.replace(first, latest=scene.simulate.duration)
-    return estimate_error(
-        run.motion, first, run.recorder, figures=not watcher_of(run.driver.watchers).are_closed
-    )
+    return estimate_error(run.motion, first, run.recorder)
 
 
 def watcher_of(watchers: Sequence[Watcher]) -> Latches:
@@ -132,7 +123,6 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         result.events.sort(key=lambda event: float(event["time"]))
     keys = DeploySummary(
         lock=_lock(run, summary, estimate),
-        missed=_missed(run, estimate),
         overload=overload if scene.deploy.loads and failure is None else ABSENT,
     )
     result.summarise(summary, *others, keys, seconds=watch.report())
@@ -212,60 +202,3 @@ def _lock_of(motion: Motion, latches: Latches, summary: MotionSummary) -> LockKe
         singular_values=None,
         name=latch.name,
     )
-
-
-def _missed(run: Run, estimate: Estimate | None) -> dict[str, MissedLatch]:
-    """Return how near the latches that have not closed came to it, with errors by the second run."""
-    latches = watcher_of(run.driver.watchers)
-    names = {
-        x.name: k
-        for k, x in enumerate(latches.latches)
-        if k not in latches.closings and k not in latches.closed
-    }
-    if not names or not run.recorder.samples:
-        return {}
-    own = _nearest(latches, run.recorder, names)
-    if estimate is None or estimate.recorder is None:
-        return own
-    other = _nearest(watcher_of(estimate.watchers), estimate.recorder, names)
-    missed: dict[str, MissedLatch] = with_second(own, other, estimate.factor, ("missed", "LATCH"))
-    return missed
-
-
-def _nearest(latches: Latches, recorder: Recorder, names: Mapping[str, int]) -> dict[str, MissedLatch]:
-    """Return where each of some latches was nearest to closing, between the samples too."""
-    t, q, v = (recorder.array(path) for path in ("time", "q", "qd"))
-    kernel = SampleKernel({"g": [latches.values[k] for k in names.values()]}, STATE_GROUPS)
-    p = np.zeros(len(latches.p))
-    values = kernel.evaluate(len(t), {"t": t[:, None], "q": q, "v": v, "z": np.zeros((len(t), 0)), "p": p})[
-        "g"
-    ]
-    nearest = {}
-    for (name, k), g in zip(names.items(), values.T):
-        if latches.latches[k].closes is None:
-            nearest[name] = MissedLatch(None, None, MissedErrors())
-        else:
-            nearest[name] = _nearest_of(t, g, [(time, float(own[k])) for time, own in latches.turns])
-    return nearest
-
-
-def _nearest_of(t: Array, g: Array, turns: Sequence[tuple[float, float]]) -> MissedLatch:
-    """Return the least |g| of samples g (T,) at times t (T,), or where an event turns the motion back.
-
-    turns : times of events, and |g| there.
-    """
-    passed = np.flatnonzero(g[:-1] * g[1:] <= 0.0)
-    if len(passed):  # on the side on which the latch does not close
-        k = int(passed[0])
-        step = float(t[k + 1] - t[k])
-        part = abs(g[k]) / max(abs(g[k]) + abs(g[k + 1]), 1e-300)
-        return MissedLatch(0.0, float(t[k] + part * step), MissedErrors(0.0, step))
-    least = largest(t, -np.abs(g)[:, None], breaks_at(t, sorted({time for time, _ in turns})))
-    value, error, time, time_error = (
-        float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
-    )
-    away = time_error + float(t[1] - t[0])
-    for turn, distance in turns:
-        if abs(turn - time) <= away and abs(distance + value) <= error:  # the same one, and known exactly
-            return MissedLatch(distance, turn, MissedErrors(0.0, 0.0))
-    return MissedLatch(-value, time, MissedErrors(error, time_error))
