@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.motion.contact.latches import Latches
-from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.driver import BLOCK, Driver
 from robodyn_cli.motion.failure import explained
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
@@ -19,6 +19,7 @@ from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.results.hdf5.writer import ResultWriter
 from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import (
     DeploySummary,
@@ -64,19 +65,38 @@ def deploy_latched(
     return _report(run, judgement, estimate, watch)
 
 
+class _Pending:
+    """Samples that are still to be recorded: those between two changes of the parameters go together."""
+
+    def __init__(self, run: Run) -> None:
+        self.run, self.p = run, np.zeros(0)
+        self.blocks: list[tuple[Array, Array]] = []
+
+    def take(self, t: Array, x: Array) -> None:
+        p = self.run.driver.parameters
+        if self.blocks and (len(t) >= BLOCK or not np.array_equal(p, self.p)):
+            self.record()
+        self.blocks.append((t, x))
+        self.p = p
+
+    def record(self) -> None:
+        if self.blocks:
+            t, x = (np.concatenate(parts) for parts in zip(*self.blocks))
+            self.run.recorder.emit(t, x, self.p)
+            self.blocks.clear()
+
+
 def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | None:
     """Integrate and record, up to what is waited for; return why the run ended before."""
-    duration, driver = run.motion.scene.simulate.duration, run.driver
+    duration, driver, pending = run.motion.scene.simulate.duration, run.driver, _Pending(run)
     driver.tick = lambda time: progress(time, duration)
     with watch.stage("integrate"):
         try:
-            driver.run(
-                duration,
-                grid_of(run.motion.scene, run.beginning),
-                lambda t, x: run.recorder.emit(t, x, driver.parameters),
-            )
+            driver.run(duration, grid_of(run.motion.scene, run.beginning), pending.take)
         except RobodynError as error:
             return explained(error, run.motion, driver)
+        finally:
+            pending.record()
     return None
 
 
