@@ -84,7 +84,7 @@ class Initial:
         Text(),
         default=None,
         name="from",
-        doc="Result of `simulate` to go on from: its directory or file, relative to this file.",
+        doc="Result of `simulate`, or of `deploy` with `latches`, to go on from: its directory or file, from here.",
     )
     at: float | None = key(
         Number(), default=None, unit="s", doc="Time of the sample to go on from; by default the last one."

@@ -23,6 +23,7 @@ SCENES = {
     "controller": ("simulate", "controlled_arm.yaml", 31, ("simulate.duration=0.4",)),
     "payload": ("simulate", "catching_arm.yaml", 21, ()),
     "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", "outputs.reactions=true")),
+    "latches": ("deploy", "mechanisms/solar_array.yaml", 41, ("simulate.duration=5",)),
     "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
 }
 # random scenes in which figures were wrong: loads that were sought block by block, positions that Newton's method
