@@ -368,3 +368,35 @@ def test_deployment_with_one_latch_is_not_gone_on_from(tmp_path: Path) -> None:
         deployed(
             {**four_bar({"name": "a", "joint": "theta1", "at": 1.0}), "initial": {"from": str(tmp_path)}}
         )
+
+
+def test_spring_of_a_latch_that_opens_takes_its_energy_along() -> None:
+    latch = {
+        "name": "catch",
+        "joint": "hinge",
+        "at": AT,
+        "hold": {"stiffness": 30, "damping": 1},
+        "release": "t - 2.6",
+    }
+    result = deployed(panel(deploy={"latches": [latch], "until": "end"}, simulate={"duration": 4.0}))
+    assert result.status == "no_lock" and result.summary["locks"]["catch"]["opened"] == pytest.approx(2.6)
+    assert result.summary["energy_drift"] < 1e-9
+
+
+def test_latch_cannot_stop_what_is_prescribed() -> None:
+    tree = two_wings()
+    tree["couplers"] = [{"name": "sync", "terms": {"left": 1, "right": -1}}]
+    tree["prescribed"], tree["torques"] = {"left": "0.5*t"}, {}
+    tree["deploy"]["latches"].pop(0)
+    with pytest.raises(NumericalError, match="right_catch.*prescribed motion or loops force on"):
+        deployed(tree)
+
+
+def test_what_does_not_go_with_latches_is_refused() -> None:
+    tree = panel(prescribed={"hinge": "0.5*t"}, torques={})
+    tree["torques"] = {}
+    with pytest.raises(RobodynError, match="hold"):
+        deployed(tree)
+    latch = {"name": "catch", "joint": "hinge", "at_dead_point": True}
+    with pytest.raises(RobodynError, match="at_dead_point"):
+        deployed(panel(deploy={"latches": [latch]}))
