@@ -27,7 +27,7 @@ class Command:
     plots : those of its result, below ``report/plots/``, in the order of pages.
     blames : key that an error of geometry is about.
     streamed : the function takes a ``writer`` too, which writes long runs block by block.
-    goes_on : it takes ``initial.from``, and goes on after it was killed.
+    goes_on : it goes on after it was killed. takes_up : it takes ``initial.from``, and gives what others take.
     studied : ``sweep`` and ``sensitivity`` take it.
     """
 
@@ -44,6 +44,7 @@ class Command:
     blames: str = "initial"
     streamed: bool = False
     goes_on: bool = False
+    takes_up: bool = False
     studied: bool = True
 
 
@@ -110,9 +111,10 @@ COMMANDS: dict[str, Command] = {
         ),
         streamed=True,
         goes_on=True,
+        takes_up=True,
     ),
     "deploy": Command(
-        "Simulate a mechanism with loops until it locks.",
+        "Simulate a mechanism until it locks, by one latch or several.",
         run="works.deploy.deploy:deploy",
         check="over.checks:deploy",
         summary=(
@@ -128,6 +130,7 @@ COMMANDS: dict[str, Command] = {
         good="locked",
         plots=("joints:joint_angles", *MARGINS, *POINTS, *MOTION),
         streamed=True,
+        takes_up=True,
     ),
     "kinematics": Command(
         "Motion without forces, mobility, transmission.",

@@ -45,9 +45,13 @@ class LoopRows:
 
     def of(self, loop: Loop) -> list[Row]:
         """Return the rows of one closure."""
-        root = self.model.common_ancestor(loop.first.body, loop.second.body)
-        rows: list[Row] = loop.element.rows(self._end(loop.first, root), self._end(loop.second, root))
+        rows: list[Row] = loop.element.rows(*self.ends(loop))
         return rows
+
+    def ends(self, loop: Loop) -> tuple[LoopFrame, LoopFrame]:
+        """Return the two ends of a closure."""
+        root = self.model.common_ancestor(loop.first.body, loop.second.body)
+        return self._end(loop.first, root), self._end(loop.second, root)
 
     def _kinematics(self, root: int) -> tuple[dict[int, Pose], dict[int, BodyMotion]]:
         """Return poses and motions (for qdd = 0) relative to a body, in its coordinates."""

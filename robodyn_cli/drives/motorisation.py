@@ -54,8 +54,8 @@ def with_motorisation(
     """Return the records of a motion's summary with the margins of its driven joints behind them; add their datasets to
     the result, and its status.
 
-    looked : the motion where figures are looked at, by default at the samples. again : that of a second integration, and
-    times the difference of figures is their error.
+    looked : the motion where figures are looked at, by default at the samples. again : that of a second integration,
+    and times the difference of figures is their error.
     """
     inertia = None if result.command == "kinematics" else result.command not in SIMULATED
     margins = JointMargins.of(problem, moved, inertia)

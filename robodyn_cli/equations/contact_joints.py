@@ -10,7 +10,7 @@ part of the equations and is switched on and off by its parameter, so one compil
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.model.model import PARAMETER_GROUP, Body, JointForce, Model
@@ -109,6 +109,9 @@ def _contacts(forces: Sequence[JointForce]) -> tuple[Friction | None, Limits | N
     return friction, limits
 
 
-def moving_freely(joints: Sequence[ContactJoint]) -> tuple[float, ...]:
-    """Return the parameters p with which every joint moves freely, without Coulomb friction; () for no joints."""
-    return (0.0,) * (joints[-1].place + len(FIELDS)) if joints else ()
+def moving_freely(held: Sequence[Any]) -> tuple[float, ...]:
+    """Return the parameters p with which every joint moves freely, without Coulomb friction; () for no joints.
+
+    held : joints with a contact state, and latches, which are open.
+    """
+    return (0.0,) * (held[-1].place + len(FIELDS)) if held else ()

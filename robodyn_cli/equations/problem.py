@@ -19,7 +19,7 @@ from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring
 from robodyn_cli.algorithms.kinematics import Pose, moved, poses, transforms
 from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.algorithms.rnea import rnea
-from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints
+from robodyn_cli.equations.contact_joints import ContactJoint, contact_joints, moving_freely
 from robodyn_cli.equations.elements import Elements, JointForces, functions_of_points, given_torques
 from robodyn_cli.equations.gears import geared, losses_of_drive, losses_of_load
 from robodyn_cli.expr.graph import Expr, Scalar, count_operations, is_nonzero
@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from robodyn_cli.algorithms.constraints import Multipliers
     from robodyn_cli.equations.constraints import Combination, Constraints, Dependence
     from robodyn_cli.equations.control.control import Control
+    from robodyn_cli.equations.latches import LatchRow
     from robodyn_cli.equations.switching import Switching
     from robodyn_cli.loops.base import Row
 
@@ -71,6 +72,13 @@ class Problem:
         self.a: list[Expr] = graph.symbols([f"{n}''" for n in self.model.v_names], "a")
         self.keep_rows, self.dependent = keep_rows, tuple(dependent)
         self.braces = braces or {}
+        self.latches: tuple[LatchRow, ...] = ()  # those that events close and open
+        self.sprung: tuple[LatchRow, ...] = ()  # of these the ones with a spring
+        if scene.latched:
+            from robodyn_cli.equations.latches import latch_rows
+
+            self.latches = latch_rows(self)
+            self.sprung = tuple(latch for latch in self.latches if not latch.rigid)
         self.control: Control | None = None
         if scene.control is not None:
             from robodyn_cli.equations.control.control import Control
@@ -84,7 +92,7 @@ class Problem:
         """Return the values of expressions at q (nq,) and v (nv,), by default 0, in the shape of ``entries``."""
         still, z = [0.0] * self.model.nv, [0.0] * (0 if self.control is None else len(self.control.names))
         groups = {"t": [t], "q": q.tolist(), "v": still if v is None else v.tolist(), "a": still, "z": z}
-        return numbers(entries, groups | {"p": self.model.switched if p is None else p.tolist()})
+        return numbers(entries, groups | {"p": self.at_start if p is None else p.tolist()})
 
     # -- rigid bodies ---------------------------------------------------------------------------------
     @property
@@ -192,6 +200,11 @@ class Problem:
         """Joints with a contact state, which a simulation holds and releases by events."""
         return contact_joints(self.model)
 
+    @property
+    def at_start(self) -> tuple[float, ...]:
+        """The parameters p at t = 0, with all joints moving freely and all latches open."""
+        return self.model.switched or moving_freely((*self.contact_joints, *self.latches))
+
     @cached_property
     def elements(self) -> Elements:
         """Forces on points and between bodies."""
@@ -229,11 +242,15 @@ class Problem:
 
         ``smooth`` replaces the sign in Coulomb friction, for simulations.
         """
-        return self.forces_in_joints.terms(smooth)
+        terms = self.forces_in_joints.terms(smooth)
+        for latch in self.sprung:
+            terms["stops"] = terms.get("stops", zeros(self.model.nv)) + latch.torques(self.q, self.v)
+        return terms
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
         """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
-        return [*self.forces_in_joints.losses(smooth), *self.gear_losses(smooth).items()]
+        of_latches = [(x.v, x.loss(self.q, self.v)) for x in self.sprung if x.v is not None]
+        return [*self.forces_in_joints.losses(smooth), *self.gear_losses(smooth).items(), *of_latches]
 
     @cached_property
     def applied(self) -> Vector:
@@ -253,32 +270,10 @@ class Problem:
 
     @cached_property
     def all_constraints(self) -> Constraints:
-        """Rows of the loop closures, then of couplers, then of prescribed joints."""
-        from robodyn_cli.algorithms.constraints import LoopRows, vanishes
-        from robodyn_cli.equations.constraints import Constraints, coordinate_row
+        """All of them: see ``constraints_of``."""
+        from robodyn_cli.equations.prescribed import constraints_of
 
-        rows: list[Row] = []
-        dropped: list[str] = []
-        if self.model.loops:
-            closures = LoopRows(self.model, self.X, self.q, self.v, self.gravity)
-            for row in (row for loop in self.model.loops for row in closures.of(loop)):
-                if vanishes(row):
-                    dropped.append(row.name)
-                else:
-                    rows.append(row)
-        env = self.environment
-        for coupler in self.scene.couplers:
-            value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
-            units = {self.model.q_units[self.model.q_names.index(name)] for name in coupler.terms}
-            kind = "moment" if units == {"rad"} else "force"
-            name = f"{coupler.name}.coupling"
-            rows.append(coordinate_row(name, self.model, self.q, coupler.terms, value, kind))
-        first = len(rows)
-        if self.scene.prescribed:
-            from robodyn_cli.equations.prescribed import prescribed_rows
-
-            rows += prescribed_rows(self.model, self.q, self.v, self.scene.prescribed, env)
-        return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
+        return constraints_of(self)
 
     @cached_property
     def psi(self) -> Matrix:
@@ -329,7 +324,12 @@ class Problem:
     @property
     def has_multipliers(self) -> bool:
         """Whether constraints or held joints act on the accelerations."""
-        return bool(self.constraints.rows or self.contact_joints)
+        return bool(self.constraints.rows or self.is_held)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether parameters hold and release parts of the mechanism: joints with a contact state, and latches."""
+        return bool(self.contact_joints or self.latches)
 
     @cached_property
     def forward(self) -> Multipliers:
@@ -350,19 +350,16 @@ class Problem:
         from robodyn_cli.algorithms.constraints import Multipliers, solve_with_multipliers
 
         f = self.applied - self.bias
-        held = self.contact_joints
         if not self.has_multipliers:
             return Multipliers(self.free_accelerations(f), zeros(0)), []
-        factor = LdlFactor.of(self.mass_matrix, self.elimination_order)
-        units = zeros(len(held), self.model.nv)
-        for k, joint in enumerate(held):
-            units[k, joint.v] = 1.0
-        psi = np.concatenate([self.independent_rows.psi(self.model.nv), units])
-        solved = solve_with_multipliers(
-            factor, f, psi, [*gamma, *(0.0 for _ in held)], [joint.hold for joint in held]
-        )
-        for joint in held:
-            # rounding must not set a held joint in motion
+        from robodyn_cli.equations.latches import held_rows, without_held
+
+        rows, drift, holds = held_rows(self)
+        psi = np.concatenate([self.independent_rows.psi(self.model.nv), rows])
+        M, f, psi = without_held(self, f, psi)
+        factor = LdlFactor.of(M, self.elimination_order)
+        solved = solve_with_multipliers(factor, f, psi, [*gamma, *drift], holds)
+        for joint in self.contact_joints:  # rounding must not set a held joint in motion
             solved.qdd[joint.v] = solved.qdd[joint.v] * (1.0 - joint.hold)
         lam, holding = solved.lam[: len(gamma)], list(solved.lam[len(gamma) :])
         if self.combinations:
@@ -392,6 +389,8 @@ class Problem:
     def potential(self) -> Scalar:
         """Gravity (zero at the base's origin), joint springs and forces between bodies."""
         own = gravity_energy(self.model, self.q, self.gravity, self.X) + spring_energy(self.model, self.q)
+        for latch in self.sprung:
+            own = own + latch.potential(self.q)
         return own + self.elements.potential if self.model.forces else own
 
     # -- places ---------------------------------------------------------------------------------------

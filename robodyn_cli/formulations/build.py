@@ -5,7 +5,6 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from robodyn_cli.equations.contact_joints import moving_freely
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import powers, total
 from robodyn_cli.expr.graph import Scalar, is_nonzero
@@ -64,7 +63,7 @@ def build_system(
         events=tuple(sorted((*events, *own), key=lambda e: ORDER[e.kind])),
         breakpoints=problem.switching.breakpoints,
         partition=partition,
-        parameters=problem.model.switched or moving_freely(problem.contact_joints),
+        parameters=problem.at_start,
         work_done_by=doers,
         forms=formulated.forms,
     )
@@ -93,6 +92,8 @@ def _work(problem: Problem) -> tuple[tuple[str, ...], tuple[Scalar, ...]]:
     by_name = {name: power for name, power in powers(problem).items() if is_nonzero(power)}
     if any(joint.stops for joint in problem.contact_joints):
         by_name["impacts on rigid stops"] = 0.0  # they take energy at once
+    if problem.latches:
+        by_name["latches that close and open"] = 0.0  # they take energy at once
     if problem.model.switched:
         by_name["payloads, gripped and released"] = 0.0  # they bring and take energy at once
     return tuple(by_name), (total(by_name.values()),) if by_name else ()
@@ -101,7 +102,7 @@ def _work(problem: Problem) -> tuple[tuple[str, ...], tuple[Scalar, ...]]:
 def is_rolled(problem: Problem) -> bool:
     """Tell whether a simulation goes by loops over the bodies instead of one graph of expressions."""
     quasi = any(body.joint.quasi for body in problem.model.bodies)
-    plain = not quasi and not problem.scene.prescribed and not problem.contact_joints
+    plain = not quasi and not problem.scene.prescribed and not problem.is_held
     plain = plain and not problem.model.switched
     return plain and prefer_rolled(problem.model)
 

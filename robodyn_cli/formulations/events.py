@@ -27,7 +27,7 @@ class EventKind(enum.Enum):
     RANK_LOSS = "the loops come near a loss of rank"
     PASSAGE = "the loops come near a loss of rank that is to be passed"
     DEAD_POINT = "the input comes to a dead point"
-    LATCH = "a latch comes to the position at which it closes"
+    LATCH = "a latch closes or opens, or its load is largest"
     DISCONTINUITY = "the right-hand side or its slope jumps"
     REPARTITION = "parameters that fit a part of the motion are chosen anew"
     CONTACT = "a joint sticks, slips, meets its stop or leaves it"
@@ -67,6 +67,13 @@ class Jump(Outcome):
     parameters: Array | None = None
     sides: Mapping[int, float] = dataclasses.field(default_factory=dict)
     step: float = math.inf
+
+
+@record
+class Halt(Jump):
+    """The run ends at the event, in another state."""
+
+    ends = True
 
 
 @record

@@ -88,10 +88,10 @@ def independent(problem: Problem, z_rate: Sequence[Scalar], asked: object = None
 
     Raises
     ------
-    CapabilityError : rows depend on each other, or joints stick and slip, whose own parameters change along the motion.
+    CapabilityError : rows depend on each other, or joints stick, slip or latch: their parameters change on the way.
     """
-    if problem.dependent or problem.contact_joints:
-        why = "redundant rows" if problem.dependent else "joints that stick or meet rigid stops"
+    if problem.dependent or problem.is_held:
+        why = "redundant rows" if problem.dependent else "joints that stick, meet rigid stops or latch"
         raise CapabilityError(
             f"simulate.stabilisation: independent coordinates do not go with {why}; allowed: projection, none, "
             "Baumgarte's {alpha, beta}"

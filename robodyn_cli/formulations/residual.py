@@ -45,9 +45,7 @@ class Residual:
     @staticmethod
     def fits(problem: Problem) -> bool:
         """Tell whether a mechanism's equations can be written so."""
-        return (
-            not problem.independent_rows.rows and not problem.contact_joints and problem.model.nv <= LARGEST
-        )
+        return not problem.independent_rows.rows and not problem.is_held and problem.model.nv <= LARGEST
 
     @cached_property
     def _factor(self) -> LdlFactor:

@@ -360,9 +360,8 @@ def _take_up(places: _Places, moving: Sequence[_Moving], values: _Values, switch
 
 def _names_of_points(scene: sc.Scene) -> list[str]:
     """Return the names of what formulas ask of points, in the order of the scene."""
-    formulas = formulas_in(
-        [scene.torques, scene.forces, scene.payloads, scene.control, scene.outputs.signals]
-    )
+    given = [scene.torques, scene.forces, scene.payloads, scene.control, scene.outputs.signals]
+    formulas = formulas_in([*given, scene.deploy.latches])
     names = (name for x in formulas for name in sorted(x.names))
     return list(dict.fromkeys(name for name in names if name.endswith(")")))
 

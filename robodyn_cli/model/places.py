@@ -37,6 +37,11 @@ def with_places(scene: Scene) -> Scene:
     return dataclasses.replace(scene, **sections)
 
 
+def placed(value: Any, place: str) -> Any:
+    """Return a record of the scene with its numbers as ``Fixed`` at their keys below ``place``."""
+    return _placed(value, place)
+
+
 def with_free(scene: Scene, places: Collection[str]) -> Scene:
     """Return the scene with the values at some places as numbers that are no structure, as ``with_places`` leaves it.
 

@@ -176,8 +176,8 @@ def refuse_study(problem: Problem) -> None:
             "simulate.stabilisation: Baumgarte's gains are not chosen where rows of the loops depend on each other; "
             "allowed: projection, none, Baumgarte's {alpha, beta}"
         )
-    if problem.contact_joints:
+    if problem.is_held:
         raise CapabilityError(
-            "simulate.stabilisation: the runs that choose Baumgarte's gains do not follow joints that stick or "
-            "meet rigid stops; allowed: projection, none, Baumgarte's {alpha, beta}"
+            "simulate.stabilisation: the runs that choose Baumgarte's gains do not follow joints that stick, "
+            "meet rigid stops or latch; allowed: projection, none, Baumgarte's {alpha, beta}"
         )

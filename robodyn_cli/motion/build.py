@@ -41,6 +41,18 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     return [*own, *limit_watchers(problem)] if problem.scene.robot.limited else own
 
 
+def follow_latches(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
+    """Return the watchers of a motion with latches: loss of rank, contact states and latches together, limits."""
+    from robodyn_cli.motion.contact.latches import Latches
+
+    own: list[Watcher] = [Latches(problem, passive)]
+    if problem.model.closures:
+        from robodyn_cli.motion.singular.rank_loss import RankLoss
+
+        own.insert(0, RankLoss(problem))
+    return [*own, *limit_watchers(problem)]
+
+
 def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of what changes a motion: poses to pass, and contact states."""
     return [watcher for watcher in follow_motion(problem, passive) if watcher.changes_motion]

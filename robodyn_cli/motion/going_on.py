@@ -7,7 +7,7 @@ doubles. A block that was being written when the run ended is not used.
 
 From a stored run the clock goes on too: formulas of time and prescribed joints see its time, and `simulate.duration` is
 the end on that clock. What is stored is the whole state (q, v, and the work done so far). Contact states are found anew
-from it, as at any start.
+from it, as at any start; latches of a deployment that were closed stay closed, where the scene has them.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import contextlib
 import dataclasses
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -27,12 +27,14 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import ResultFileError, SceneError
 from robodyn_cli.foreign import opened
 from robodyn_cli.formulations.system import System
+from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver, MethodChange
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.record import record
 from robodyn_cli.results.atomic import output_errors
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import sha256
+from robodyn_cli.scene.checks.robot import columns
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Counters
@@ -158,6 +160,7 @@ def _blocks(file: BinaryIO) -> Iterator[JournalBlock]:
 
 RESULT_FILE = "result.h5"
 STORED = ("time", "q", "qd", "energy/work", "control/states")
+STILL = 1e-9  # part of the largest rate below which a joint stands still
 SAME_TIME = 1e-9  # part of a time (or of a second) by which the sample asked for may differ
 # Runs with Baumgarte's method or none drift from the loops; beyond this [m, rad and their rates] the loops are others.
 CLOSED = 1e-3
@@ -168,7 +171,7 @@ class Stored:
     """Samples of a stored run: times (T,), q (T, nq), v (T, nv) with the names of their columns, work (T,) if any.
     control : states of the controller (T, nc), if any.
 
-    sample : the one to go on from.
+    sample : the one to go on from. latched : whether it is of a deployment with latches. events : of that run.
     """
 
     scene: Scene
@@ -180,6 +183,8 @@ class Stored:
     work: Array | None
     control: Array | None
     sample: int
+    latched: bool
+    events: tuple[Mapping[str, Any], ...]
 
     @property
     def time(self) -> float:
@@ -193,9 +198,13 @@ class Stored:
         initial = self.scene.initial
         if initial.q:
             return self.scene
+        robot = self.scene.robot
         q, v = (
-            dict(zip(names, row[0].tolist()))
-            for names, row in ((self.q_names, self.q), (self.v_names, self.v))
+            {name: x for name, x in zip(names, row[0].tolist()) if name in own}
+            for names, row, own in (
+                (self.q_names, self.q, columns(robot)),
+                (self.v_names, self.v, columns(robot, velocities=True)),
+            )
         )
         return dataclasses.replace(
             self.scene, initial=dataclasses.replace(initial, q=q, qd={**v, **initial.qd})
@@ -209,15 +218,52 @@ class Stored:
         SceneError : the state is not one of this mechanism.
         """
         model, system = motion.problem.model, motion.system
-        for quantity, names, needed in (
-            ("positions", self.q_names, model.q_names),
-            ("rates", self.v_names, model.v_names),
-        ):
-            if tuple(names) != tuple(needed):
-                raise self._refused(f"holds {quantity} of {_listed(names)}; this scene has {_listed(needed)}")
-        q, v = self.q[self.sample], self.v[self.sample]
+        told: list[str] = []
+        q = self._columns("positions", self.q_names, model.q_names, self.q[self.sample])
+        v = self._columns("rates", self.v_names, model.v_names, self.v[self.sample])
+        if gone := self._gone(model.v_names):
+            told.append(f"joints of the stored run that this scene does not have: {_listed(gone)}")
+        latches = next((w for w in motion.watchers if isinstance(w, Latches)), None)
+        closed = self.closed_latches()
+        if opened := tuple(name for name in closed if latches is None or name not in latches.names):
+            told.append(
+                f"latches that were closed and that this scene does not have, so they are open: {_listed(opened)}"
+            )
+        if latches is not None:
+            latches.given = closed
         self._check_loops(motion.problem, q, v)
-        return Beginning(self.time, system.join(q, v, self._further(system)))
+        return Beginning(self.time, system.join(q, v, self._further(system)), tuple(told))
+
+    def _columns(self, quantity: str, names: Sequence[str], needed: Sequence[str], row: Array) -> Array:
+        """Return the columns that a scene needs; a deployment may have others, of joints that are gone."""
+        have = dict(zip(names, row.tolist()))
+        if tuple(names) != tuple(needed) and not (self.latched and set(needed) <= have.keys()):
+            raise self._refused(
+                f"holds {quantity} of {_listed(tuple(names))}; this scene has {_listed(tuple(needed))}"
+            )
+        return np.array([have[name] for name in needed])
+
+    def _gone(self, needed: Sequence[str]) -> tuple[str, ...]:
+        """Return the columns of rates of joints that are gone, which have to stand still."""
+        gone = [k for k, name in enumerate(self.v_names) if name not in needed]
+        fastest = float(np.abs(self.v[self.sample]).max(initial=0.0))
+        for k in gone:
+            if abs(rate := float(self.v[self.sample, k])) > STILL * fastest:
+                raise self._refused(
+                    f"has joint {self.v_names[k]!r}, which this scene does not have, and which moves at {rate:.3g} "
+                    f"(rad/s or m/s) at {self.time:g} s; allowed: joints that stand still there, as latched ones do"
+                )
+        return tuple(self.v_names[k] for k in gone)
+
+    def closed_latches(self) -> dict[str, Mapping[str, Any]]:
+        """Return the latches that are closed at the sample, by name, with the event at which each closed."""
+        closed: dict[str, Mapping[str, Any]] = {}
+        for event in self.events:
+            if event["kind"] == "latched" and event["time"] <= self.time:
+                closed[event["name"]] = event
+            elif event["kind"] == "opened" and event["time"] <= self.time:
+                closed.pop(event["name"], None)
+        return closed
 
     def _further(self, system: System) -> Array:
         """Return the further states: those of the controller, and the work so far, where that is integrated."""
@@ -267,10 +313,16 @@ def stored_run(scene: Scene) -> Stored:
     named = scene.initial.source
     assert named is not None
     result = _read(scene, Path(scene.path).parent / named)
-    able = [name for name, row in COMMANDS.items() if row.goes_on]
+    able = [name for name, row in COMMANDS.items() if row.takes_up]
     if result.command not in able:
         allowed = " or ".join(map(repr, able))
         raise refused(scene, f"{named!r} is a result of {result.command!r}; allowed: of {allowed}")
+    if "criteria" in result.summary:
+        raise refused(
+            scene,
+            f"{named!r} is a deployment with one 'latch', whose samples end before it closes; allowed: one with "
+            "'deploy.latches', or a result of 'simulate'",
+        )
     time, q, v = (result.variables[path] for path in STORED[:3])
     work, control = (result.variables.get(path) for path in STORED[3:])
     sample = _sample(scene, time.data)
@@ -284,6 +336,8 @@ def stored_run(scene: Scene) -> Stored:
         None if work is None else work.data,
         None if control is None else control.data,
         sample,
+        "locks" in result.summary,
+        tuple(result.events),
     )
 
 

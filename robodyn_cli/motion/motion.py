@@ -117,10 +117,11 @@ class Watcher:
 
 @record
 class Beginning:
-    """Time [s] and state x (nx,) that a run begins with."""
+    """Time [s] and state x (nx,) that a run begins with; told : what users are to be warned of about it."""
 
     time: float
     state: Array
+    told: tuple[str, ...] = ()
 
 
 @record

@@ -39,6 +39,7 @@ class FirstRun(First):
     """The run whose error is asked for: its beginning, samples, end [s] and the state x (nx,) there.
 
     start : where the second integration begins (nx,), off from the first by the error of what came before; None: there.
+    latest : of a run that an event ended: until when the second one may go on to its own [s]; None: to ``end``.
     """
 
     beginning: Beginning
@@ -46,6 +47,7 @@ class FirstRun(First):
     end: float
     state: Array
     start: Array | None = None
+    latest: float | None = None
 
     @staticmethod
     def of(driver: Driver, beginning: Beginning, grid: Grid, recorder: Recorder) -> FirstRun:
@@ -73,6 +75,7 @@ class Second:
     how: str
     facts: Mapping[str, Any]
     states: Array
+    watchers: tuple[Watcher, ...]
 
 
 @record
@@ -80,13 +83,14 @@ class Estimate:
     """The errors of a motion, and what those of its figures follow from.
 
     recorder : the second run's samples, None where nothing is asked for that follows from samples. facts : what its
-    watchers say. factor : times a difference of both runs is an error, see ``remainder``.
+    watchers say, and these themselves. factor : times a difference of both runs is an error, see ``remainder``.
     """
 
     errors: MotionErrors
     recorder: Recorder | None = None
     facts: Mapping[str, Any] | None = None
     factor: float = 1.0
+    watchers: tuple[Watcher, ...] = ()
 
 
 class SecondFailed(Exception):
@@ -143,7 +147,10 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
         try:
             start()
             driver.run(
-                first.end, first.grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch
+                first.latest or first.end,
+                first.grid,
+                lambda t, x: blocks.append((t, x, driver.parameters)),
+                watch=watch,
             )
         except (NumericalError, SingularConfigurationError) as error:
             came_to = SecondFailed(attempt.how, error)
@@ -152,7 +159,16 @@ def second_run(motion: Motion, first: FirstRun, tick: Tick) -> Second:
             return np.array([driver.counters.steps]), np.array([True])
         states = np.concatenate([x for _, x, _ in blocks])
         facts = {key: value for w in driver.watchers for key, value in w.facts(driver.time).items()}
-        came_to = Second(blocks, driver.time, driver.state, driver.counters.steps, attempt.how, facts, states)
+        came_to = Second(
+            blocks,
+            driver.time,
+            driver.state,
+            driver.counters.steps,
+            attempt.how,
+            facts,
+            states,
+            tuple(driver.watchers),
+        )
         return np.array([came_to.steps]), np.array([False])
 
     integrate_again(first, once)
@@ -218,7 +234,7 @@ def estimate_error(
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
     observed = _observed(recorder, second) if figures or recorder.observer.figures else None
-    return Estimate(errors, observed, second.facts, float(courses.scale[0]))
+    return Estimate(errors, observed, second.facts, float(courses.scale[0]), second.watchers)
 
 
 def _observed(recorder: Recorder, second: Second) -> Recorder:
@@ -242,7 +258,7 @@ def judged_courses(
     count = min(len(own), len(other))
     own, other, times = own[:count], other[:count], times[:count]
     sampled_end = len(times) > 0 and times[-1] >= first.end
-    if second.end >= first.end:
+    if second.end >= first.end or first.latest is not None:
         own, other = np.vstack([own, first.state]), np.vstack([other, second.state])
         times = np.append(times, first.end)
     if motion.problem.constraints.rheonomic:  # where closing the loops leaves little of errors between steps

@@ -128,7 +128,7 @@ def redundant_rows(run: Run) -> Redundant | None:
 def motion_warnings(run: Run) -> list[str]:
     """Return what is doubtful about a motion: told by its watchers, its formulas, its start and its steps."""
     motion = run.motion
-    warnings = [text for watcher in motion.watchers for text in watcher.warnings]
+    warnings = [*run.beginning.told, *(text for watcher in motion.watchers for text in watcher.warnings)]
     warnings += [
         f"{key}: this function of time changes so often, or on so short a scale, that not every change was found; "
         "steps may miss some: set simulate.max_step below the shortest"

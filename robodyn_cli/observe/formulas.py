@@ -52,7 +52,7 @@ def check_formulas_ahead(problem: Problem, q: Array, v: Array) -> None:
     ------
     SceneError : names the formula and what it depends on.
     """
-    if problem.contact_joints or not _at_an_edge(problem, TimedState(0.0, q, v)):
+    if problem.is_held or not _at_an_edge(problem, TimedState(0.0, q, v)):
         return
     a = problem.numbers(problem.forward.qdd, q, v=v)
     soon = AHEAD * problem.scene.simulate.duration

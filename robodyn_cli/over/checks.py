@@ -81,10 +81,9 @@ def simulate(scene: Scene) -> Missing:
 
 def deploy(scene: Scene) -> Missing:
     """Build the motion of the mechanism, and let those who watch it see the start."""
-    from robodyn_cli.works.deploy.deploy import build_deployment
+    from robodyn_cli.works.deploy.deploy import deployment_of
 
-    motion = build_deployment(_without_study(scene), Stopwatch())
-    return _begun(motion, motion.beginning)
+    return _begun(*deployment_of(_without_study(scene), Stopwatch()))
 
 
 def stability(scene: Scene) -> Missing:

@@ -94,8 +94,8 @@ def check(command: str, scene: Scene) -> Sequence[str]:
 @contextlib.contextmanager
 def _asked_of(command: str, scene: Scene) -> Iterator[None]:
     """Refuse a start that a command does not take, and turn numpy's errors into ours."""
-    if scene.initial.source is not None and not COMMANDS[command].goes_on:
-        allowed = ", ".join(repr(name) for name, row in COMMANDS.items() if row.goes_on)
+    if scene.initial.source is not None and not COMMANDS[command].takes_up:
+        allowed = ", ".join(repr(name) for name, row in COMMANDS.items() if row.takes_up)
         raise SceneError(
             f"{scene.path}: initial.from: {command!r} does not go on from a stored run; allowed: {allowed}",
             file=scene.path, key="initial.from",

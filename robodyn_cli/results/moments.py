@@ -21,13 +21,15 @@ WORDS = {
     "overload": "{name} is overloaded",
     "bifurcation": "bifurcation",
     "limit": "{name}",
+    "latched": "latch {name} closes",
+    "opened": "latch {name} opens",
 }
 LATCH = "latch closes"
 ROOM = 16  # characters that one more time and the end of a line take
 # those that end or change a run as a whole, and are told with their time
 DECISIVE = ("lock", "overload", "bifurcation", "limit")
 # those after which nothing is as before, and which every summary tells
-LASTING = ("lock", "latch", "overload")
+LASTING = ("lock", "latch", "latched", "overload")
 
 
 @record

@@ -3,6 +3,8 @@ imported for scenes that have them."""
 
 from __future__ import annotations
 
+from typing import Any
+
 from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.statements import Expectation, Variation
 from robodyn_cli.record import record
@@ -12,6 +14,7 @@ from robodyn_cli.schema.fields import (
     Choice,
     Criteria,
     Direction,
+    Either,
     Formula,
     Integer,
     JointMap,
@@ -208,6 +211,69 @@ class Latch:
         default=None,
         doc="Or: the limit of one joint at which it closes, such as a stop.",
     )
+
+
+@record
+class LatchSpring:
+    """How a latch gives way once it has closed: a spring and a damper on the far side of its position."""
+
+    stiffness: float = key(
+        Number(minimum=0.0, exclusive=True), unit="N m/rad or N/m", doc="Stiffness k beyond the position."
+    )
+    damping: float = key(Number(minimum=0.0), default=0.0, unit="N m s/rad or N s/m", doc="Damping c there.")
+
+
+CONDITIONS = ("at", "at_limit", "at_dead_point", "when")
+
+
+@record
+class DeployLatch:
+    """One of several latches: what it holds, when it closes, and when it opens again."""
+
+    name: str = key(Name(of="latch"), doc="Name.")
+    joint: str | None = key(
+        Text(), default=None, doc="Joint that it holds; `JOINT.COORDINATE` of one with several."
+    )
+    between: tuple[str, ...] | None = key(
+        ListOf(Name(of="link"), minimum=2, maximum=2),
+        default=None,
+        doc="Or the two links that it fixes to each other, which a joint of one axis or a closure of type `revolute` "
+        "joins.",
+    )
+    at: Any = key(
+        Either((Number(), JointMap(Number()))),
+        default=None,
+        unit="rad or m",
+        doc="Position at which it closes: of its own `joint`, or {JOINT: POSITION} of another.",
+    )
+    at_limit: dict[str, str] = key(
+        JointMap(Choice(("lower", "upper"))), default=None, doc="Or the limit of a joint at which it closes."
+    )
+    at_dead_point: bool = key(Boolean(), default=False, doc="Or: it closes in a dead point of the input.")
+    when: FormulaTree | None = key(
+        Formula(), default=None, doc="Or a formula of t, q and qd: it closes where its value passes zero."
+    )
+    side: str = key(
+        Choice(("either", "up", "down")),
+        default="either",
+        doc="The way in which the position or the formula has to pass: rising (`up`), falling (`down`).",
+    )
+    hold: Any = key(
+        Either((Choice(("rigid",)), Section(LatchSpring))),
+        default="rigid",
+        doc="`rigid`: what it holds moves no more; or a spring and damper that never pull.",
+    )
+    release: FormulaTree | None = key(
+        Formula(),
+        default=None,
+        doc="It opens where the value of this formula of t, q and qd rises through zero; it may close again.",
+    )
+
+    @property
+    def conditions(self) -> tuple[str, ...]:
+        """The keys that say when it closes, of which there is to be one."""
+        given = {name: getattr(self, name) for name in CONDITIONS}
+        return tuple(name for name, x in given.items() if x is not None and x is not False and x != {})
 
 
 @record

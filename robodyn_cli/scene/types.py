@@ -52,7 +52,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 
 if TYPE_CHECKING:
     from robodyn_cli.expr.statements import Variation
-    from robodyn_cli.scene.nested_options import Correlation, Latch, LoadLimit, Payload, ReachOptions, Sweep
+    from robodyn_cli.scene import nested_options as nested
     from robodyn_cli.scene.robot_parts import Coupler
 
 
@@ -85,7 +85,7 @@ class Initial:
         Text(),
         default=None,
         name="from",
-        doc="Result of `simulate` to go on from: its directory or file, relative to this file.",
+        doc="Result of `simulate`, or of `deploy` with `latches`, to go on from: its directory or file, from here.",
     )
     at: float | None = key(
         Number(), default=None, unit="s", doc="Time of the sample to go on from; by default the last one."
@@ -117,17 +117,12 @@ class SimulateOptions:
     rtol: float = key(Number(minimum=1e-15, maximum=0.1), default=1e-10, unit="1", doc="Relative tolerance.")
     atol: float = key(Number(minimum=0.0), default=1e-12, unit="rad, m", doc="Absolute tolerance.")
     step: float | None = key(
-        Number(minimum=0.0, exclusive=True),
-        default=None,
-        unit="s",
-        doc="Step of the methods with a fixed step.",
-    )
+        Number(minimum=0.0, exclusive=True), default=None, unit="s", doc="Step of the methods with a fixed step."
+    )  # fmt: skip
     max_step: float | None = key(
-        Number(minimum=0.0, exclusive=True),
-        default=None,
-        unit="s",
+        Number(minimum=0.0, exclusive=True), default=None, unit="s",
         doc="Longest step of the methods that choose their own.",
-    )
+    )  # fmt: skip
     max_steps: int = key(Integer(minimum=1), default=10_000_000, doc="Steps after which the run is stopped.")
     stabilisation: Any = key(
         Either((Choice(("projection", "independent", "baumgarte", "none")), Section(Baumgarte))),
@@ -149,32 +144,36 @@ class SimulateOptions:
 @record
 class DeployOptions:
     criterion: str = key(
-        Choice(("dead_point", "multipliers", "either", "latch")),
-        default="dead_point",
+        Choice(("dead_point", "multipliers", "either", "latch")), default="dead_point",
         doc="Criterion of the lock; `latch`: the position at which the latch closes.",
-    )
+    )  # fmt: skip
     growth: float = key(
-        Number(minimum=1.0, exclusive=True),
-        default=1000.0,
-        unit="1",
+        Number(minimum=1.0, exclusive=True), default=1000.0, unit="1",
         doc="The norm of the multipliers passes this times its running median on a 1 ms grid.",
-    )
+    )  # fmt: skip
     limit: float | None = key(
         Number(minimum=0.0, exclusive=True), default=None, unit="N", doc="Or: the norm passes this value."
     )
-    latch: Latch | None = key(
-        LaterSection("scene.nested_options:Latch"), default=None, doc="Links that lock to each other."
-    )
+    latch: nested.Latch | None = key(
+        LaterSection("scene.nested_options:Latch", several="latches"), default=None,
+        doc="Links that lock to each other.",
+    )  # fmt: skip
+    latches: tuple[nested.DeployLatch, ...] = key(
+        ListOf(LaterSection("scene.nested_options:DeployLatch")), default=(),
+        doc="Or several latches, in place of `criterion` and `latch`: the motion goes on behind each.",
+    )  # fmt: skip
+    until: str = key(
+        Text(), default="all",
+        doc="With `latches`: the run ends when `all` are closed, or one by its name, or at its `end`.",
+    )  # fmt: skip
     after: str = key(
-        Choice(("stop", "continue")),
-        default="stop",
+        Choice(("stop", "continue")), default="stop",
         doc="Motion after the lock: nothing, or the locked structure until the end of the duration.",
-    )
-    loads: dict[str, LoadLimit] = key(
-        MapOf(LaterSection("scene.nested_options:LoadLimit"), of="joint"),
-        default=None,
+    )  # fmt: skip
+    loads: dict[str, nested.LoadLimit] = key(
+        MapOf(LaterSection("scene.nested_options:LoadLimit"), of="joint"), default=None,
         doc="Largest loads of joints, closures and the `latch`; more is an overload.",
-    )
+    )  # fmt: skip
 
 
 SEEN = Formula(("t", "q", "qd", "ref", "refd", "refdd", "s", "tau"))
@@ -184,7 +183,7 @@ SEEN = Formula(("t", "q", "qd", "ref", "refd", "refdd", "s", "tau"))
 class KinematicsOptions:
     """Options of ``kinematics``."""
 
-    sweep: Sweep | None = key(
+    sweep: nested.Sweep | None = key(
         LaterSection("scene.nested_options:Sweep"),
         default=None,
         doc="Motion of one joint; without it, `trajectory` or `prescribed` moves.",
@@ -274,7 +273,7 @@ class StudyOptions:
         name="yield",
         doc="Share of runs that must hold what `expect` says.",
     )
-    correlation: tuple[Correlation, ...] = key(
+    correlation: tuple[nested.Correlation, ...] = key(
         ListOf(LaterSection("scene.nested_options:Correlation")),
         default=(),
         doc="Pairs of keys that vary together.",
@@ -306,7 +305,7 @@ class Scene:
     forces: tuple[Any, ...] = key(
         ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
     )
-    payloads: tuple[Payload, ...] = key(
+    payloads: tuple[nested.Payload, ...] = key(
         ListOf(LaterSection("scene.nested_options:Payload")),
         default=(),
         doc="Masses that links pick up and release.",
@@ -368,7 +367,7 @@ class Scene:
     kinematics: KinematicsOptions = key(
         Section(KinematicsOptions), default=KinematicsOptions(), doc="Options of `kinematics`."
     )
-    reach: ReachOptions | None = key(
+    reach: nested.ReachOptions | None = key(
         LaterSection("scene.nested_options:ReachOptions"), default=None, doc="The pose of `reach`."
     )
     statics: StaticsOptions = key(
@@ -392,6 +391,7 @@ class Scene:
     warnings: tuple[str, ...] = dataclasses.field(default=(), compare=False)
     path: str = dataclasses.field(default="", compare=False)
     text: str = dataclasses.field(default="", compare=False, repr=False)
+    latched: bool = False  # whether the command follows the latches of `deploy`
     sources: tuple[str, ...] = dataclasses.field(default=(), compare=False)
 
 

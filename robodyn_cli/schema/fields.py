@@ -136,12 +136,17 @@ class Section(Kind):
 
 
 class LaterSection(Section):
-    """A section whose dataclass, at ``place`` as ``module:member``, is imported for scenes that have it alone."""
+    """A section whose dataclass, at ``place`` as ``module:member``, is imported for scenes that have it alone.
+
+    several : the key that takes a list of what this one takes one of.
+    """
 
     place: str
+    several: str
 
-    def __init__(self, place: str) -> None:
+    def __init__(self, place: str, several: str = "") -> None:
         object.__setattr__(self, "place", place)
+        object.__setattr__(self, "several", several)
 
     @property
     def cls(self) -> type:

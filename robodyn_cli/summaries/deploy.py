@@ -167,6 +167,7 @@ class LockKeys:
     multipliers: MultiplierKeys | None = fact("norm of the loops' multipliers")
     singular_values: SingularValues | None = fact("at the lock")
     latch: LatchKeys | Absent | None = fact("what the latch does when it closes", default=ABSENT)
+    name: str | Absent = fact("of several latches the one that closed", default=ABSENT)
     latch_note: str | Absent = fact("why no latch can close", default=ABSENT)
 
 
@@ -235,11 +236,12 @@ class Overload:
 class DeploySummary:
     """Keys of the summary of ``deploy``, beside those of every integrated motion."""
 
-    criteria: CriterionTimes = fact("when each criterion fired")
-    lock: LockKeys | None = fact("the lock; `null` without one")
+    lock: LockKeys | None = fact("the lock; `null` without one; of several latches the last that closed")
+    criteria: CriterionTimes | Absent = fact("when each criterion fired", default=ABSENT)
     after_lock: AfterLock | Absent | None = fact(
-        "with `deploy.after: continue`: the motion of the locked structure; `null` where no latch could close"
+        "with `deploy.after: continue`: the motion of the locked structure; `null` where no latch could close",
+        default=ABSENT,
     )
     overload: Overload | Absent | None = fact(
-        "with `deploy.loads`: the first load beyond its limit; `null` if there is none"
+        "with `deploy.loads`: the first load beyond its limit; `null` if there is none", default=ABSENT
     )

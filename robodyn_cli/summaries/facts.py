@@ -59,6 +59,7 @@ TURNS = UnitOf("1", "rad/m")
 # what the keys of a map may be, beside words of our own: names in the scene, by what they name
 JOINT, LINK, POINT, LOOP, ROW, LIMIT, PAYLOAD = "JOINT", "LINK", "POINT", "LOOP", "ROW", "LIMIT", "PAYLOAD"
 COLUMN = "COLUMN"  # over time, as exports call it: ``q.theta1``, ``points/tip.x``
+LATCH = "LATCH"
 OUTPUT = "OUTPUT"  # a key of the summary of each run of a study
 ANY = "KEY"  # any key at all
 

@@ -8,6 +8,8 @@ from robodyn_cli.record import mutable_record, record
 from robodyn_cli.summaries.facts import (
     ABSENT,
     ANY,
+    LATCH,
+    LOAD,
     OWN,
     PAYLOAD,
     RATE,
@@ -205,6 +207,74 @@ class PayloadFacts:
 
 
 @record
+class LatchLockErrors:
+    """Errors of what a latch did; left out where none was asked for."""
+
+    time: float | Absent | None = fact("of the time", "s", default=ABSENT)
+    angle: float | Absent | None = fact("of the position", OWN, default=ABSENT)
+    speed: float | Absent | None = fact("of the rate", RATE, default=ABSENT)
+    energy_lost: float | Absent | None = fact("of the energy", "J", default=ABSENT)
+    angular_impulse: float | Absent | None = fact("of the impulse", "N m s or N s", default=ABSENT)
+    peak_moment: float | Absent | None = fact("of the largest load", LOAD, default=ABSENT)
+    peak_time: float | Absent | None = fact("of its time", "s", default=ABSENT)
+    opened: float | Absent | None = fact("of the time when it opened", "s", default=ABSENT)
+
+
+@record
+class LatchLock:
+    """What one of several latches did when it closed, the last time where it did so more often."""
+
+    order: int = fact("1 for the first to close; latches that close together have the same")
+    time: float = fact("when it closed", "s", errors=(".errors.time",))
+    angle: float | Absent = fact(
+        "position of the joint that it holds; not of two links that a closure joins",
+        OWN, errors=(".errors.angle",), default=ABSENT,
+    )  # fmt: skip
+    speed: float = fact("rate of what it holds, right before", RATE, errors=(".errors.speed",), default=0.0)
+    energy_lost: float = fact(
+        "that the impact cost; of latches that close together, that of all of them",
+        "J", errors=(".errors.energy_lost",), default=0.0,
+    )  # fmt: skip
+    angular_impulse: float | Absent = fact(
+        "of a rigid one: its impulse, along a sliding joint in N s; of latches that close together and hold the same, "
+        "those of least norm",
+        "N m s or N s", errors=(".errors.angular_impulse",), default=ABSENT,
+    )  # fmt: skip
+    peak_moment: float | Absent = fact(
+        "of one with a spring: its largest load", LOAD, errors=(".errors.peak_moment",), default=ABSENT
+    )
+    peak_time: float | Absent = fact(
+        "when its load is largest", "s", errors=(".errors.peak_time",), default=ABSENT
+    )
+    rebounds: int = fact("of one with a spring: how often it was left again", default=0)
+    closings: int = fact("how often it closed", default=1)
+    opened: float | Absent = fact(
+        "when it opened again; absent while it is closed", "s", errors=(".errors.opened",), default=ABSENT
+    )
+    errors: LatchLockErrors | Absent = fact("errors of these figures", default=ABSENT)
+
+
+@record
+class MissedLatchErrors:
+    """Errors of how near a latch came; left out where none was asked for."""
+
+    nearest: float | Absent | None = fact("of the distance", OWN, default=ABSENT)
+    time: float | Absent | None = fact("of its time", "s", default=ABSENT)
+
+
+@record
+class MissedLatch:
+    """How near a latch that has not closed came to it."""
+
+    nearest: float | None = fact(
+        "least distance from the position at which it closes; `null` for a dead point or a formula",
+        OWN, errors=(".errors.nearest",),
+    )  # fmt: skip
+    time: float | None = fact("when it was nearest", "s", errors=(".errors.time",))
+    errors: MissedLatchErrors = fact("errors of these figures")
+
+
+@record
 class FinalState:
     """The last state of a run."""
 
@@ -256,6 +326,12 @@ class MotionSummary:
         names=("stick", "slip", "impact", "contact", "release"), default=ABSENT,
     )  # fmt: skip
     payloads: dict[str, PayloadFacts] | Absent = fact("that come or go", names=PAYLOAD, default=ABSENT)
+    locks: dict[str, LatchLock] | Absent = fact(
+        "with `deploy.latches`: those that closed, open ones among them", names=LATCH, default=ABSENT
+    )
+    missed: dict[str, MissedLatch] | Absent = fact(
+        "with `deploy.latches`: those that have not closed", names=LATCH, default=ABSENT
+    )
     passed: list[float] | Absent = fact(
         "with `singular: pass`: times of the singular configurations that were stepped over",
         "s", errors=("passed_error",), default=ABSENT,

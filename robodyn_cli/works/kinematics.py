@@ -109,7 +109,7 @@ def problem_of(scene: Scene) -> Problem:
 
 
 def _with_motorisation(
-    records: list[Any], result: Result, problem: Problem, motions: Sequence[Planned]
+    records: list[Any], result: Result, problem: Problem, motions: tuple[Planned, Planned]
 ) -> list[Any]:
     """Return the records with margins of motorisation; motions : at the samples, and where figures are looked at."""
     from robodyn_cli.drives.motorisation import with_motorisation
@@ -120,7 +120,7 @@ def _with_motorisation(
         breaks = tuple(spaced(knot_places(problem.scene, times), len(times)))
         return Moved(times, motion.q, motion.qd, motion.qdd, np.zeros_like(motion.qd), breaks)
 
-    return with_motorisation(records, result, problem, *map(moved, motions))
+    return with_motorisation(records, result, problem, moved(motions[0]), moved(motions[1]))
 
 
 def _closer(problem: Problem, planned: Planned, result: Result) -> tuple[Planned, Result]:

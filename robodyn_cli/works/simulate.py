@@ -6,7 +6,7 @@ import dataclasses
 from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.build import build_motion, follow_latches, follow_motion
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
@@ -80,7 +80,11 @@ def motion_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
     from robodyn_cli.motion.going_on import stored_run
 
     stored = stored_run(scene)
-    motion = build_motion(integrable(stored.completed(), watch), watch)
+    scene, follow = stored.completed(), follow_motion
+    if stored.latched and scene.deploy.latches:  # the same mechanism, to the end of the duration
+        deploy = dataclasses.replace(scene.deploy, until="end")
+        scene, follow = dataclasses.replace(scene, latched=True, deploy=deploy), follow_latches
+    motion = build_motion(integrable(scene, watch), watch, follow)
     _refuse_undriven(motion)
     return motion, stored.beginning(motion)
 

@@ -37,6 +37,7 @@ SCENES = {
         ("outputs.extremes=[q.rocker, qdd.rocker]",),
     ),
     "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", ASKED)),
+    "latches": ("deploy", "mechanisms/solar_array.yaml", 41, ("simulate.duration=5",)),
     "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
 }
 # random scenes in which figures were wrong: loads that were sought block by block, positions that Newton's method

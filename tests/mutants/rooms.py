@@ -58,6 +58,8 @@ ROOMS = {
     "torques/checks.py": ["test_error_rules.py", *INVERSE],
     "solve/extremes.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],
     "solve/quadrature.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],
+    "motion/contact/latches.py": ["test_latches.py"],
+    "motion/contact/events.py": ["test_latches.py"],
     "motion/error.py": MOTION,
     "motion/second_run.py": MOTION,
     "motion/extremes.py": ["test_run_extremes.py"],

@@ -329,7 +329,37 @@ def _at_limit(draft: Draft) -> None:
     draft.tree["deploy"] = {"criterion": "latch", "latch": latch}
 
 
+def _latches(until: str = "end", **keys: Any) -> Feature:
+    """Return the feature that writes two latches: of joint b at a position, and of the links at a time."""
+
+    def write(draft: Draft) -> None:
+        near = draft.starts["b"] - 1e-4
+        first = {"name": "one", "joint": "b", "at": near, "side": "down", **keys}
+        second = {
+            "name": "two",
+            "between": ["upper", "fore"],
+            "when": "t - 0.03",
+            "side": "up",
+            "release": "t - 0.04",
+        }
+        draft.tree["deploy"] = {"latches": [first, second], "until": until}
+
+    return write
+
+
+def _latch_at_limit(draft: Draft) -> None:
+    _at_limit(draft)
+    limit = draft.tree["deploy"]["latch"]["at_limit"]
+    draft.tree["deploy"] = {"latches": [{"name": "one", "between": ["upper", "base"], "at_limit": limit}]}
+
+
 ASKED = {
+    "latches": _latches(),
+    "sprung": _latches("one", hold={"stiffness": 50, "damping": 0.2}),
+    "latch_at_limit": _latch_at_limit,
+    "latch_dead_point": _keys(
+        deploy={"latches": [{"name": "one", "between": ["upper", "fore"], "at_dead_point": True}]}
+    ),
     "dead_point": _keys(deploy={"criterion": "dead_point"}),
     "multipliers": _keys(deploy={"criterion": "multipliers", "limit": 1e-3}),
     "either": _keys(deploy={"criterion": "either", "growth": 2, "latch": {"between": ["upper", "fore"]}}),

@@ -22,7 +22,9 @@ def describe(summary: Mapping[str, Any]) -> str:
     lock = summary.get("lock")
     criteria = summary.get("criteria", {})
     lines = [f"{summary['title']}"]
-    if lock:
+    if "locks" in summary:
+        lines += _latches(summary)
+    elif lock:
         error = lock.get("time_error")
         bound = f" +- {error_text(error)}" if error is not None else ""
         verb = "overload" if lock["kind"] == "overload" else "locked"
@@ -57,6 +59,30 @@ def describe(summary: Mapping[str, Any]) -> str:
         cost_line(summary),
     ]
     return "\n".join(lines)
+
+
+def _latches(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines about several latches: whether what was waited for is closed, what each did, which are open."""
+    status, termination = summary.get("status"), summary["termination"]
+    verb = "locked" if status == "locked" else "no lock" if status == "no_lock" else str(status)
+    lines = [f"  {verb:<18} t = {number(termination.get('time'), 9)} s  ({termination['reason']})"]
+    for name, own in sorted(summary["locks"].items(), key=lambda item: float(item[1]["time"])):
+        error = own.get("errors", {}).get("time")
+        bound = f" +- {error_text(error)}" if error is not None else ""
+        load = f"impulse {number(own['angular_impulse'])} N m s" if "angular_impulse" in own else ""
+        load = f"bears up to {number(own['peak_moment'])} N m" if "peak_moment" in own else load
+        parts = [f"energy lost {number(own['energy_lost'])} J", load]
+        parts.append(f"open again from t = {number(own['opened'])} s on" if "opened" in own else "")
+        told = ", ".join(part for part in parts if part)
+        lines.append(f"  {name:<18} t = {own['time']:.9g}{bound} s, {told}")
+    for name, own in summary.get("missed", {}).items():
+        near = (
+            f", nearest at t = {number(own['time'])} s: {number(own['nearest'])} off"
+            if own["time"] is not None
+            else ""
+        )
+        lines.append(f"  {name:<18} open{near}")
+    return lines + _after_lock(summary)
 
 
 def _after_lock(summary: Mapping[str, Any]) -> list[str]:

@@ -264,8 +264,7 @@ class Integrator:
             outcome = (dataclasses.replace(event, state=self.state) if k else event).outcome()
             if outcome.ends:
                 end = outcome
-            else:
-                self.apply(outcome, event.function.owner)
+            self.apply(outcome, event.function.owner)
             if before is not None and self.met is not None:
                 self.met.append((self.time, *before, self.state, self.p.copy()))
         return end

@@ -1,4 +1,4 @@
-"""What a scene with sticking friction and rigid stops must meet, and samples that show a missed event."""
+"""What a scene with sticking friction, rigid stops and latches must meet, and samples that show a missed event."""
 
 from __future__ import annotations
 
@@ -79,3 +79,21 @@ def refuse_missed(
                 f"an event of joint {joint.name!r} before t = {when:.6g} s was missed; a tighter tolerance finds it",
                 time=when, status="missed_event",
             )  # fmt: skip
+
+
+def torn_open(latch: str, t: float) -> NumericalError:
+    """Return the error of a latch that cannot hold what it was to hold beside loops and other latches."""
+    return NumericalError(
+        f"latch {latch!r} holds what the loops and other latches hold already, but only in the pose in which it "
+        f"closed, and is torn open at t = {t:.6g} s: no finite impulse holds the mechanism there; let it hold another "
+        "joint, or close in another pose",
+        time=t, status="latch",
+    )  # fmt: skip
+
+
+def forced_on(latches: Sequence[str], t: float) -> NumericalError:
+    """Return the error of latches that cannot stop what they hold."""
+    return NumericalError(
+        f"latch {', '.join(latches)} closes at t = {t:.6g} s, and prescribed motion or loops force on what it holds",
+        time=t, status="latch",
+    )  # fmt: skip

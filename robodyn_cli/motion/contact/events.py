@@ -1,14 +1,18 @@
-"""The event functions of joints that stick, slip and meet rigid stops."""
+"""The event functions of joints that stick, slip and meet rigid stops, and of latches; what becomes of a latch."""
 
 from __future__ import annotations
 
 import enum
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
+from robodyn_cli.equations.latches import LatchRow
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
-from robodyn_cli.record import record
+from robodyn_cli.record import mutable_record, record
+from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.summaries.motion import LatchLock, LatchLockErrors
 
 
 class Transition(enum.Enum):
@@ -81,3 +85,96 @@ def known_sides(
         if known:
             sides[number] = 1.0
     return sides
+
+
+# -- latches ------------------------------------------------------------------------------------------------
+class LatchChange(enum.Enum):
+    """What an event function of a latch tells."""
+
+    CLOSES = "latch"
+    OPENS = "release"
+    TURNS = "turn"  # of the joint whose position closes it
+    LARGEST = "largest load"  # of a compliant one
+    MEETS = "contact"
+    LETS_GO = "no load"
+
+
+@record
+class LatchFunction(EventFunction):
+    """An event function of a latch, by its number."""
+
+    number: int = 0
+    change: LatchChange = LatchChange.CLOSES
+
+
+@mutable_record
+class LatchClosing:
+    """What has happened to a latch since it closed last.
+
+    order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
+    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. opened : when, if it has.
+    """
+
+    order: int
+    time: float
+    angle: float | Absent
+    speed: float
+    lost: float = 0.0
+    impulse: float | Absent = ABSENT
+    peak: float = 0.0
+    peak_time: float = 0.0
+    rebounds: int = 0
+    opened: float | Absent = ABSENT
+    closings: int = 1
+
+    def described(self, rigid: bool, end: float) -> LatchLock:
+        """Return what the summary of a run that came to ``end`` [s] says of it; a load takes time to grow."""
+        known = not rigid and self.time < end
+        peak, when = (self.peak if known else ABSENT), (self.peak_time if known else ABSENT)
+        return LatchLock(
+            self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.rebounds,
+            self.closings, self.opened, LatchLockErrors(),
+        )  # fmt: skip
+
+
+DIRECTIONS: Mapping[str, int] = {"up": 1, "down": -1, "either": 0}
+
+
+def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) -> list[LatchFunction]:
+    """Return the event functions of all latches, those at which the equations jump last.
+
+    values : what passes zero where each closes.
+    """
+    functions: list[LatchFunction] = []
+
+    def add(
+        k: int, change: LatchChange, value: Any, direction: int, kind: EventKind = EventKind.LATCH
+    ) -> None:
+        name = f"{change.value} {problem.latches[k].name}"
+        functions.append(LatchFunction(name, value, direction, kind, owner, k, change))
+
+    for k, (latch, value) in enumerate(zip(problem.latches, values)):
+        add(k, LatchChange.CLOSES, (1.0 - latch.closed) * value, DIRECTIONS[latch.spec.side])
+        if latch.closing is not None:
+            add(k, LatchChange.TURNS, (1.0 - latch.closed) * problem.v[latch.closing], 0)
+        if latch.opens is not None:
+            add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
+        if not latch.rigid:
+            add(k, LatchChange.LARGEST, latch.closed * _growth(problem, latch), -1)
+    for k, latch in enumerate(problem.latches):
+        if latch.rigid:
+            continue
+        delta, rate = latch.depth(problem.q, problem.v)
+        add(k, LatchChange.MEETS, latch.closed * delta, 0, EventKind.DISCONTINUITY)
+        if latch.spec.hold.damping != 0.0:
+            add(k, LatchChange.LETS_GO, latch.closed * latch.law(delta, rate), 0, EventKind.DISCONTINUITY)
+    return functions
+
+
+def _growth(problem: Problem, latch: LatchRow) -> Any:
+    """Return the rate of k delta + c delta-dot; accelerations enter where there is a damper."""
+    assert latch.v is not None
+    speed = latch.direction * problem.v[latch.v]
+    if latch.spec.hold.damping == 0.0:
+        return latch.spec.hold.stiffness * speed
+    return latch.law(speed, latch.direction * problem.forward.qdd[latch.v])

@@ -1,4 +1,5 @@
-"""Impacts of joints on rigid stops: impulses through the mass matrix, closed loops included."""
+"""Impacts of joints on rigid stops, and of latches that close: impulses through the mass matrix, closed loops
+included."""
 
 from __future__ import annotations
 
@@ -15,22 +16,24 @@ LOWEST = 1e-14  # a bounce this low, relative to the joint's position or to 1, i
 
 @record
 class Impact:
-    """A joint meets a stop.
+    """A joint meets a stop, or latches close.
 
-    M, psi : (nv, nv), (m, nv). v : before the impact (nv,), with Psi v as it has to be. joint : its velocity index.
-    resting : push of the stop by velocity index, for joints that rest on one already.
+    M, psi : (nv, nv), (m, nv). v : before the impact (nv,), with Psi v as it has to be. joint : its velocity index,
+    None where none meets a stop. resting : push of the stop by velocity index, for joints that rest on one already.
+    jump : by how much the rates Psi v change (m,), None: they stay.
     """
 
     M: Array
     psi: Array
     v: Array
-    joint: int
+    joint: int | None
     resting: Mapping[int, float]
+    jump: Array | None = None
 
-    def after(self, restitution: float, kept: Collection[int] = ()) -> Array:
+    def after(self, restitution: float = 0.0, kept: Collection[int] = ()) -> Array:
         """Return the velocities (nv,) after the impact of joint j, with e the ``restitution``.
 
-            M (v+ - v-) = Psi^T mu + e_j Lambda_j + sum e_k Lambda_k,   Psi (v+ - v-) = 0,   v+_j = -e v-_j
+            M (v+ - v-) = Psi^T mu + e_j Lambda_j + sum e_k Lambda_k,   Psi (v+ - v-) = jump,   v+_j = -e v-_j
 
         Joints that rest on stops stay there, or leave them: v+_k and Lambda_k, both away from the stop, are not
         negative, and one of them is zero; those ``kept`` stay in any case. Friction is bounded and has no part in an
@@ -40,19 +43,21 @@ class Impact:
         ------
         numpy.linalg.LinAlgError : M is singular.
         """
-        psi, v, joint, resting = self.psi, self.v, self.joint, self.resting
+        psi, v, resting = self.psi, self.v, self.resting
+        struck = [] if self.joint is None else [self.joint]
         active = list(resting)
         spread = np.linalg.inv(self.M)
         out = v.copy()
         for _ in range(ROUNDS):
-            rows = [joint, *active]
+            rows = [*struck, *active]
             units = np.zeros((len(rows), len(v)))
             units[np.arange(len(rows)), rows] = 1.0
             G = np.concatenate([psi, units])
-            target = np.concatenate([np.zeros(len(psi)), [-(1.0 + restitution) * v[joint]], -v[active]])
+            jump = np.zeros(len(psi)) if self.jump is None else self.jump
+            target = np.concatenate([jump, -(1.0 + restitution) * v[struck], -v[active]])
             impulse, *_ = np.linalg.lstsq(G @ spread @ G.T, target, rcond=1e-13)
             out = v + spread @ G.T @ impulse
-            loads = impulse[len(psi) + 1 :]
+            loads = impulse[len(psi) + len(struck) :]
             pulled = [k for k, load in zip(active, loads) if resting[k] * load < 0.0 and k not in kept]
             entering = [
                 k for k in resting if k not in active and resting[k] * out[k] < -1e-12 * np.abs(out).max()
@@ -60,14 +65,27 @@ class Impact:
             if not pulled and not entering:
                 break
             active = [k for k in active if k not in pulled[:1]] if pulled else [*active, entering[0]]
-        out[joint] = -restitution * v[joint]
-        for k in active:
-            out[k] = 0.0
+        out[struck] = -restitution * v[struck]
+        out[active] = 0.0
         return out
 
     def lost(self, after: Array) -> float:
         """Return the energy that an impact takes which leaves the velocities ``after`` (nv,) [J]."""
         return 0.5 * float(self.v @ self.M @ self.v - after @ self.M @ after)
+
+
+def shared(M: Array, psi: Array, rows: Array, rates: Array) -> Array:
+    """Return the impulses (k,) of latches that stop the rates rho v (k,) of ``rows`` rho (k, nv).
+
+        A Lambda = -rho v,   A = rho (M^-1 - M^-1 Psi^T (Psi M^-1 Psi^T)^+ Psi M^-1) rho^T
+
+    Where latches hold the same, those of least norm. Psi (m, nv) : what is held already.
+    """
+    spread = np.linalg.inv(M)
+    both = rows @ spread @ psi.T
+    A = rows @ spread @ rows.T - both @ np.linalg.pinv(psi @ spread @ psi.T, rcond=1e-13) @ both.T
+    impulses: Array = np.linalg.lstsq(A, -rates, rcond=1e-9)[0]
+    return impulses
 
 
 def joined(before: Array, after: Array, psi: Array, v: Array, momentum: Array) -> Array:

@@ -198,6 +198,7 @@ class Deploy(MotionCommand):
     def obstacle(self, motion: Motion) -> str:
         options = motion.scene.deploy
         reasons = {
+            "several latches are followed from event to event": bool(options.latches),
             "multipliers are judged on samples": options.criterion != "dead_point",
             "the motion goes on as the locked structure": options.after == "continue",
             "loads are judged on samples": bool(options.loads),

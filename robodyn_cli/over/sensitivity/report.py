@@ -174,6 +174,8 @@ def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     outputs, scene = asked.task.outputs, asked.scene
     if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
         return {}
+    if scene.deploy.latches:
+        raise CapabilityError("latches that close change the motion")
     motion = build_deployment(scene, Stopwatch())
     refuse_structure(
         asked, numbers, programs_of(motion), lambda x: programs_of(build_deployment(x, Stopwatch()))

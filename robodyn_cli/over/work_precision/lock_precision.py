@@ -34,6 +34,7 @@ def locks(scene: Scene) -> bool:
     return (
         ends_by_lock(scene.command)
         and scene.deploy.criterion not in ("multipliers", "latch")
+        and not scene.deploy.latches
         and bool(scene.loops)
     )
 

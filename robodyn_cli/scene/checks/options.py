@@ -7,11 +7,16 @@ from collections.abc import Iterator
 
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.expr.statements import Expectation
-from robodyn_cli.forces.element import DRIVE, ROLES
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.orientation import check_orientation
 from robodyn_cli.scene.checks.robot import check_joints, columns, moving
-from robodyn_cli.scene.nested_options import Motorisation, ReachOptions, SearchOptions
+from robodyn_cli.scene.nested_options import (
+    CONDITIONS,
+    DeployLatch,
+    Motorisation,
+    ReachOptions,
+    SearchOptions,
+)
 from robodyn_cli.scene.points import BASE, point_link, point_problem
 from robodyn_cli.scene.robot_types import Robot
 from robodyn_cli.scene.text.nodes import Path
@@ -23,13 +28,16 @@ from robodyn_cli.trajectories.led import led_joints
 def check_deploy(scene: Scene, check: Check) -> None:
     """Check the options of ``deploy``."""
     options = scene.deploy
+    if options.latches or check.has(("deploy", "until")):
+        _check_latches(scene, check)
     with check:
         if options.after == "continue" and options.latch is None:
             check.fail(
                 ("deploy", "after"), "needs a latch that holds the structure together: key 'latch' beside it"
             )
     _check_latch(scene, check)
-    known = [*moving(scene.robot), *(loop.name for loop in scene.loops), "latch"]
+    latch = () if options.latches else ("latch",)
+    known = [*moving(scene.robot), *(loop.name for loop in scene.loops), *latch]
     for name in options.loads:
         with check:
             check.known(name, known, "joint or closure", ("deploy", "loads", name), at_key=True)
@@ -90,6 +98,76 @@ def _check_latch(scene: Scene, check: Check) -> None:
                 check.known(name, single, "joint with a coordinate", place, at_key=True)
                 if key == "at_limit" and getattr(scene.robot.limits_of(name), names[name], None) is None:
                     check.fail(place, f"joint {name!r} has no such limit: key 'limits.{names[name]}'")
+
+
+LATCHES: Path = ("deploy", "latches")
+WITHOUT = (
+    "criterion",
+    "growth",
+    "limit",
+    "latch",
+    "after",
+)  # keys of one latch, which do not go with several
+UNTIL = ("all", "end")
+
+
+def _check_latches(scene: Scene, check: Check) -> None:
+    """Check a list of latches, and what the run goes on until."""
+    latches = scene.deploy.latches
+    names = [latch.name for latch in latches]
+    check.unique(names, "latch", [(*LATCHES, k, "name") for k in range(len(names))])
+    for name in WITHOUT:
+        with check:
+            if latches and check.has(("deploy", name)):
+                other = "; allowed: until: end" if name == "after" else ""
+                check.fail(("deploy", name), f"does not go with 'latches'{other}", at_key=True)
+    with check:
+        if not latches:
+            check.fail(("deploy", "until"), "goes with 'latches'", at_key=True)
+        check.known(scene.deploy.until, [*UNTIL, *names], "latch", ("deploy", "until"))
+    for k, latch in enumerate(latches):
+        with check:
+            if latch.name in UNTIL:
+                check.fail((*LATCHES, k, "name"), f"{latch.name!r} has a meaning under 'until'")
+        with check:
+            _check_one_of_several(scene, latch, check, (*LATCHES, k))
+
+
+def _check_one_of_several(scene: Scene, latch: DeployLatch, check: Check, path: Path) -> None:
+    """Check what one latch holds, and when it closes."""
+    single = columns(scene.robot, quasi=False)
+    if (latch.joint is None) == (latch.between is None):
+        check.fail(path, "needs one of 'joint' and 'between': what it holds")
+    if latch.joint is not None:
+        check.known(latch.joint, single, "joint with a coordinate", (*path, "joint"))
+    links = [*(link.name for link in scene.robot.links), BASE]
+    for n, link in enumerate(latch.between or ()):
+        check.known(link, links, "link", (*path, "between", n))
+    if latch.between is not None and latch.between[0] == latch.between[1]:
+        check.fail((*path, "between"), f"both are {latch.between[0]!r}; a latch joins two links")
+    given = latch.conditions
+    if len(given) != 1:
+        last = (*path, given[-1]) if given else path
+        check.fail(
+            last,
+            f"says when it closes {'twice' if given else 'nowhere'}; needed: one of {', '.join(CONDITIONS)}",
+        )
+    if latch.at_dead_point and latch.side != "either":
+        check.fail((*path, "side"), "does not go with 'at_dead_point'", at_key=True)
+    where = getattr(latch, given[0])
+    if isinstance(where, float) and latch.joint is None:
+        check.fail(
+            (*path, "at"), "a number is the position of the latch's own 'joint'; allowed: {JOINT: POSITION}"
+        )
+    if not isinstance(where, dict):
+        return
+    if len(where) != 1:
+        check.fail((*path, given[0]), "names more than one joint; allowed: one")
+    for name in where:
+        place = (*path, given[0], *name.split("."))
+        check.known(name, single, "joint with a coordinate", place, at_key=True)
+        if given[0] == "at_limit" and getattr(scene.robot.limits_of(name), where[name], None) is None:
+            check.fail(place, f"joint {name!r} has no such limit: key 'limits.{where[name]}'")
 
 
 def check_kinematics(scene: Scene, check: Check) -> None:

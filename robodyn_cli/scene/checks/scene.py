@@ -367,6 +367,7 @@ def key_names(scene: Scene, of_columns: bool = True) -> Names:
         "LOOP": (*(x.name for x in (*scene.loops, *scene.couplers)), "latch"),
         "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
         "PAYLOAD": tuple(payload.name for payload in scene.payloads),
+        "LATCH": tuple(latch.name for latch in scene.deploy.latches),
         "POINT": _points(scene),
         "ROW": _row_names(scene),
     }

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.motion.build import build_motion
+from robodyn_cli.motion.build import build_motion, follow_latches
 from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
-from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import (
     Judgement,
@@ -98,7 +98,11 @@ def deploy(
     RobodynError : with ``result``; SingularConfigurationError at a bifurcation.
     """
     watch = watch or Stopwatch()
-    motion = build_deployment(scene, watch)
+    motion, beginning = deployment_of(scene, watch)
+    if scene.deploy.latches:
+        from robodyn_cli.works.deploy.latched import deploy_latched
+
+        return deploy_latched(motion, beginning, progress, watch, writer)
     with watch.stage("scan"):
         scanned = scan(motion, motion.options, progress=progress)
     done = _record(motion, scanned, writer, progress, watch)
@@ -123,20 +127,44 @@ def deploy(
     return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
 
 
+def deployment_of(scene: Scene, watch: Stopwatch) -> tuple[Motion, Beginning]:
+    """Return the motion of a deployment, and where it begins: at t = 0, or where a stored run is.
+
+    Raises
+    ------
+    RobodynError : see ``build_deployment``; SceneError : it cannot go on from there.
+    """
+    if scene.initial.source is None:
+        motion = build_deployment(scene, watch)
+        return motion, motion.beginning
+    from robodyn_cli.motion.going_on import refused, stored_run
+
+    if not scene.deploy.latches:
+        raise refused(scene, "'deploy' goes on from a stored run with 'deploy.latches' alone")
+    stored = stored_run(scene)
+    motion = build_deployment(stored.completed(), watch)
+    return motion, stored.beginning(motion)
+
+
 def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Motion:
     """Build the motion of a mechanism that is to lock; ``plan`` as for ``build_motion``.
 
     Raises
     ------
-    CapabilityError : it has a controller, or no loops. SingularConfigurationError : it starts where it is to end.
+    CapabilityError : it has a controller, or neither loops nor a latch.
+    SingularConfigurationError : it starts where it is to end.
     """
     if scene.control is not None:
         raise CapabilityError(
             f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
             "'simulate'"
         )
-    _refuse_open_chain(scene)
     refuse_changes(scene, "deploy")
+    if scene.deploy.latches:
+        scene = dataclasses.replace(scene, latched=True)
+        ready, loads = integrable(scene, watch), bool(scene.deploy.loads)
+        return build_motion(ready, watch, follow_latches, reactions=loads, plan=plan)
+    _refuse_open_chain(scene)
     reactions = bool(scene.deploy.loads) or scene.deploy.after == "continue"
     motion = build_motion(integrable(scene, watch), watch, follow_deployment, reactions=reactions, plan=plan)
     if scene.motorisation is not None:
@@ -157,7 +185,7 @@ def _refuse_open_chain(scene: Scene) -> None:
     if not scene.loops and not scene.couplers and scene.deploy.criterion != "latch":
         raise CapabilityError(
             f"{scene.path}: deploy needs a mechanism with closed loops; this scene has none; allowed in an open chain: "
-            "a latch that closes at a position (deploy.criterion: latch)",
+            "latches that close at positions (deploy.latches)",
             key="loops",
         )
 

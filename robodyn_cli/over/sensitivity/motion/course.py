@@ -68,8 +68,8 @@ def refuse(motion: Motion) -> None:
     ------
     CapabilityError
     """
-    if motion.problem.contact_joints:
-        raise CapabilityError("joints stick, slip or meet rigid stops")
+    if motion.problem.is_held:
+        raise CapabilityError("joints stick, slip, meet rigid stops or latch")
     control = motion.problem.control
     if control is None:
         return

@@ -1,0 +1,283 @@
+"""Latches in the equations of motion: what they hold, and when they close and open.
+
+Whether a latch is closed is a parameter p of the equations, so one compiled program serves all combinations.
+
+    rigid:      rho v = 0, where hold = 1
+    compliant:  tau = -s max(0, k delta + c delta-dot) where delta = s (q - rest) > 0 and closed = 1
+
+rho (nv,) is the row of what the latch holds: the rate of a joint, or the rate at which two links turn against each
+other about the axis of the closure that joins them. s is the direction in which the latch was passed when it closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.functions import maximum, where
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Loop
+from robodyn_cli.model.places import placed
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zeros
+
+if TYPE_CHECKING:
+    from robodyn_cli.equations.prescribed import MechanismParts
+    from robodyn_cli.scene.nested_options import DeployLatch
+
+# closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
+FIELDS = ("closed", "hold", "direction", "rest")
+
+
+@record
+class LatchRow:
+    """A latch in the equations.
+
+    place : of its first parameter. psi, gamma : its row rho (nv,) and rho-dot v. q, v : places of the coordinate that
+    it holds, None for one between links. closing : place in v of the coordinate whose position closes it, if one does.
+    closes : passes zero where it closes, None: in a dead point. opens : rises
+    through zero where it opens, None: never.
+    """
+
+    spec: DeployLatch
+    place: int
+    closed: Scalar
+    hold: Scalar
+    direction: Scalar
+    rest: Scalar
+    psi: Vector
+    gamma: Scalar
+    q: int | None
+    v: int | None
+    closing: int | None
+    closes: Scalar | None
+    opens: Scalar | None
+
+    @property
+    def name(self) -> str:
+        return self.spec.name
+
+    @property
+    def rigid(self) -> bool:
+        return self.spec.hold == "rigid"
+
+    @property
+    def is_own(self) -> bool:
+        """Whether the position at which it closes is that of the coordinate that it holds."""
+        return self.closing is not None and self.closing == self.v
+
+    # -- a compliant one ------------------------------------------------------------------------------
+    def depth(self, q: Sequence[Any], v: Sequence[Any]) -> tuple[Any, Any]:
+        """Return delta and its rate."""
+        assert self.q is not None and self.v is not None
+        return self.direction * (q[self.q] - self.rest), self.direction * v[self.v]
+
+    def law(self, delta: Any, rate: Any) -> Any:
+        """Return k delta + c delta-dot, or the rate of that from rates."""
+        return self.spec.hold.stiffness * delta + self.spec.hold.damping * rate
+
+    def pushes(self, q: Sequence[Any], v: Sequence[Any]) -> Any:
+        """Return s times the torque against the motion, without sign."""
+        delta, rate = self.depth(q, v)
+        return self.closed * where(delta, maximum(self.law(delta, rate), 0.0), 0.0)
+
+    def torque(self, q: Sequence[Any], v: Sequence[Any]) -> Any:
+        """Return the torque on its joint."""
+        return -(self.direction * self.pushes(q, v))
+
+    def torques(self, q: Sequence[Any], v: Sequence[Any]) -> Vector:
+        """Return the torques on all joints (nv,)."""
+        torques = zeros(len(v))
+        torques[self.v] = self.torque(q, v)
+        return torques
+
+    def loss(self, q: Sequence[Any], v: Sequence[Any]) -> Any:
+        """Return the part of the torque that is no gradient of the potential."""
+        delta, _ = self.depth(q, v)
+        return self.torque(q, v) + self.direction * self.closed * (
+            self.spec.hold.stiffness * maximum(delta, 0.0)
+        )
+
+    def potential(self, q: Sequence[Any]) -> Any:
+        """Return the energy stored [J]."""
+        return self.closed * self.stored(q, self.direction, self.rest)
+
+    def stored(self, q: Any, direction: Any, rest: Any) -> Any:
+        """Return the energy [J] in its spring while it is closed with such s and rest."""
+        delta = maximum(direction * (q[self.q] - rest), 0.0)
+        return 0.5 * self.spec.hold.stiffness * (delta * delta)
+
+
+def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
+    """Return the latches of a scene whose command follows them; their parameters follow those of contact states.
+
+    Raises
+    ------
+    CapabilityError : a latch cannot hold what it is to hold.
+    """
+    from robodyn_cli.equations.contact_joints import FIELDS as OF_CONTACT
+
+    model = problem.model
+    first = len(model.parameters) + len(OF_CONTACT) * len(problem.contact_joints)
+    rows = []
+    for k, given in enumerate(problem.scene.deploy.latches):
+        spec = placed(given, f"deploy.latches.{given.name}")
+        place = first + len(FIELDS) * k
+        closed, hold, direction, rest = (
+            model.graph.symbol(f"{spec.name}.{name}", PARAMETER_GROUP, place + i)
+            for i, name in enumerate(FIELDS)
+        )
+        opens = None if spec.release is None else spec.release.evaluate(problem.environment)
+        rows.append(
+            LatchRow(
+                spec,
+                place,
+                closed,
+                hold,
+                direction,
+                rest,
+                *_held(problem, spec),
+                *_closes(problem, spec),
+                opens,
+            )
+        )
+    return tuple(rows)
+
+
+def _closes(problem: MechanismParts, spec: DeployLatch) -> tuple[int | None, Scalar | None]:
+    """Return the place in v of the coordinate whose position closes a latch, and what passes zero where it closes."""
+    if spec.when is not None:
+        return None, spec.when.evaluate(problem.environment)
+    if spec.at_dead_point:
+        return None, None
+    name, at = closing_position(problem.scene.robot, spec)
+    model = problem.model
+    return model.v_names.index(name), problem.q[model.q_names.index(name)] - at
+
+
+def closing_position(robot: Any, spec: DeployLatch) -> tuple[str, float]:
+    """Return the coordinate whose position closes a latch, and that position [rad or m]."""
+    if isinstance(spec.at, float):
+        return str(spec.joint), spec.at
+    if spec.at:
+        ((name, at),) = spec.at.items()
+        return name, at
+    ((name, side),) = spec.at_limit.items()
+    return name, getattr(robot.limits_of(name), side)
+
+
+def _held(problem: MechanismParts, spec: DeployLatch) -> tuple[Vector, Scalar, int | None, int | None]:
+    """Return the row of what a latch holds, its drift, and the places of its coordinate in q and v."""
+    model = problem.model
+    name = spec.joint or _joint_between(problem, spec)
+    if name is not None and name in model.v_names:
+        v = model.v_names.index(name)
+        unit = zeros(model.nv)
+        unit[v] = 1.0
+        return unit, 0.0, model.q_names.index(name), v
+    assert spec.between is not None
+    first, second = spec.between
+    one, two = (model.links[link].body for link in spec.between)
+    loop = next((x for x in model.loops if {x.first.body, x.second.body} == {one, two}), None)
+    if loop is None or loop.element.type != "revolute":
+        raise CapabilityError(
+            f"{problem.scene.path}: deploy.latches: latch {spec.name!r} cannot hold {first!r} and {second!r}: neither "
+            "a joint of one axis nor a closure of type 'revolute' joins them; allowed: links that one of these joins",
+            key="deploy.latches",
+        )
+    if spec.hold != "rigid":
+        raise CapabilityError(
+            f"{problem.scene.path}: deploy.latches: latch {spec.name!r} has a spring, which needs a joint whose "
+            f"position it knows; {first!r} and {second!r} meet in closure {loop.name!r}; allowed: hold: rigid",
+            key="deploy.latches",
+        )
+    psi, drift = _turning(problem, loop)
+    sign = 1.0 if loop.first.body == one else -1.0
+    return sign * psi, sign * drift, None, None
+
+
+def _joint_between(problem: MechanismParts, spec: DeployLatch) -> str | None:
+    """Return the joint of one axis that joins the two links of a latch."""
+    model = problem.model
+    assert spec.between is not None
+    one, two = (model.links[link].body for link in spec.between)
+    for body, other in ((one, two), (two, one)):
+        if body != BASE and model.bodies[body].parent == other and model.bodies[body].joint.nv == 1:
+            return model.bodies[body].joint_name
+    return None
+
+
+def _turning(problem: MechanismParts, loop: Loop) -> tuple[Vector, Scalar]:
+    """Return rho and rho-dot v of the rate at which the links of a closure turn about its axis.
+
+    rho v = n . (w_2 - w_1). The closure keeps w_2 - w_1 along n, so that n-dot adds nothing.
+    """
+    from robodyn_cli.algorithms.constraints import LoopRows
+    from robodyn_cli.loops.pieces import direction
+
+    first, second = LoopRows(problem.model, problem.X, problem.q, problem.v).ends(loop)
+    n = direction(first, loop.element.axis)
+    return n @ (second.Jw - first.Jw), dot(n, second.wd - first.wd)
+
+
+def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matrix, Vector, Matrix]:
+    """Return M (nv, nv), f (nv,) and rows Psi (m, nv) without the coordinates that rigid latches hold.
+
+    In their own equations nothing is left but their inertia, so that they have no acceleration, and the others move as
+    if they were not there.
+    """
+    if not problem.latches:
+        return problem.mass_matrix, vector(list(f)), psi
+    M, f, psi = problem.mass_matrix.copy(), vector(list(f)), psi.copy()
+    held: dict[int, Scalar] = {}
+    for latch in problem.latches:
+        if latch.rigid and latch.v is not None:
+            held[latch.v] = held.get(latch.v, 1.0) - latch.hold
+    for v, moves in held.items():
+        own, M[v] = M[v, v], M[v] * moves
+        M[:, v] = M[:, v] * moves
+        M[v, v], f[v], psi[:, v] = own, f[v] * moves, psi[:, v] * moves
+    return M, f, psi
+
+
+def held_rows(problem: MechanismParts) -> tuple[Matrix, list[Scalar], list[Scalar]]:
+    """Return what parameters hold by a multiplier, joints with a contact state first, then latches between links that a
+    closure joins: rows (k, nv), their drift, and the parameters that hold them.
+    """
+    contacts = problem.contact_joints
+    latches = [latch for latch in problem.latches if latch.rigid and latch.v is None]
+    rows = zeros(len(contacts) + len(latches), problem.model.nv)
+    for k, joint in enumerate(contacts):
+        rows[k, joint.v] = 1.0
+    for k, latch in enumerate(latches, start=len(contacts)):
+        rows[k] = latch.psi
+    drift = [*(0.0 for _ in contacts), *(latch.gamma for latch in latches)]
+    return rows, drift, [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)]
+
+
+def refuse_company(problem: MechanismParts) -> None:
+    """Refuse what does not go with latches.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    scene, model = problem.scene, problem.model
+    dead_points = any(row.spec.at_dead_point for row in problem.latches)
+    reasons = {
+        "'at_dead_point' in an open chain, which has none": dead_points and not model.closures,
+        "'at_dead_point' and prescribed motion together; allowed: criterion: dead_point": dead_points
+        and bool(scene.prescribed),
+        "loops with redundant rows, whose loads are not unique; allowed: loops in their plane": problem.dependent,
+        "'simulate.singular: pass'; allowed: stop": scene.simulate.singular == "pass",
+        "payloads that are gripped or released": model.switched,
+        "joints whose motion is prescribed, in one that it holds": any(
+            row.q is not None and model.q_names[row.q] in scene.prescribed for row in problem.latches
+        ),
+    }
+    for words, there in reasons.items():
+        if there:
+            raise CapabilityError(
+                f"{scene.path}: deploy.latches: does not go with {words}", key="deploy.latches"
+            )

@@ -1,0 +1,224 @@
+"""Deployment with several latches: one motion that goes on behind each, until what is waited for is closed."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.motion.contact.latches import Latches
+from robodyn_cli.motion.driver import BLOCK, Driver
+from robodyn_cli.motion.failure import explained
+from robodyn_cli.motion.method import supervisor_for
+from robodyn_cli.motion.motion import Beginning, Motion, Watcher
+from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
+from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
+from robodyn_cli.observe.recorder import Recorder
+from robodyn_cli.observe.units import add_joint_limits
+from robodyn_cli.results.hdf5.writer import ResultWriter
+from robodyn_cli.results.result import Result
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
+from robodyn_cli.summaries.deploy import (
+    DeploySummary,
+    LockErrors,
+    LockKeys,
+)
+from robodyn_cli.summaries.facts import ABSENT, Termination
+from robodyn_cli.summaries.motion import LatchLockErrors, MotionSummary
+from robodyn_cli.tools.progress import Progress, Stopwatch
+from robodyn_cli.works.deploy.recording import first_overload
+
+
+def deploy_latched(
+    motion: Motion,
+    beginning: Beginning,
+    progress: Progress,
+    watch: Stopwatch,
+    writer: ResultWriter | None,
+) -> Result:
+    """Follow a motion with latches, from its beginning until what is waited for is closed.
+
+    Returns
+    -------
+    A Result with status ``locked``, ``no_lock`` or ``overload``, and ``summary["locks"]``.
+
+    Raises
+    ------
+    RobodynError : with ``result``.
+    """
+    with watch.stage("equations"):
+        recorder = Recorder.of(motion.observer, writer, grid_of(motion.scene, beginning).count)
+    with watch.stage("method"):
+        driver = Driver.of(motion, supervisor_for(motion.choice))
+        driver.start(beginning.time, beginning.state)
+    run = Run(motion, beginning, driver, recorder)
+    stopped = _drive(run, progress, watch)
+    recorder.keep_last_state(driver.time, driver.state, driver.parameters)
+    judgement = judge(run, stopped)
+    estimate = None
+    if judgement.failure is None and motion.scene.simulate.error_estimate:
+        with watch.stage("error_estimate"):
+            estimate = _estimate(run)
+    return _report(run, judgement, estimate, watch)
+
+
+class _Pending:
+    """Samples that are still to be recorded: those between two changes of the parameters go together."""
+
+    def __init__(self, run: Run) -> None:
+        self.run, self.p = run, np.zeros(0)
+        self.blocks: list[tuple[Array, Array]] = []
+
+    def take(self, t: Array, x: Array) -> None:
+        p = self.run.driver.parameters
+        if self.blocks and (len(t) >= BLOCK or not np.array_equal(p, self.p)):
+            self.record()
+        self.blocks.append((t, x))
+        self.p = p
+
+    def record(self) -> None:
+        if self.blocks:
+            t, x = (np.concatenate(parts) for parts in zip(*self.blocks))
+            self.run.recorder.emit(t, x, self.p)
+            self.blocks.clear()
+
+
+def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | None:
+    """Integrate and record, up to what is waited for; return why the run ended before."""
+    duration, driver, pending = run.motion.scene.simulate.duration, run.driver, _Pending(run)
+    driver.tick = lambda time: progress(time, duration)
+    with watch.stage("integrate"):
+        try:
+            driver.run(duration, grid_of(run.motion.scene, run.beginning), pending.take)
+        except RobodynError as error:
+            return explained(error, run.motion, driver)
+        finally:
+            pending.record()
+    return None
+
+
+def _estimate(run: Run) -> Estimate:
+    """Return the error of the run; the second one goes on until its own latches are closed."""
+    scene = run.motion.scene
+    first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
+    if run.driver.time < scene.simulate.duration:
+        first = dataclasses.replace(first, latest=scene.simulate.duration)
+    return estimate_error(run.motion, first, run.recorder)
+
+
+def watcher_of(watchers: Sequence[Watcher]) -> Latches:
+    """Return the one that follows latches."""
+    return next(watcher for watcher in watchers if isinstance(watcher, Latches))
+
+
+# -- the report ---------------------------------------------------------------------------------------------
+def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:
+    """Return the result with its summary.
+
+    Raises
+    ------
+    RobodynError : why the run failed, with the result.
+    """
+    failure, scene = judgement.failure, run.motion.scene
+    result = Result.of("deploy", scene, "failed")
+    result.events = run.driver.log
+    run.recorder.fill(result)
+    add_joint_limits(result, scene, run.motion.problem.model)
+    summary, *others = motion_records(run, judgement, estimate)
+    if doubts := _doubts(run, estimate):
+        told = [] if summary.warnings is ABSENT else summary.warnings
+        summary = dataclasses.replace(summary, warnings=[*told, *doubts])
+    overload = None
+    if failure is None:
+        overload = first_overload(result, scene.deploy.loads)
+        latches = watcher_of(run.driver.watchers)
+        locked = "locked" if latches.are_closed else "no_lock"
+        result.status = "overload" if overload is not None else locked
+        summary = dataclasses.replace(summary, termination=Termination(_reason(latches), run.driver.time))
+    if overload is not None:
+        result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
+        result.events.sort(key=lambda event: float(event["time"]))
+    keys = DeploySummary(
+        lock=_lock(run, summary, estimate),
+        overload=overload if scene.deploy.loads and failure is None else ABSENT,
+    )
+    result.summarise(summary, *others, keys, seconds=watch.report())
+    return result.unless(failure)
+
+
+def _doubts(run: Run, estimate: Estimate | None) -> list[str]:
+    """Return warnings about latches that the second integration does not confirm."""
+    if estimate is None or not estimate.watchers:
+        return []
+    one, other = ({w.names[k]: it.closings for k, it in w.closings.items()}
+                  for w in (watcher_of(run.driver.watchers), watcher_of(estimate.watchers)))  # fmt: skip
+    return [
+        f"latch {name!r} closes {_often(one.get(name, 0))}, and {_often(other.get(name, 0))} in a second, tighter "
+        "integration: the motion is too sensitive to say what it does"
+        for name in sorted({*one, *other})
+        if one.get(name, 0) != other.get(name, 0)
+    ]
+
+
+def _often(count: int) -> str:
+    return "never" if count == 0 else "once" if count == 1 else f"{count} times"
+
+
+def _reason(latches: Latches) -> str:
+    """Return why the run ended, in words."""
+    until = latches.problem.scene.deploy.until
+    count = len(latches.latches)
+    if until not in ("all", "end"):
+        return f"latch {until} is closed" if latches.are_closed else f"duration: latch {until} is open"
+    if latches.are_closed:
+        every = "the latch is closed" if count == 1 else f"all {count} latches are closed"
+        return every if until == "all" else f"duration: {every}"
+    names = [x.name for k, x in enumerate(latches.latches) if k not in latches.closed]
+    return f"duration: {len(names)} of {count} latches are open ({', '.join(names[:8])}{', ...' * (len(names) > 8)})"
+
+
+def _lock(run: Run, summary: MotionSummary, estimate: Estimate | None) -> LockKeys | None:
+    """Return the last closing, with errors from the last one of the second run."""
+    own = _lock_of(run.motion, watcher_of(run.driver.watchers), summary)
+    if own is None or estimate is None or not estimate.watchers:
+        return own
+    other = _lock_of(run.motion, watcher_of(estimate.watchers), summary)
+    if other is None or other.name != own.name:
+        return own
+    return dataclasses.replace(with_second(own, other, estimate.factor, ("lock",)), time_error=own.time_error)
+
+
+def _lock_of(motion: Motion, latches: Latches, summary: MotionSummary) -> LockKeys | None:
+    if latches.last is None:
+        return None
+    time, state, k = latches.last
+    model, latch = motion.problem.model, latches.latches[k]
+    q, qd, _ = motion.system.split(state)
+    errors = summary.locks[latch.name].errors if isinstance(summary.locks, Mapping) else ABSENT
+    error = errors.time if isinstance(errors, LatchLockErrors) else ABSENT
+    return LockKeys(
+        time=time,
+        time_error=error if isinstance(error, float) else None,
+        time_error_method="difference from a second, tighter integration"
+        if isinstance(error, float)
+        else "not asked for",
+        angles=dict(zip(model.q_names, q.tolist())),
+        angles_deg={
+            n: float(np.degrees(x)) for n, x, u in zip(model.q_names, q, model.q_units) if u == "rad"
+        },
+        rates=dict(zip(model.v_names, qd.tolist())),
+        errors=LockErrors(),
+        kind="latched",
+        joint=None if latch.v is None else model.v_names[latch.v],
+        loop=None,
+        criterion="latches",
+        driven=False,
+        multiplier_growth=None,
+        growth_times={},
+        multipliers=None,
+        singular_values=None,
+        name=latch.name,
+    )
