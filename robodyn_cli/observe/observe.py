@@ -331,6 +331,20 @@ class Observer:
         psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]
         return singular_values(psi, self.passive, self.problem.loop_rank)
 
+    def multipliers(self, t: Array, x: Array) -> Array:
+        """Return the multipliers (T, m) at states x (T, nx), which are projected first."""
+        x = self.project(t, x)
+        return self.kernel.evaluate(len(t), self._groups(t, x))["lam"]
+
+    def largest_residuals(self, t: Array, x: Array) -> tuple[float, float]:
+        """Return the largest residuals of positions and of velocities at states x (T, nx), which are projected
+        first."""
+        x = self.project(t, x)
+        kernel, names = (self.kernel, ("eta", "eta_rate")) if self.residuals is None else (self.residuals, "qv")
+        values = kernel.evaluate(len(t), self._groups(t, x))
+        position, velocity = (float(np.abs(values[name]).max(initial=0.0)) for name in names)
+        return position, velocity
+
     def singular_ratio(self, t: Array, x: Array) -> Array:
         """Return the smallest singular value of the passive block over the largest of Psi (T,)."""
         data = self._singular(self.kernel.evaluate(len(t), self._groups(t, self.project(t, x)))["psi"])

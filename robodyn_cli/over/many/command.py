@@ -44,10 +44,12 @@ class AskedRuns:
 class BatchCommand(ABC, Generic[Own]):
     """A command for many runs. Without state: one object serves all.
 
-    sampled : columns of what samples hold, ``q`` as positions and all others as rates.
+    sampled : columns of what samples hold, ``q`` as positions and all others as rates. words : what keys of the summary
+    say in every run that compiled code makes.
     """
 
     name: str
+    words: Mapping[str, Any] = {}
     sampled: tuple[str, ...] = ("q", "qd")
 
     @abstractmethod

@@ -7,7 +7,7 @@ come to its end, or that looks doubtful, is left to ``simulate`` itself.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -88,12 +88,17 @@ class RunBatch:
         return runs
 
 
+# values and errors (n,) by key of the summary, of runs of these numbers (n,)
+FiguresOf = Callable[[NDArray[np.int64]], Mapping[str, "tuple[Array, Array]"]]
+
+
 @record
 class Driven:
     """What a batch came to: the first run, and for which runs all of this can be trusted.
 
     errors, time_errors : of states (N, nx) and times (N,) at the end, nan where none is estimated; None for all runs.
-    second_steps : of the second integration, None without one.
+    second_steps : of the second integration, None without one. figures : values and errors (N,) of keys of the summary
+    beside these.
     """
 
     runs: Runs
@@ -101,6 +106,18 @@ class Driven:
     errors: Array | None = None
     time_errors: Array | None = None
     second_steps: NDArray[np.int64] | None = None
+    figures: dict[str, tuple[Array, Array]] = dataclasses.field(default_factory=dict)
+
+    def with_figures(self, batch: RunBatch, figures: FiguresOf) -> Driven:
+        """Return the same with figures of those runs that can be trusted and whose samples the structure evaluates."""
+        trusted = self.trusted & batch.structure.observed_alike(batch.numbers)
+        rows = np.flatnonzero(trusted)
+        more = {}
+        for key, pair in figures(rows).items():
+            value, error = (np.full(len(trusted), np.nan) for _ in pair)
+            value[rows], error[rows] = pair
+            more[key] = value, error
+        return dataclasses.replace(self, trusted=trusted, figures={**self.figures, **more})
 
 
 def method_of(batch: RunBatch) -> NDArray[np.str_]:

@@ -6,6 +6,7 @@ import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,16 @@ from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Row
 from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, integrate, method_of, second_runs
 from robodyn_cli.over.many.keys import Key
+from robodyn_cli.over.many.locks import (
+    RESIDUALS,
+    TIMES,
+    WORDS,
+    Figure,
+    Locks,
+    figures_of,
+    is_figure,
+    residuals_of,
+)  # fmt: skip
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.result import Result
@@ -52,7 +63,7 @@ class MotionCommand(BatchCommand[Structure]):
         """Tell whether ``output`` gives this key of the summary."""
 
     @abstractmethod
-    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
+    def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
         """Make the runs of a batch."""
 
     @abstractmethod
@@ -67,7 +78,7 @@ class MotionCommand(BatchCommand[Structure]):
         return Structure(family, keys, row, self)
 
     def is_plain(self, key: str) -> bool:
-        return key in (*COUNTERS, SECOND_STEPS) or self.gives(key)
+        return key in (*COUNTERS, SECOND_STEPS, *RESIDUALS, *self.words) or self.gives(key)
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
@@ -80,7 +91,9 @@ class MotionCommand(BatchCommand[Structure]):
         for method in dict.fromkeys(methods.tolist()):
             chosen = np.flatnonzero(methods == method)
             part = batch if len(chosen) == len(rows) else batch.part(chosen)
-            driven = self.drive(part, method, max(0, asked.samples - 1))
+            driven = self.drive(part, method, asked)
+            if any(key in RESIDUALS for key in asked.result.outputs):
+                driven = driven.with_figures(part, partial(_residuals, part, method))
             self._keep(part, driven, rows[chosen], asked)
             left += rows[chosen[~driven.trusted]].tolist()
         return left
@@ -96,13 +109,18 @@ class MotionCommand(BatchCommand[Structure]):
         if driven.errors is not None:
             result.q_error[to], result.qd_error[to], _ = system.split(driven.errors[good])
         for key, column in result.outputs.items():
-            column[to] = self._output(key, result, driven, to)
-            result.errors[key][to] = self.error_of(key, result, to)
+            if key in driven.figures:
+                column[to], result.errors[key][to] = (x[good] for x in driven.figures[key])
+            else:
+                column[to] = self._output(key, result, driven, to)
+                result.errors[key][to] = self.error_of(key, result, to)
         if asked.samples:
             _keep_samples(batch, driven, to, asked)
 
     def _output(self, key: str, result: ManyRuns, driven: Driven, rows: Rows) -> Array:
         """Return an output of those runs that can be trusted, which are these rows."""
+        if isinstance(self.words.get(key), bool):
+            return np.full(len(rows), float(self.words[key]))
         section, _, name = key.partition(".")
         if section == "counters":
             counts: Array = getattr(driven.runs, name)[driven.trusted]
@@ -113,6 +131,10 @@ class MotionCommand(BatchCommand[Structure]):
             steps = driven.second_steps[driven.trusted]
             return np.where(steps > 0, steps, np.nan)
         return self.output(key, result, rows)
+
+
+def _residuals(batch: RunBatch, method: str, rows: Rows) -> dict[str, Figure]:
+    return residuals_of(batch.part(rows), method)
 
 
 def _keep_samples(batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
@@ -146,8 +168,8 @@ class Simulate(MotionCommand):
     def gives(self, key: str) -> bool:
         return key == "final.time" or key.startswith(("final.q.", "final.qd.")) or key in ERRORS
 
-    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
-        return integrate(batch, method, samples)
+    def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
+        return integrate(batch, method, max(0, asked.samples - 1))
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
         if key in ERRORS:
@@ -184,13 +206,15 @@ def _largest_error(result: ManyRuns, group: str, rows: Rows) -> Array:
 
 
 SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
-LOCK_TIME, LOCK_ERROR = "lock.time", "lock.time_error"
+LOCK_ERROR = "lock.time_error"
+LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
 
 class Deploy(MotionCommand):
     """Motions up to their lock; ends are the states there."""
 
     name = "deploy"
+    words = WORDS
 
     def build(self, scene: Scene) -> Motion:
         return build_deployment(scene, Stopwatch())
@@ -205,9 +229,10 @@ class Deploy(MotionCommand):
         return first_of(reasons)
 
     def gives(self, key: str) -> bool:
-        return key in (LOCK_TIME, LOCK_ERROR) or key.startswith(("lock.angles.", "lock.rates."))
+        known = (*TIMES, LOCK_ERROR, *LOCK_ERRORS)
+        return key in known or key.startswith(("lock.angles.", "lock.rates.")) or is_figure(key)
 
-    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
+    def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
         motion, count = batch.structure.motion, len(batch.values)
         functions = batch.structure.fleet(method).system.events
         dead = np.array([e.kind is EventKind.DEAD_POINT for e in functions])
@@ -224,21 +249,39 @@ class Deploy(MotionCommand):
         trusted &= self._is_regular(batch, batch.starts.q, motion.passive)
         trusted &= self._is_regular(batch, system.split(runs.y)[0], ())
         if not motion.scene.simulate.error_estimate:
-            return Driven(runs, trusted)
+            nothing = np.full(count, np.nan)
+            return self._with_figures(Driven(runs, trusted), batch, runs.y, nothing, asked)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-        apart = np.full_like(runs.y, np.nan)
+        others, factor = np.full_like(runs.y, np.nan), np.full(count, np.nan)
         if len(rows := np.flatnonzero(trusted)):
             time = runs.time[rows]
             first = First(batch.options, method, runs.steps[rows], time)
             second, done = second_runs(batch.part(rows), first, locked)
             pace = time / np.maximum(second.time, 1e-300)
             paced = np.rint(second.steps * pace)
-            new_errors = time_errors(first, np.abs(second.time - time), paced, time)
-            errors[rows], steps[rows] = new_errors, second.steps
-            scale = remainder(first, paced)[:, None]
-            apart[rows] = scale * np.abs(second.y - runs.y[rows]) + ROUNDED * np.abs(runs.y[rows])
-            trusted[rows] = done & (new_errors <= TRUSTED * time)
-        return Driven(runs, trusted, errors=apart, time_errors=errors, second_steps=steps)
+            errors[rows], steps[rows] = (
+                time_errors(first, np.abs(second.time - time), paced, time),
+                second.steps,
+            )
+            others[rows], factor[rows] = second.y, remainder(first, paced)
+            trusted[rows] = done & (errors[rows] <= TRUSTED * time)
+        apart = factor[:, None] * np.abs(others - runs.y) + ROUNDED * np.abs(runs.y)
+        driven = Driven(runs, trusted, errors=apart, time_errors=errors, second_steps=steps)
+        return self._with_figures(driven, batch, others, factor, asked)
+
+    @staticmethod
+    def _with_figures(
+        driven: Driven, batch: RunBatch, others: Array, factor: Array, asked: AskedRuns
+    ) -> Driven:
+        """Return what a batch came to with figures of the lock that are asked for; others, factor : see ``Locks``."""
+        keys, runs = [key for key in asked.result.outputs if is_figure(key)], driven.runs
+
+        def figures(rows: Rows) -> dict[str, Figure]:
+            part = batch.part(rows)
+            locks = Locks(part, runs.time[rows], runs.y[rows], others[rows], factor[rows])
+            return figures_of(locks, keys)
+
+        return driven.with_figures(batch, figures) if keys else driven
 
     @staticmethod
     def _is_regular(batch: RunBatch, q: Array, columns: tuple[int, ...]) -> Masks:
@@ -249,14 +292,18 @@ class Deploy(MotionCommand):
         return has_full_rank(values[:, :, list(columns)] if columns else values, SOUND)
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
-        if key in (LOCK_TIME, LOCK_ERROR):
-            return (result.time if key == LOCK_TIME else result.time_error)[rows]
+        if key in TIMES or key == LOCK_ERROR:
+            return (result.time_error if key == LOCK_ERROR else result.time)[rows]
+        if key in LOCK_ERRORS:
+            return _largest_error(result, LOCK_ERRORS[key], rows)
         _, group, name = key.split(".", 2)
         return column_of(result, "q" if group == "angles" else "qd", name, rows)
 
     def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
-        if key in (LOCK_TIME, LOCK_ERROR):
-            return result.time_error[rows] if key == LOCK_TIME else math.nan
+        if key in TIMES:
+            return result.time_error[rows]
+        if key == LOCK_ERROR or key in LOCK_ERRORS:
+            return math.nan
         return _largest_error(result, "q" if key.startswith("lock.angles.") else "qd", rows)
 
     def single(self, scene: Scene) -> Result:
@@ -264,7 +311,7 @@ class Deploy(MotionCommand):
 
     def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:
         result.time[row], result.time_error[row] = (
-            number_of(summary, LOCK_TIME),
+            number_of(summary, TIMES[0]),
             number_of(summary, LOCK_ERROR),
         )
         for group, names, target, errors in (

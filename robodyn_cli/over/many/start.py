@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.many import Expressions, ManyNumbers
+from robodyn_cli.over.many.keys import START
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
@@ -69,7 +70,11 @@ def starts_of(
                 rows[name][:, k] = given[name][column]
     if not motion.problem.constraints.rows:
         return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
-    starts = _ManyClosing(structure, numbers, given["q"], given["qd"]).close(rows["q"], rows["qd"])
+    closing = _ManyClosing(structure, numbers, given["q"], given["qd"])
+    if q is None and qd is None and not closing.varies:
+        same = (np.broadcast_to(x, (count, len(x))).copy() for x in own.values())
+        return Starts(*same, np.ones(count, dtype=bool))
+    starts = closing.close(rows["q"], rows["qd"])
     if q is None and qd is None:
         # a run that is the structure's own starts where that does, to the bit
         alike = (values == structure.row).all(axis=1)
@@ -114,6 +119,12 @@ class _ManyClosing:
         self._psi = Expressions([x for row in rows for x in row.psi])
         self._cosines = Expressions([row.cosine for row in rows])
         self.one = Numbers(problem, ())
+        equations = (self._eta, self._psi, self._cosines)
+        numbers_there = [x for part in equations for x in (*part.constants, *part.outputs)]
+        # whether runs have other loops, or other initial values
+        self.varies = any(key.sort == START for key in structure.keys) or any(
+            numbers.recipe.varies(x) for x in numbers_there
+        )
         model = problem.model
         held = held_columns(motion.scene, problem)
         self.nv = model.nv

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import witnessed
-from robodyn_cli.expr.many import Expressions
+from robodyn_cli.expr.many import Decision, Expressions, ManyNumbers
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
+from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.groups import Built, first_of
 from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
@@ -22,6 +24,7 @@ from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.conditioning import Conditioning
+    from robodyn_cli.observe.observe import Observer
 
 
 class Buildable(Protocol):
@@ -68,6 +71,27 @@ class Structure(Built):
         if self._conditioning is None:
             self._conditioning = self.motion.conditioning(times, x)
         return self._conditioning
+
+    @cached_property
+    def _observer(self) -> tuple[Observer, list[Decision]]:
+        """What is evaluated at samples, and the comparisons of numbers that its own equations ask for."""
+        with witnessed() as witnesses:
+            observer = self.motion.observer
+        return observer, self.recipe.deciding(witnesses)
+
+    def observed_alike(self, numbers: ManyNumbers) -> NDArray[np.bool_]:
+        """Tell in which runs (N,) samples are evaluated by the same equations."""
+        return numbers.decided_alike(self._observer[1])
+
+    def observers(self, numbers: ManyNumbers) -> Iterator[Observer]:
+        """Yield the observer of samples with the numbers of one run after another."""
+        observer = self._observer[0]
+        kernels = [kernel for kernel in observer.kernels.values() if isinstance(kernel, SampleKernel)]
+        tables = [numbers.table(kernel.program.numbers or (0.0,)) for kernel in kernels]
+        for rows in zip(*tables):
+            for kernel, row in zip(kernels, rows):
+                kernel.table = np.ascontiguousarray(row)
+            yield observer
 
     @cached_property
     def energies(self) -> Expressions:

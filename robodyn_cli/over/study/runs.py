@@ -70,7 +70,10 @@ class Compiled:
     def __init__(self, task: Task, threads: int) -> None:
         self.task, self.threads = task, threads
         self._mechanism, self._command = Mechanism(task.family, task.keys), commands[task.command]
-        expected = (key for key in task.family.own.expect if self._command.is_plain(key))
+        command = self._command
+        expected = (
+            key for key in task.family.own.expect if command.is_plain(key) and key not in command.words
+        )
         self._of = tuple(dict.fromkeys([*task.outputs, *expected]))
 
     def make(self, points: Points) -> RunRows:
@@ -81,7 +84,9 @@ class Compiled:
         rows["values"], rows["code"], rows["done"] = points.values, runs.code, True
         for k, key in enumerate(task.outputs):
             rows["outputs"][:, k], rows["errors"][:, k] = runs.outputs[key], runs.errors[key]
-        rows["holds"] = _holds(task.family.own.expect, runs, COMMANDS[task.command].good)
+        rows["holds"] = _holds(
+            task.family.own.expect, runs, {STATUS: COMMANDS[task.command].good, **self._command.words}
+        )
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
@@ -96,12 +101,12 @@ class Compiled:
             size = int(min(LARGEST_BLOCK, max(FIRST_BLOCK, len(points) * SECONDS_OF_BLOCK / spent)))
 
 
-def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, status: str) -> Array:
-    """Return in which runs (N,) all that a scene expects holds; in none that is refused."""
+def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, words: Mapping[str, Any]) -> Array:
+    """Return in which runs (N,) all that a scene expects holds; in none that is refused. words : same in all runs."""
     holds = runs.ok.copy()
     for key, expected in expect.items():
-        common = {EXIT_CODE: runs.code.tolist(), STATUS: [status] * len(runs)}.get(key)
-        values = runs.outputs[key].tolist() if common is None else common
+        values = runs.code if key == EXIT_CODE else runs.outputs.get(key)
+        values = [words[key]] * len(runs) if values is None or key in words else values.tolist()
         holds &= np.array([expected.holds(x) for x in values], dtype=bool)
     return holds
 
