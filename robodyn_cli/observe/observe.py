@@ -340,7 +340,9 @@ class Observer:
         """Return the largest residuals of positions and of velocities at states x (T, nx), which are projected
         first."""
         x = self.project(t, x)
-        kernel, names = (self.kernel, ("eta", "eta_rate")) if self.residuals is None else (self.residuals, "qv")
+        kernel, names = (
+            (self.kernel, ("eta", "eta_rate")) if self.residuals is None else (self.residuals, "qv")
+        )
         values = kernel.evaluate(len(t), self._groups(t, x))
         position, velocity = (float(np.abs(values[name]).max(initial=0.0)) for name in names)
         return position, velocity

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.integrators.runtime.fleet import Sampling
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot
-from robodyn_cli.over.many.integrate import RunBatch, first_run
+from robodyn_cli.integrators.runtime.memory import IntegerSlot
+from robodyn_cli.integrators.runtime.options import Grid
+from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
@@ -87,7 +87,8 @@ def _apart(locks: Locks, figure: Callable[[Array], Array]) -> tuple[Array, Array
     values = figure(locks.first)
     if np.isnan(locks.factor).all():
         return values, np.full(values.shape, np.nan)
-    apart = np.abs(figure(locks.second) - values)
+    # without a second run there is no error: ``factor`` is nan
+    apart = np.abs(figure(np.where(np.isfinite(locks.second), locks.second, locks.first)) - values)
     return values, locks.factor[:, None] * apart + ROUNDED * np.abs(values)
 
 
@@ -113,19 +114,20 @@ def _norms(locks: Locks, x: Array) -> Array:
     return norms
 
 
-def residuals_of(batch: RunBatch, method: str) -> dict[str, Figure]:
-    """Return the largest residuals of position and velocity over the samples of the scene, which have no error."""
-    samples, count = max(batch.structure.motion.scene.simulate.samples - 1, 1), len(batch.values)
-    largest = np.zeros((count, len(RESIDUALS)))
-    size = max(1, ENTRIES // (samples * batch.states.shape[1]))
+def residuals_of(batch: RunBatch, method: str, times: Array) -> dict[str, Figure]:
+    """Return the largest residuals of position and velocity over the samples of the scene up to the ends of the runs at
+    times (N,) [s], which have no error."""
+    count, asked = len(batch.values), max(batch.structure.motion.scene.simulate.samples - 1, 1)
+    step, largest = batch.ends / asked, np.zeros((len(times), len(RESIDUALS)))
+    taken = np.array([Grid(0.0, h, asked + 1).first_at(t) for h, t in zip(step, times)])
+    size = max(1, ENTRIES // (asked * batch.states.shape[1]))
     for first in range(0, count, size):
-        part = batch.part(np.arange(first, min(first + size, count)))
-        runs = first_run(part, method, Sampling(samples))
-        for k, observer in enumerate(part.structure.observers(part.numbers)):
-            taken = samples if runs.arrived[k] else int(runs.n[k, IntegerSlot.NEXT_SAMPLE]) - 1
-            times = runs.w[k, DoubleSlot.SAMPLE_STEP] * np.arange(taken + 1)
-            states = np.vstack([part.states[k], runs.out[k, :, :taken].T, runs.y[k]])
-            largest[first + k] = observer.largest_residuals(
-                np.append(times, runs.time[k]), np.asfortranarray(states)
-            )
+        rows = np.arange(first, min(first + size, count))
+        part, most = batch.part(rows), int(taken[rows].max())
+        runs = part.sampled(method, times[rows], most, step[rows])
+        for k, observer in zip(rows.tolist(), part.structure.observers(part.numbers)):
+            own = min(taken[k], int(runs.n[k - first, IntegerSlot.NEXT_SAMPLE]) - 1)
+            states = np.vstack([part.states[k - first], runs.out[k - first, :, :own].T, runs.y[k - first]])
+            at = np.append(step[k] * np.arange(own + 1), times[k])
+            largest[k] = observer.largest_residuals(at, np.asfortranarray(states))
     return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(RESIDUALS)}

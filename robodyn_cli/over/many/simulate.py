@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.errors import OF_STATUS
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
@@ -19,7 +20,17 @@ from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.groups import first_of
-from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, integrate, method_of, second_runs
+from robodyn_cli.over.many.integrate import (
+    SOUND,
+    Driven,
+    RunBatch,
+    first_run,
+    integrate,
+    keep_rank,
+    method_of,
+    near_rank_loss,
+    second_runs,
+)  # fmt: skip
 from robodyn_cli.over.many.keys import Key
 from robodyn_cli.over.many.locks import (
     RESIDUALS,
@@ -91,12 +102,25 @@ class MotionCommand(BatchCommand[Structure]):
         for method in dict.fromkeys(methods.tolist()):
             chosen = np.flatnonzero(methods == method)
             part = batch if len(chosen) == len(rows) else batch.part(chosen)
-            driven = self.drive(part, method, asked)
-            if any(key in RESIDUALS for key in asked.result.outputs):
-                driven = driven.with_figures(part, partial(_residuals, part, method))
-            self._keep(part, driven, rows[chosen], asked)
-            left += rows[chosen[~driven.trusted]].tolist()
+            left += self._make(part, method, rows[chosen], asked)
         return left
+
+    def _make(self, batch: RunBatch, method: str, rows: Rows, asked: AskedRuns) -> list[int]:
+        """Make the runs of a batch by one method, which are these rows; return those that are left."""
+        driven = self.drive(batch, method, asked)
+        if any(key in RESIDUALS for key in asked.result.outputs):
+            driven = driven.with_figures(batch, partial(_residuals, batch, method, driven.runs.time))
+        if batch.through and len(good := np.flatnonzero(driven.trusted)):
+            driven.trusted[good] = keep_rank(batch.part(good), method, driven.runs.time[good])
+        self._keep(batch, driven, rows, asked)
+        left = ~driven.trusted
+        if batch.through or set(asked.result.outputs) & set(COUNTERS):  # other steps
+            return rows[left].tolist()
+        if not (near := left & near_rank_loss(batch, driven.runs, method)).any():
+            return rows[left].tolist()
+        # what comes near a loss of rank and keeps it goes on
+        on = dataclasses.replace(batch.part(np.flatnonzero(near)), through=True)
+        return [*rows[left & ~near].tolist(), *self._make(on, method, rows[near], asked)]
 
     def _keep(self, batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
         """Write those runs of a batch that can be trusted into the result."""
@@ -116,6 +140,20 @@ class MotionCommand(BatchCommand[Structure]):
                 result.errors[key][to] = self.error_of(key, result, to)
         if asked.samples:
             _keep_samples(batch, driven, to, asked)
+        if driven.missed is not None and (missed := rows[driven.missed & good]).size:
+            self._keep_missed(result, missed)
+
+    @staticmethod
+    def _keep_missed(result: ManyRuns, rows: Rows) -> None:
+        """Write runs that came to their end without their event; what is told of it they do not have."""
+        result.code[rows] = OF_STATUS["no_lock"]
+        for row in rows.tolist():
+            result.reason[row] = NO_LOCK
+        for array in (result.time, result.time_error, result.q, result.qd, result.q_error, result.qd_error):
+            array[rows] = np.nan
+        for key in result.outputs:
+            if key not in (*COUNTERS, *RESIDUALS, "termination.time"):
+                result.outputs[key][rows] = result.errors[key][rows] = np.nan
 
     def _output(self, key: str, result: ManyRuns, driven: Driven, rows: Rows) -> Array:
         """Return an output of those runs that can be trusted, which are these rows."""
@@ -133,8 +171,8 @@ class MotionCommand(BatchCommand[Structure]):
         return self.output(key, result, rows)
 
 
-def _residuals(batch: RunBatch, method: str, rows: Rows) -> dict[str, Figure]:
-    return residuals_of(batch.part(rows), method)
+def _residuals(batch: RunBatch, method: str, times: Array, rows: Rows) -> dict[str, Figure]:
+    return residuals_of(batch.part(rows), method, times[rows])
 
 
 def _keep_samples(batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
@@ -205,7 +243,7 @@ def _largest_error(result: ManyRuns, group: str, rows: Rows) -> Array:
     return errors[rows].max(axis=1, initial=0.0)
 
 
-SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
+NO_LOCK = "duration: no lock"
 LOCK_ERROR = "lock.time_error"
 LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
@@ -234,7 +272,7 @@ class Deploy(MotionCommand):
 
     def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
         motion, count = batch.structure.motion, len(batch.values)
-        functions = batch.structure.fleet(method).system.events
+        functions = batch.structure.fleet(method, through=batch.through).system.events
         dead = np.array([e.kind is EventKind.DEAD_POINT for e in functions])
 
         def locked(runs: Runs) -> Masks:
@@ -244,13 +282,14 @@ class Deploy(MotionCommand):
             return at_lock
 
         runs = first_run(batch, method)
-        trusted = locked(runs) & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
-        system = motion.system
-        trusted &= self._is_regular(batch, batch.starts.q, motion.passive)
-        trusted &= self._is_regular(batch, system.split(runs.y)[0], ())
+        begun = batch.starts.sound & np.isfinite(runs.y).all(axis=1)
+        begun &= self._is_regular(batch, batch.starts.q, motion.passive)
+        missed = begun & runs.arrived & (SECOND_STEPS not in asked.result.outputs)
+        trusted = begun & locked(runs) & self._is_regular(batch, motion.system.split(runs.y)[0], ())
         if not motion.scene.simulate.error_estimate:
             nothing = np.full(count, np.nan)
-            return self._with_figures(Driven(runs, trusted), batch, runs.y, nothing, asked)
+            driven = Driven(runs, trusted | missed, missed=missed)
+            return self._with_figures(driven, batch, runs.y, nothing, asked)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
         others, factor = np.full_like(runs.y, np.nan), np.full(count, np.nan)
         if len(rows := np.flatnonzero(trusted)):
@@ -266,7 +305,9 @@ class Deploy(MotionCommand):
             others[rows], factor[rows] = second.y, remainder(first, paced)
             trusted[rows] = done & (errors[rows] <= TRUSTED * time)
         apart = factor[:, None] * np.abs(others - runs.y) + ROUNDED * np.abs(runs.y)
-        driven = Driven(runs, trusted, errors=apart, time_errors=errors, second_steps=steps)
+        driven = Driven(
+            runs, trusted | missed, errors=apart, time_errors=errors, second_steps=steps, missed=missed
+        )
         return self._with_figures(driven, batch, others, factor, asked)
 
     @staticmethod
@@ -302,9 +343,9 @@ class Deploy(MotionCommand):
     def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
         if key in TIMES:
             return result.time_error[rows]
-        if key == LOCK_ERROR or key in LOCK_ERRORS:
-            return math.nan
-        return _largest_error(result, "q" if key.startswith("lock.angles.") else "qd", rows)
+        groups = {"lock.angles.": "q", "lock.rates.": "qd"}
+        group = next((group for head, group in groups.items() if key.startswith(head)), None)
+        return math.nan if group is None else _largest_error(result, group, rows)
 
     def single(self, scene: Scene) -> Result:
         return deploy(scene)

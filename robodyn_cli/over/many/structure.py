@@ -15,6 +15,7 @@ from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.groups import Built, first_of
 from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
@@ -53,15 +54,17 @@ class Structure(Built):
             tables = methods[self.motion.choice.method].tables(self.motion.system)
         why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
-        self._fleets: dict[tuple[str, bool], Fleet] = {}
+        self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
         self._conditioning: Conditioning | None = None
 
-    def fleet(self, method: str, watch: bool = True) -> Fleet:
-        """Return the compiled code of a method."""
-        key = method, watch
+    def fleet(self, method: str, watch: bool = True, through: bool = False) -> Fleet:
+        """Return the compiled code of a method; through : whether runs go on where the loops come near a loss of
+        rank."""
+        key = method, watch, through
         if key not in self._fleets:
             # what is only noted on the way ends no run
-            system = self.motion.system.watched_by(lambda e: None if e.kind is EventKind.MARK else e.owner)
+            noted = (EventKind.MARK, EventKind.RANK_LOSS) if through else (EventKind.MARK,)
+            system = self.motion.system.watched_by(lambda e: None if e.kind in noted else e.owner)
             passing = [k for k, e in enumerate(system.events) if e.is_discontinuity]
             self._fleets[key] = Fleet(system, method, np.zeros(1), watch, passing)
         return self._fleets[key]
@@ -92,6 +95,12 @@ class Structure(Built):
             for kernel, row in zip(kernels, rows):
                 kernel.table = np.ascontiguousarray(row)
             yield observer
+
+    @cached_property
+    def psi_at_samples(self) -> SampleKernel:
+        """Psi of the loops' rows as a function of samples; its table is that of a run."""
+        problem = self.motion.problem
+        return SampleKernel({"psi": problem.psi[problem.constraints.of_loops].ravel().tolist()}, STATE_GROUPS)
 
     @cached_property
     def energies(self) -> Expressions:
