@@ -30,6 +30,7 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
 from robodyn_cli.solve.point_kinematics import Led, PointFunction, what_is_left
 from robodyn_cli.solve.reach import Singular, Unreachable
+from robodyn_cli.solve.sparse import FEWEST, NEAR, Strides, counted, interpolated, together
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import hermite
 from robodyn_cli.trajectories.motion import Asked, JointMotion, PointMotion, PoseMotion
@@ -255,11 +256,75 @@ class PathFollower:
         q[0] = solution.q
         now = self.state(self.times[0], solution, self.sample(0))
         before: PathState | None = None
-        for k in range(1, len(self.times)):
+        k, last = 0, len(q) - 1
+        strides = Strides(len(q) < FEWEST or self.solver.redundant or bool(self.manifold.quasi))
+        while k < last:
+            further = None if strides.over else self._in_strides(strides, k, (before, now), q)
+            if further:
+                k, before, now = further
+                continue
+            k += 1
             before, now = self.advance(before, now, k)
             q[k] = now.q
         rates = self.solver.rates(q, *self.at_samples[1:])
         return JointMotion(q, np.asfortranarray(rates.qd), np.asfortranarray(rates.qdd))
+
+    def _in_strides(
+        self, strides: Strides, first: int, ends: tuple[PathState | None, PathState], q: Array
+    ) -> tuple[int, PathState, PathState] | None:
+        """Fill positions q (T, nq) from behind sample ``first`` up to another one; return it and the last two states
+        there, or None where even the next sample has to be solved by itself.
+
+        What fails on the way fails again there, with an error that tells its time.
+        """
+        states, places = [ends[1]], [first]
+
+        def go_to(k: int) -> int:
+            taken = self.steps
+            states.append(self.advance(states[-2] if len(states) > 1 else ends[0], states[-1], k)[1])
+            places.append(k)
+            return self.steps - taken
+
+        try:
+            strides.go(first, len(q) - 1, go_to)
+        except (Unreachable, Singular):
+            strides.over = True
+        if len(states) == 1:
+            return None
+        here = slice(first, places[-1] + 1)
+        guess = interpolated(
+            self.times[here], [k - first for k in places], [(x.q, x.qd, x.qdd) for x in states]
+        )
+        wanted, pd, pdd = (x[here] for x in self.at_samples)
+        found = together(guess, lambda x: self._step(wanted, x))
+        with np.errstate(all="ignore"):
+            rates = self.solver.rates(found, pd, pdd)
+            left = self.solver.left(wanted, self.solver.kinematics(found, rates.qd)[0])
+            good = (np.abs(found - guess).max(axis=1) <= NEAR) & (rates.measure > SINGULAR)
+            good &= np.sqrt((left * left).sum(axis=1)) <= max(self.solver.tolerance, self.solver.floor)
+            U, Vt = rates.U, rates.Vt
+            turn = np.swapaxes(U[:-1], 1, 2) @ U[1:], Vt[:-1] @ np.swapaxes(Vt[1:], 1, 2)
+            good[1:] &= np.linalg.det(turn[0]) * np.linalg.det(turn[1]) > 0.0
+        last = counted(good, [k - first for k in places])
+        if last < len(places) - 1:
+            strides.length = 1
+        if not last:
+            return None
+        q[first + 1 : places[last] + 1] = found[1 : places[last] + 1 - first]
+        return places[last], states[last - 1], states[last]
+
+    def _step(self, wanted: Array, q: Array) -> Array:
+        """Return Newton's steps of positions q (T, nq) to values wanted (T, k)."""
+        solver = self.solver
+        p, J, _ = solver.kinematics(q, np.zeros((len(q), self.manifold.nv)))
+        U, s, Vt = np.linalg.svd(np.where(np.isfinite(J), J, 0.0), full_matrices=False)
+        U, s, Vt = U[:, :, : solver.rank], s[:, : solver.rank], Vt[:, : solver.rank]
+        with np.errstate(all="ignore"):
+            steps = _apply(np.swapaxes(Vt, 1, 2), _apply(np.swapaxes(U, 1, 2), solver.left(wanted, p)) / s)
+        solver.iterations += len(q)
+        moves = np.zeros_like(q)
+        moves[:, self.manifold.position] = np.where(np.isfinite(steps), steps, 0.0) * solver.moving
+        return np.clip(moves, -MOST_STEP, MOST_STEP)
 
     def reached(self, residual: float) -> bool:
         """Tell whether a target counts as reached."""
