@@ -333,13 +333,10 @@ class Observer:
 
     def multipliers(self, t: Array, x: Array) -> Array:
         """Return the multipliers (T, m) at states x (T, nx), which are projected first."""
-        x = self.project(t, x)
-        return self.kernel.evaluate(len(t), self._groups(t, x))["lam"]
+        return self.kernel.evaluate(len(t), self._groups(t, self.project(t, x)))["lam"]
 
     def largest_residuals(self, t: Array, x: Array) -> tuple[float, float]:
-        """Return the largest residuals of positions and of velocities at states x (T, nx), which are projected
-        first."""
-        x = self.project(t, x)
+        """Return the largest residuals of positions and of velocities at states, as ``multipliers`` takes them."""
         kernel, names = (
             (self.kernel, ("eta", "eta_rate")) if self.residuals is None else (self.residuals, "qv")
         )

@@ -118,7 +118,9 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
     return min((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])[1]
 
 
-def starts_around(numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int) -> list[Array]:
+def starts_around(
+    numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int
+) -> list[Array]:
     """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
     rng = np.random.default_rng(seed)
     starts = []

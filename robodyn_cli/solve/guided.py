@@ -191,7 +191,9 @@ class Guide:
             strides.length = 1
         return found[1 : at[last] + 1] if last else []
 
-    def _at_once(self, guess: Array, times: Array, samples: slice) -> tuple[list[GuidedPlace], NDArray[np.bool_]]:
+    def _at_once(
+        self, guess: Array, times: Array, samples: slice
+    ) -> tuple[list[GuidedPlace], NDArray[np.bool_]]:
         """Return the places at samples near a guess (T, nq), and which of them count."""
         conditions = self.conditions
         position = conditions.manifold.position
@@ -202,13 +204,15 @@ class Guide:
             moves = np.zeros_like(q)
             scaled = np.where(np.isfinite(J), J, 0.0) * conditions.lengths / conditions.sizes[:, None]
             steps = _least(scaled, -F / conditions.sizes)
-            moves[:, position] = np.where(np.isfinite(steps), np.clip(steps, -1.0, 1.0), 0.0) * conditions.lengths
+            moves[:, position] = (
+                np.where(np.isfinite(steps), np.clip(steps, -1.0, 1.0), 0.0) * conditions.lengths
+            )
             return moves
 
         with np.errstate(all="ignore"):
             q = together(guess, step)
             F, J = conditions.at_samples(q, samples)
-            good = np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1)
+            good = np.array(np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1), dtype=bool)
             J = np.where(good[:, None, None], J, 0.0)
             good &= np.abs(F / conditions.sizes).max(axis=1, initial=0.0) < SAME
             good &= (np.abs(q - guess)[:, position] / conditions.lengths).max(axis=1) <= NEAR
@@ -217,7 +221,7 @@ class Guide:
             scaled = J * conditions.lengths / conditions.sizes[:, None]
             sigma = np.linalg.svd(scaled, compute_uv=False)
             good &= (sigma[:, -1] > SINGULAR * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
-            sign, _ = np.linalg.slogdet(np.swapaxes(scaled[:-1], 1, 2) @ scaled[1:])
+            sign: Array = np.asarray(np.linalg.slogdet(np.swapaxes(scaled[:-1], 1, 2) @ scaled[1:])[0])
             good[1:] &= sign > 0.0
         rows = zip(times.tolist(), q, v, a, scaled)
         return [GuidedPlace(*row) for row in rows], good

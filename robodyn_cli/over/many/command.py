@@ -86,8 +86,8 @@ class ManyRuns:
     there [rad or m, 1/s of these], columns as in ``q_names`` and ``qd_names``. q_error, qd_error : their estimated
     errors. outputs, errors : (N,) by key of the summary, as far as they were asked for. steps : of the integration.
     one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s], positions (N, M, nq) and
-    rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv) too. left : why runs were left
-    to the command, and how many.
+    rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv) too.
+    left : why runs were left to the command, and how many.
 
     What a run does not have is nan.
     """

@@ -118,7 +118,7 @@ class Driven:
 
     errors, time_errors : of states (N, nx) and times (N,) at the end, nan where none is estimated; None for all runs.
     second_steps : of the second integration, None without one. figures : values and errors (N,) of keys of the summary
-    beside these. missed : runs that came to their end without the event that they were to meet; None where none has one.
+    beside these. missed : runs that came to their end without the event that they were to meet; None: all are to.
     """
 
     runs: Runs
@@ -192,8 +192,8 @@ def near_rank_loss(batch: RunBatch, runs: Runs, method: str) -> Masks:
 def keep_rank(batch: RunBatch, method: str, times: Array) -> Masks:
     """Tell in which runs Psi of the loops provably keeps its rank up to times (N,) [s].
 
-    No singular value changes by more than the norm of the change of the matrix (Weyl), so between two samples none falls
-    below half of its sum there less the length of the way of Psi.
+    No singular value changes by more than the norm of the change of the matrix (Weyl), so between two samples none
+    falls below half of its sum there less the length of the way of Psi.
     """
     structure, kernel = batch.structure, batch.structure.psi_at_samples
     tables, kept = batch.numbers.table(kernel.program.numbers or (0.0,)), np.zeros(len(times), dtype=bool)

@@ -75,8 +75,8 @@ def starts_of(
         return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
     closing = _ManyClosing(structure, numbers, given["q"], given["qd"])
     if q is None and qd is None and not closing.varies:
-        same = (np.broadcast_to(x, (count, len(x))).copy() for x in own.values())
-        return Starts(*same, np.ones(count, dtype=bool))
+        same_q, same_v = (np.broadcast_to(x, (count, len(x))).copy() for x in own.values())
+        return Starts(same_q, same_v, np.ones(count, dtype=bool))
     starts = closing.close(rows["q"], rows["qd"])
     if q is None and qd is None:
         # a run that is the structure's own starts where that does, to the bit
