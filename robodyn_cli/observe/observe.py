@@ -337,10 +337,9 @@ class Observer:
 
     def largest_residuals(self, t: Array, x: Array) -> tuple[float, float]:
         """Return the largest residuals of positions and of velocities at states, as ``multipliers`` takes them."""
-        kernel, names = (
-            (self.kernel, ("eta", "eta_rate")) if self.residuals is None else (self.residuals, "qv")
-        )
-        values = kernel.evaluate(len(t), self._groups(t, x))
+        seen = self.residuals is None
+        kernel, names = (self.kernel, ("eta", "eta_rate")) if seen else (self.residuals, ("q", "v"))
+        values = kernel.evaluate(len(t), self._groups(t, self.project(t, x)))  # type: ignore[union-attr]
         position, velocity = (float(np.abs(values[name]).max(initial=0.0)) for name in names)
         return position, velocity
 
