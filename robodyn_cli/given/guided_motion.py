@@ -49,14 +49,8 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
         _check_determined(problem, conditions, q, float(times[0]))
         raise explain(problem, conditions, stuck) from None
     _check_rates(problem, conditions, now)
-    places, stopped = [now], None
-    for t in times[1:].tolist():
-        try:
-            now = guide.advance(now, t)
-        except Stuck as stuck:
-            stopped = explain(problem, conditions, stuck)
-            break
-        places.append(now)
+    places, stuck_at = guide.follow(now, times)
+    stopped = None if stuck_at is None else explain(problem, conditions, stuck_at)
     motion = JointMotion(*(np.asfortranarray([getattr(p, name) for p in places]) for name in ("q", "v", "a")))
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
@@ -193,6 +187,14 @@ def _bifurcates(conditions: LoopConditions, last: GuidedPlace) -> bool:
 def _residuals(conditions: LoopConditions, places: Sequence[GuidedPlace]) -> dict[str, float]:
     """Return the largest residuals of position, velocity and acceleration conditions over the samples."""
     largest = np.zeros(3)
+    if conditions.together:
+        samples = slice(len(places))
+        q, v, a = (np.array([getattr(place, name) for place in places]) for name in ("q", "v", "a"))
+        F, J = conditions.at_samples(q, samples)
+        c, b = conditions.rates_at_samples(q, v, samples)
+        rates = ((J @ x[..., None])[..., 0] - y for x, y in ((v, c), (a, b)))
+        largest = np.array([np.abs(x).max(initial=0.0) for x in (F, *rates)])
+        places = ()
     for place in places:
         F, J = conditions.at(place.q, place.t)
         c, b = conditions.rates(place.q, place.v, place.t)

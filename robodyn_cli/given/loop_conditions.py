@@ -174,10 +174,11 @@ class LoopConditions:
         self.sizes = np.where(lengths, self.size, 1.0)
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
         # a sample takes about four evaluations
-        self._here = _single(model, [*values, *J], 4 * len(times))
-        self._rates = _single(model, [*(row.eta_t for row in rows), *bias], 4 * len(times))
+        self._here = _Entries(model, [*values, *J], 4 * len(times))
+        self._rates = _Entries(model, [*(row.eta_t for row in rows), *bias], 4 * len(times))
         self._asked: dict[float, tuple[Array, Array, Array]] = {}
-        wanted = lead.asked(times)
+        self._times, self._at_times = times, lead.asked(times)
+        wanted = self._at_times
         for k, t in enumerate(times.tolist()):
             self._asked[t] = (wanted[0][k], wanted[1][k], wanted[2][k])
 
@@ -210,6 +211,31 @@ class LoopConditions:
         b[rows:] += acceleration
         return c, b
 
+    @property
+    def together(self) -> bool:
+        """Whether samples can be evaluated side by side: no joint has quasi-velocities."""
+        return not self.manifold.quasi
+
+    def at_samples(self, q: Array, samples: slice) -> tuple[Array, Array]:
+        """Return F (T, m) and J (T, m, nv) at positions q (T, nq) of some of the motion's samples."""
+        outputs = self._here.at_samples(q, np.zeros((len(q), self.model.nv)), self._times[samples])
+        m, values, wanted = len(self.names), self._values, self._at_times[0][samples]
+        rows = m - self.led
+        if self.lead.led is not None:
+            left = what_is_left(wanted, outputs[:, rows:values], self.lead.led.oriented)
+        else:
+            left = wanted - q[:, self._positions]
+        return np.hstack([outputs[:, :rows], -left]), outputs[:, values:].reshape(len(q), m, self.model.nv)
+
+    def rates_at_samples(self, q: Array, v: Array, samples: slice) -> tuple[Array, Array]:
+        """Return c and b (T, m) at positions q (T, nq) and rates v (T, nv) of some of the motion's samples."""
+        outputs = self._rates.at_samples(q, v, self._times[samples])
+        _, rate, acceleration = (x[samples] for x in self._at_times)
+        rows = len(self.names) - self.led
+        b = -outputs[:, rows:]
+        b[:, rows:] += acceleration
+        return np.hstack([-outputs[:, :rows], rate]), b
+
     def levels(self) -> tuple[list[Scalar], list[Scalar], list[Scalar], list[Scalar]]:
         """Return expressions of the loops' rows, which are zero, and of what is led.
 
@@ -228,29 +254,43 @@ class LoopConditions:
         return self.manifold.normalise(self.manifold.integrate(q, dq))
 
 
-def _single(model: Model, entries: Sequence[Scalar], calls: int) -> Callable[[Array, Array, float], Array]:
-    """Return expressions as a function of one q, v and t; compiled where that pays over so many calls."""
-    varying = [k for k, e in enumerate(entries) if isinstance(e, Expr)]
-    constant = np.array([0.0 if isinstance(e, Expr) else float(e) for e in entries])
-    operations = count_operations([entries[k] for k in varying])
-    if not varying or operations * calls * INTERPRETED < compiling(operations):
-        evaluator = Evaluator(entries)
+class _Entries:
+    """Expressions as a function of q, v and t, of one sample or of several; compiled where that pays over so many
+    calls."""
 
-        def interpreted(q: Array, v: Array, t: float) -> Array:
-            return np.array(evaluator({"q": q.tolist(), "v": v.tolist(), "t": [t], "p": []}), dtype=float)
+    def __init__(self, model: Model, entries: Sequence[Scalar], calls: int) -> None:
+        self._varying = [k for k, e in enumerate(entries) if isinstance(e, Expr)]
+        self._constant = np.array([0.0 if isinstance(e, Expr) else float(e) for e in entries])
+        operations = count_operations([entries[k] for k in self._varying])
+        self._evaluator: Evaluator | None = None
+        if not self._varying or operations * calls * INTERPRETED < compiling(operations):
+            self._evaluator = Evaluator(entries)
+            return
+        from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
 
-        return interpreted
-    from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
+        self._kernel = SampleKernel({"out": [entries[k] for k in self._varying]}, ("t", "q", "v"))
+        self._of_one = of_one_sample(self._kernel, t=1, q=model.nq, v=model.nv)
 
-    kernel = SampleKernel({"out": [entries[k] for k in varying]}, ("t", "q", "v"))
-    here = of_one_sample(kernel, t=1, q=model.nq, v=model.nv)
-
-    def compiled(q: Array, v: Array, t: float) -> Array:
-        out = constant.copy()
-        out[varying] = here(t=t, q=q, v=v)["out"]
+    def __call__(self, q: Array, v: Array, t: float) -> Array:
+        """Return the entries (n,) at one q (nq,), v (nv,) and t."""
+        if self._evaluator is not None:
+            inputs = {"q": q.tolist(), "v": v.tolist(), "t": [t], "p": []}
+            return np.array(self._evaluator(inputs), dtype=float)
+        out = self._constant.copy()
+        out[self._varying] = self._of_one(t=t, q=q, v=v)["out"]
         return out
 
-    return compiled
+    def at_samples(self, q: Array, v: Array, t: Array) -> Array:
+        """Return the entries (T, n) at q (T, nq), v (T, nv) and t (T,)."""
+        out = np.tile(self._constant, (len(q), 1))
+        if self._evaluator is not None:
+            inputs = {"q": list(q.T), "v": list(v.T), "t": [t], "p": []}
+            with np.errstate(all="ignore"):
+                for k, x in enumerate(self._evaluator(inputs)):
+                    out[:, k] = x
+        else:
+            out[:, self._varying] = self._kernel.evaluate(len(q), {"t": t, "q": q, "v": v})["out"]
+        return out
 
 
 def velocity_places(model: Model, names: Sequence[str]) -> list[int]:

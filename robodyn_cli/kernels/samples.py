@@ -73,9 +73,12 @@ class SampleKernel:
     Calling it takes arrays by group, shape (T, n) or (T,) for a group of one, and returns {output: (T, n)}.
     Arrays in column order (``order="F"``) are read in place; others are copied once. Parameters ``p`` have
     shape (n,), or (T, n) where they change a few times: the samples between changes are evaluated piece by piece.
+
+    table : numbers of another scene of this structure, which are read in place of the program's own.
     """
 
     compiled = True
+    table: Array | None = None
 
     def __init__(self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str]) -> None:
         self.program = make_program(dict(outputs), known)
@@ -143,7 +146,7 @@ class SampleKernel:
             for name, entries in self.program.outputs.items()
         }
         if samples:
-            self._run(inputs, results, padded, self.program.table)
+            self._run(inputs, results, padded, self.program.table if self.table is None else self.table)
         return {name: r[:samples] for name, r in results.items()}
 
     def of_tables(self, tables: Array, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:

@@ -332,6 +332,18 @@ class Observer:
         psi = flat.reshape(len(flat), len(constraints.rows), self.problem.model.nv)[:, loops, :]
         return singular_values(psi, self.passive, self.problem.loop_rank)
 
+    def multipliers(self, t: Array, x: Array) -> Array:
+        """Return the multipliers (T, m) at states x (T, nx), which are projected first."""
+        return self.kernel.evaluate(len(t), self._groups(t, self.project(t, x)))["lam"]
+
+    def largest_residuals(self, t: Array, x: Array) -> tuple[float, float]:
+        """Return the largest residuals of positions and of velocities at states, as ``multipliers`` takes them."""
+        seen = self.residuals is None
+        kernel, names = (self.kernel, ("eta", "eta_rate")) if seen else (self.residuals, ("q", "v"))
+        values = kernel.evaluate(len(t), self._groups(t, self.project(t, x)))  # type: ignore[union-attr]
+        position, velocity = (float(np.abs(values[name]).max(initial=0.0)) for name in names)
+        return position, velocity
+
     def singular_ratio(self, t: Array, x: Array) -> Array:
         """Return the smallest singular value of the passive block over the largest of Psi (T,)."""
         data = self._singular(self.kernel.evaluate(len(t), self._groups(t, self.project(t, x)))["psi"])

@@ -106,10 +106,10 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
 
     Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes.
     """
-    poses, tried = _close_from(numbers, q, task, [q, *_starts(numbers, q, task.missing, np.pi, 1)])
+    poses, tried = _close_from(numbers, q, task, [q, *starts_around(numbers, q, task.missing, np.pi, 1)])
     for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
         if not poses:
-            poses, more = _close_from(numbers, q, task, _starts(numbers, q, task.free, spread, seed))
+            poses, more = _close_from(numbers, q, task, starts_around(numbers, q, task.free, spread, seed))
             tried += more
     if not poses:
         raise _open_loop(numbers, task, tried)
@@ -118,7 +118,9 @@ def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
     return min((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])[1]
 
 
-def _starts(numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int) -> list[Array]:
+def starts_around(
+    numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int
+) -> list[Array]:
     """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
     rng = np.random.default_rng(seed)
     starts = []
@@ -197,7 +199,7 @@ def _other_attitude(numbers: Numbers, task: _Closing, q: Array) -> GeometryError
     if not turns:
         return None
     meeting = _Some(numbers, rows)
-    starts = [q, *_starts(numbers, q, task.free, 1.0, 5)] if rows else [q]
+    starts = [q, *starts_around(numbers, q, task.free, 1.0, 5)] if rows else [q]
     closed = [
         there for there, left in (newton(meeting, start, task.free) for start in starts) if left <= CLOSED
     ]

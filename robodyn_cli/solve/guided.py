@@ -10,9 +10,12 @@ from __future__ import annotations
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import Conditions
+from robodyn_cli.solve.sparse import FEWEST, NEAR, Strides, counted, interpolated, together
 from robodyn_cli.spatial.algebra import Array
 
 MISS = 0.08  # rad, or part of the mechanism's size, by which extrapolation may miss before the branch could change
@@ -27,9 +30,23 @@ class MotionConditions(Conditions, Protocol):
     """Conditions along a motion: their names, and their rates."""
 
     names: tuple[str, ...]
+    manifold: Manifold
+
+    @property
+    def together(self) -> bool:
+        """Whether samples can be evaluated side by side, on positions that are sums of steps."""
+        ...
 
     def rates(self, q: Array, v: Array, t: float) -> tuple[Array, Array]:
         """Return c and b (m,) of J v = c and J v-dot = b; b depends on v."""
+        ...
+
+    def at_samples(self, q: Array, samples: slice) -> tuple[Array, Array]:
+        """Return F (T, m) and J (T, m, nv) at positions q (T, nq) of some of the motion's samples."""
+        ...
+
+    def rates_at_samples(self, q: Array, v: Array, samples: slice) -> tuple[Array, Array]:
+        """Return c and b (T, m) at q (T, nq) and v (T, nv) of some of the motion's samples."""
         ...
 
 
@@ -130,6 +147,85 @@ class Guide:
             raise self._stuck(here, q, J, t, 0.0)
         return here
 
+    def follow(self, start: GuidedPlace, times: Array) -> tuple[list[GuidedPlace], Stuck | None]:
+        """Return the places at samples (T,), the first of which is the start, and why they end before the last, if they
+        do."""
+        places, last = [start], len(times) - 1
+        strides = Strides(len(times) < FEWEST or not self.conditions.together)
+        while len(places) <= last:
+            more = [] if strides.over else self._in_strides(strides, places[-1], len(places) - 1, times)
+            if not more:
+                try:
+                    more = [self.advance(places[-1], float(times[len(places)]))]
+                except Stuck as stuck:
+                    return places, stuck
+            places += more
+        return places, None
+
+    def _in_strides(
+        self, strides: Strides, start: GuidedPlace, first: int, times: Array
+    ) -> list[GuidedPlace]:
+        """Return the places behind sample ``first`` up to another one; none where even the next sample has to be solved
+        by itself. What gets stuck on the way gets stuck again there, with its time.
+        """
+        through, places = [start], [first]
+
+        def go_to(k: int) -> int:
+            taken = self.steps
+            through.append(self.advance(through[-1], float(times[k])))
+            places.append(k)
+            return self.steps - taken
+
+        try:
+            strides.go(first, len(times) - 1, go_to)
+        except Stuck:
+            strides.over = True
+        if len(places) == 1:
+            return []
+        here, at = slice(first, places[-1] + 1), [k - first for k in places]
+        states = [(x.q, *self.conditions.manifold.rates(x.q, x.v, x.a)) for x in through]
+        guess = interpolated(times[here], at, states)
+        found, good = self._at_once(guess, times[here], here)
+        last = counted(good, at)
+        if last < len(at) - 1:
+            strides.length = 1
+        return found[1 : at[last] + 1] if last else []
+
+    def _at_once(
+        self, guess: Array, times: Array, samples: slice
+    ) -> tuple[list[GuidedPlace], NDArray[np.bool_]]:
+        """Return the places at samples near a guess (T, nq), and which of them count."""
+        conditions = self.conditions
+        position = conditions.manifold.position
+
+        def step(q: Array) -> Array:
+            F, J = conditions.at_samples(q, samples)
+            self.iterations += len(q)
+            moves = np.zeros_like(q)
+            scaled = np.where(np.isfinite(J), J, 0.0) * conditions.lengths / conditions.sizes[:, None]
+            steps = _least(scaled, -F / conditions.sizes)
+            moves[:, position] = (
+                np.where(np.isfinite(steps), np.clip(steps, -1.0, 1.0), 0.0) * conditions.lengths
+            )
+            return moves
+
+        with np.errstate(all="ignore"):
+            q = together(guess, step)
+            F, J = conditions.at_samples(q, samples)
+            good = np.array(np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1), dtype=bool)
+            J = np.where(good[:, None, None], J, 0.0)
+            good &= np.abs(F / conditions.sizes).max(axis=1, initial=0.0) < SAME
+            good &= (np.abs(q - guess)[:, position] / conditions.lengths).max(axis=1) <= NEAR
+            v = _least(J, conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
+            a = _least(J, conditions.rates_at_samples(q, v, samples)[1])
+            scaled = J * conditions.lengths / conditions.sizes[:, None]
+            sigma = np.linalg.svd(scaled, compute_uv=False)
+            good &= (sigma[:, -1] > SINGULAR * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
+            sign: Array = np.asarray(np.linalg.slogdet(np.swapaxes(scaled[:-1], 1, 2) @ scaled[1:])[0])
+            good[1:] &= sign > 0.0
+        rows = zip(times.tolist(), q, v, a, scaled)
+        return [GuidedPlace(*row) for row in rows], good
+
     def advance(self, now: GuidedPlace, end: float) -> GuidedPlace:
         """Return the place at time ``end``, in steps short enough to stay on the branch.
 
@@ -181,3 +277,9 @@ class Guide:
             worst = int(np.abs(F / self.conditions.sizes).argmax())
             row = (self.conditions.names[worst], float(F[worst]))
         return Stuck(last, t, row, (weights, np.abs(Vt[-1])))
+
+
+def _least(J: Array, F: Array) -> Array:
+    """Return x (T, n) of least norm with J x = F in the sense of least squares, J (T, m, n) and F (T, m)."""
+    x: Array = (np.linalg.pinv(J) @ F[..., None])[..., 0]
+    return x

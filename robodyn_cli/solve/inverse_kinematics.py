@@ -229,7 +229,8 @@ def _moves_most(model: Model, failure: Singular) -> str:
 def _by_newton(task: PathTask, times: Array, start: Array, compile: Compile) -> FollowedPath:
     """Follow the path by Newton's method from one time to the next."""
     from robodyn_cli.model.manifold import Manifold
-    from robodyn_cli.solve.newton import PathFollower, PointSolver
+    from robodyn_cli.solve.follow import PathFollower
+    from robodyn_cli.solve.newton import PointSolver
 
     ik = task.ik
     function = compile(task.kinematics())

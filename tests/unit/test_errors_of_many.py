@@ -10,6 +10,9 @@ import pytest
 
 from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import RobodynError
+from robodyn_cli.over.many.command import ended, error_of, number_of
+from robodyn_cli.over.study.rows import Points, Task
+from robodyn_cli.over.study.runs import Compiled, beyond, make_alone
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from tests.unit.test_mechanism import PENDULUM, SCENES, around, own_scene, varied
@@ -141,3 +144,56 @@ def test_a_far_error_is_not_lifted_to_the_conditioning() -> None:
         Mechanism(Family.of(scene).scene(own)).simulate_many() for own in ([], ["simulate.rtol=1e-4"])
     )
     assert 1e-9 < found.q_error.max() < loose.q_error.max()
+
+
+LOCK_KEYS = (
+    "lock.time", "lock.angles.theta1", "lock.angles_deg.theta1", "lock.rates.theta1", "lock.errors.angles_deg",
+    "lock.multipliers.start", "lock.multipliers.at_lock", "lock.multipliers.diverge", "lock.singular_values.psi.1",
+    "lock.singular_values.passive.0", "constraint_residual.position", "constraint_residual.velocity",
+    "criteria.dead_point", "termination.time",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("key", "values", "within"),
+    [
+        # the loops of all runs are the same: to the bit
+        ("robot.links.crank.mass", [20.15, 21.0], 1e-14),
+        # they close each on its own, near a fold, pass near a loss of rank, and some do not lock
+        ("robot.joints.theta1.a", [1.241, 1.24353278, 1.23782842, 1.25], 1e-10),
+    ],
+)
+def test_figures_of_locks_are_those_of_the_command(key: str, values: list[float], within: float) -> None:
+    scene = load_scene(CONFIGS / "four_bar_deploy.yaml")
+    found = Mechanism(scene, [key]).deploy_many({key: np.array(values)}, of=LOCK_KEYS)
+    assert not found.one_by_one.any() and not found.left
+    assert (found.code[:-1] == 0).all()
+    for k, value in enumerate(values):
+        alone = ended(lambda value=value: deploy(Family.of(scene).scene([f"{key}={value}"])))
+        assert (found.code[k], found.reason[k]) == (alone.code, alone.reason)
+        for name in LOCK_KEYS:
+            own, error = number_of(alone.summary, name), error_of(alone.summary, name)
+            floor = (
+                1e-14 if name.startswith("constraint_residual") else 3.0 * (0.0 if np.isnan(error) else error)
+            )
+            if name == "lock.errors.angles_deg":
+                floor = 0.5 * own
+            assert found.outputs[name][k] == pytest.approx(own, rel=within, abs=floor, nan_ok=True), name
+            assert np.isnan(found.errors[name][k]) == np.isnan(error), name
+            # at rounding the two errors are draws of it
+            assert np.isnan(error) or 0.02 < found.errors[name][k] / error < 50.0, name
+
+
+def test_expectations_of_the_example_are_judged_in_compiled_runs() -> None:
+    family = Family(CONFIGS / "four_bar_deploy.yaml")
+    task = Task(family, "deploy", ("robot.joints.theta1.a",), ("lock.time",))
+    assert not beyond(task)
+    values = np.array(
+        [[1.241], [1.24353278], [1.25]]
+    )  # the expected angle is that of the first; the last has no lock
+    made = Compiled(task, 1).make(Points(np.arange(3), values))
+    alone = make_alone(task, Points(np.arange(3), values))
+    assert len(made) == 3
+    for name in ("code", "holds", "done"):
+        assert made.rows[name].tolist() == alone.rows[name].tolist(), name
+    assert made.reasons == alone.reasons

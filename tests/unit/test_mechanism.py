@@ -444,7 +444,7 @@ def test_locks_of_many_runs_are_those_of_their_own_scenes() -> None:
     of = ["lock.time", "lock.time_error", "lock.angles.phi1", "lock.rates.phi1"]
     found = Mechanism(scene, keys).deploy_many(values, of=of)
     assert found.code.tolist() == [0, 0, 0, 0, 1, 0] and "no lock" in found.reason[4]
-    assert found.one_by_one.tolist() == [False] * 4 + [True, False]
+    assert not found.one_by_one.any()
     for run in (0, 1, 2, 3, 5):
         lock = deploy(Family.of(scene).scene(settings(keys, values[run]))).summary["lock"]
         assert found.time[run] == found.outputs["lock.time"][run] == pytest.approx(lock["time"], abs=1e-11)

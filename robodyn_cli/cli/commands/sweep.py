@@ -103,7 +103,7 @@ def _maker(scheduler: str | None, jobs: int, console: Console) -> Iterator[Make]
     if scheduler is None:
         from robodyn_cli.over.study.runs import run_here
 
-        yield lambda task, file: run_here(task, file, jobs)
+        yield lambda task, file: run_here(task, file, jobs, console.note)
         return
     from robodyn_cli.over.study.cluster import Cluster
 

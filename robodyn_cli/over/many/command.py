@@ -45,10 +45,12 @@ class AskedRuns:
 class BatchCommand(ABC, Generic[Own]):
     """A command for many runs. Without state: one object serves all.
 
-    sampled : columns of what samples hold, ``q`` as positions and all others as rates.
+    sampled : columns of what samples hold, ``q`` as positions and all others as rates. words : what keys of the summary
+    say in every run that compiled code makes.
     """
 
     name: str
+    words: Mapping[str, Any] = {}
     sampled: tuple[str, ...] = ("q", "qd")
 
     @abstractmethod
@@ -86,6 +88,7 @@ class ManyRuns:
     errors. outputs, errors : (N,) by key of the summary, as far as they were asked for. steps : of the integration.
     one_by_one : which runs were made by the driver in Python. samples : times (N, M) [s], positions (N, M, nq) and
     rates (N, M, nv), where they were asked for; of inverse dynamics qdd and tau (N, M, nv) too.
+    left : why runs were left to the command, and how many.
 
     What a run does not have is nan.
     """
@@ -107,6 +110,7 @@ class ManyRuns:
     outputs: dict[str, Array]
     errors: dict[str, Array]
     samples: dict[str, Array]
+    left: dict[str, int] = dataclasses.field(default_factory=dict)
 
     @property
     def ok(self) -> NDArray[np.bool_]:
@@ -193,6 +197,11 @@ def error_of(summary: Mapping[str, Any], key: str) -> float:
     return max((x for x in errors if not math.isnan(x)), default=math.nan)
 
 
+OWN_EQUATIONS = "their numbers give equations of their own, or none"
+OTHER_KEYS = "compiled code does not give all that is asked for"
+DOUBTFUL = "they do not start or end as the others, or look doubtful in compiled code"
+
+
 class Making:
     """Makes rows of runs of one mechanism.
 
@@ -215,10 +224,13 @@ class Making:
         left: list[int] = []
         for structure, group in self.structures.groups(self.result.values[rows]):
             here = rows[group]
-            if structure is None or structure.obstacle or not plain:
-                left += here.tolist()
-            else:
-                left += self.command.make(structure, here, self.asked)
+            why = OWN_EQUATIONS if structure is None else structure.obstacle or ("" if plain else OTHER_KEYS)
+            own = (
+                here.tolist() if why or structure is None else self.command.make(structure, here, self.asked)
+            )
+            if own:
+                self.result.left[why or DOUBTFUL] = self.result.left.get(why or DOUBTFUL, 0) + len(own)
+            left += own
         return np.array(sorted(left), dtype=np.int64)
 
     def one_by_one(self, rows: Rows) -> None:

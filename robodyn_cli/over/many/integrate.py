@@ -8,16 +8,17 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.many import ManyNumbers
+from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import JUDGED, Options, stride_of
 from robodyn_cli.motion.error import Attempt, Courses, First, Masks, difference, integrate_again, remainder
 from robodyn_cli.motion.method import compare
@@ -33,9 +34,17 @@ if TYPE_CHECKING:
     from robodyn_cli.motion.conditioning import Conditioning
 
 
+SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
+FINER_SAMPLES = 4000, 32000  # of a run, between which Psi is followed
+CURVED = 1.5  # times the distance of two samples of Psi is at least the way between them
+
+
 @record
 class RunBatch:
-    """Runs of one structure, ready to be driven: rows of values (N, keys), their numbers, starts and ends [s]."""
+    """Runs of one structure, ready to be driven: rows of values (N, keys), their numbers, starts and ends [s].
+
+    through : whether they go on where the loops come near a loss of rank.
+    """
 
     structure: Structure
     values: Array
@@ -45,7 +54,8 @@ class RunBatch:
     ends: Array
     options: Options
     threads: int
-    tables: dict[str, Array]  # of numbers (N, n), by method
+    tables: dict[tuple[str, bool], Array]  # of numbers (N, n), by method
+    through: bool = False
 
     @staticmethod
     def of(structure: Structure, values: Array, q: Array | None, qd: Array | None, threads: int) -> RunBatch:
@@ -66,10 +76,10 @@ class RunBatch:
             return self
         numbers = self.structure.numbers(self.values[rows])
         starts = Starts(self.starts.q[rows], self.starts.v[rows], self.starts.sound[rows])
-        tables = {method: table[rows] for method, table in self.tables.items()}
+        tables = {key: table[rows] for key, table in self.tables.items()}
         return RunBatch(
             self.structure, self.values[rows], numbers, starts, self.states[rows], self.ends[rows], self.options,
-            self.threads, tables,
+            self.threads, tables, self.through,
         )  # fmt: skip
 
     def drive(
@@ -81,12 +91,26 @@ class RunBatch:
         watch: bool = True,
     ) -> Runs:
         """Return the runs, driven; limits, sampling : see ``Fleet.begin``. watch : whether to look for events."""
-        fleet = self.structure.fleet(method, watch)
-        if method not in self.tables:
-            self.tables[method] = table_rows(fleet.tables, self.numbers)
-        runs = fleet.begin(self.states, self.tables[method], self.ends, options, limits, sampling)
+        fleet = self.structure.fleet(method, watch, self.through)
+        key = method, self.through
+        if key not in self.tables:
+            self.tables[key] = table_rows(fleet.tables, self.numbers)
+        runs = fleet.begin(self.states, self.tables[key], self.ends, options, limits, sampling)
         fleet.drive(runs, self.threads)
         return runs
+
+    def sampled(self, method: str, times: Array, samples: int, step: Array | None = None) -> Runs:
+        """Return the runs once more with samples up to times (N,) [s]; step : between these (N,) [s]."""
+        motion = self.structure.motion
+        if any(event.is_discontinuity for event in motion.system.events):
+            return self.drive(method, self.options, sampling=Sampling(samples, step))
+        return dataclasses.replace(self, ends=times).drive(
+            method, self.options, sampling=Sampling(samples, step), watch=False
+        )
+
+
+# values and errors (n,) by key of the summary, of runs of these numbers (n,)
+FiguresOf = Callable[[NDArray[np.int64]], Mapping[str, "tuple[Array, Array]"]]
 
 
 @record
@@ -94,7 +118,8 @@ class Driven:
     """What a batch came to: the first run, and for which runs all of this can be trusted.
 
     errors, time_errors : of states (N, nx) and times (N,) at the end, nan where none is estimated; None for all runs.
-    second_steps : of the second integration, None without one.
+    second_steps : of the second integration, None without one. figures : values and errors (N,) of keys of the summary
+    beside these. missed : runs that came to their end without the event that they were to meet; None: all are to.
     """
 
     runs: Runs
@@ -102,6 +127,19 @@ class Driven:
     errors: Array | None = None
     time_errors: Array | None = None
     second_steps: NDArray[np.int64] | None = None
+    figures: dict[str, tuple[Array, Array]] = dataclasses.field(default_factory=dict)
+    missed: Masks | None = None
+
+    def with_figures(self, batch: RunBatch, figures: FiguresOf) -> Driven:
+        """Return the same with figures of those runs that can be trusted and whose samples the structure evaluates."""
+        trusted = self.trusted & batch.structure.observed_alike(batch.numbers)
+        rows = np.flatnonzero(trusted)
+        more = {}
+        for key, pair in figures(rows).items():
+            value, error = (np.full(len(trusted), np.nan) for _ in pair)
+            value[rows], error[rows] = pair
+            more[key] = value, error
+        return dataclasses.replace(self, trusted=trusted, figures={**self.figures, **more})
 
 
 def method_of(batch: RunBatch) -> NDArray[np.str_]:
@@ -142,6 +180,40 @@ def first_run(batch: RunBatch, method: str, sampling: Sampling = NO_SAMPLES) -> 
         # more steps: ``StiffnessWatch`` would think about another method
         most = np.minimum(most, FIRST_LOOK + WORTH)
     return batch.drive(method, batch.options, FleetLimits(steps=most), sampling)
+
+
+def near_rank_loss(batch: RunBatch, runs: Runs, method: str) -> Masks:
+    """Tell which runs ended where the loops come near a loss of rank."""
+    events = batch.structure.fleet(method, through=batch.through).system.events
+    near = np.array([e.kind is EventKind.RANK_LOSS for e in events] or [False])
+    ended: Masks = (runs.status == Status.EVENT) & near[runs.n[:, IntegerSlot.EVENT]]
+    return ended
+
+
+def keep_rank(batch: RunBatch, method: str, times: Array) -> Masks:
+    """Tell in which runs Psi of the loops provably keeps its rank up to times (N,) [s].
+
+    No singular value changes by more than the norm of the change of the matrix (Weyl), so between two samples none
+    falls below half of its sum there less the length of the way of Psi.
+    """
+    structure, kernel = batch.structure, batch.structure.psi_at_samples
+    tables, kept = batch.numbers.table(kernel.program.numbers or (0.0,)), np.zeros(len(times), dtype=bool)
+    nv, q_places = structure.motion.system.nv, list(structure.motion.system.q_places)
+    for k in range(len(times)):
+        one = batch.part(np.array([k]))
+        for samples in FINER_SAMPLES:
+            runs = one.sampled(method, times[k : k + 1], samples)
+            states = np.vstack([one.states, runs.out[0].T])
+            kernel.table = np.ascontiguousarray(tables[k])
+            groups = {"q": states[:, q_places], "t": np.zeros(len(states)), "p": np.zeros(1)}
+            psi = kernel.evaluate(len(states), groups)["psi"].reshape(len(states), -1, nv)
+            sigma = np.linalg.svd(psi, compute_uv=False)
+            way = CURVED * np.linalg.norm(np.diff(psi, axis=0), axis=(1, 2))
+            least = 0.5 * (sigma[1:, -1] + sigma[:-1, -1] - way)
+            if np.isfinite(least).all() and (least > SOUND * sigma[1:, 0]).all():
+                kept[k] = True
+                break
+    return kept
 
 
 def integrate(batch: RunBatch, method: str, samples: int = 0) -> Driven:

@@ -6,10 +6,12 @@ import dataclasses
 import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.errors import OF_STATUS
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integrators.runtime.fleet import Runs
 from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
@@ -18,8 +20,28 @@ from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.groups import first_of
-from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, integrate, method_of, second_runs
+from robodyn_cli.over.many.integrate import (
+    SOUND,
+    Driven,
+    RunBatch,
+    first_run,
+    integrate,
+    keep_rank,
+    method_of,
+    near_rank_loss,
+    second_runs,
+)  # fmt: skip
 from robodyn_cli.over.many.keys import Key
+from robodyn_cli.over.many.locks import (
+    RESIDUALS,
+    TIMES,
+    WORDS,
+    Figure,
+    Locks,
+    figures_of,
+    is_figure,
+    residuals_of,
+)  # fmt: skip
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.result import Result
@@ -52,7 +74,7 @@ class MotionCommand(BatchCommand[Structure]):
         """Tell whether ``output`` gives this key of the summary."""
 
     @abstractmethod
-    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
+    def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
         """Make the runs of a batch."""
 
     @abstractmethod
@@ -67,7 +89,7 @@ class MotionCommand(BatchCommand[Structure]):
         return Structure(family, keys, row, self)
 
     def is_plain(self, key: str) -> bool:
-        return key in (*COUNTERS, SECOND_STEPS) or self.gives(key)
+        return key in (*COUNTERS, SECOND_STEPS, *RESIDUALS, *self.words) or self.gives(key)
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
@@ -80,10 +102,25 @@ class MotionCommand(BatchCommand[Structure]):
         for method in dict.fromkeys(methods.tolist()):
             chosen = np.flatnonzero(methods == method)
             part = batch if len(chosen) == len(rows) else batch.part(chosen)
-            driven = self.drive(part, method, max(0, asked.samples - 1))
-            self._keep(part, driven, rows[chosen], asked)
-            left += rows[chosen[~driven.trusted]].tolist()
+            left += self._make(part, method, rows[chosen], asked)
         return left
+
+    def _make(self, batch: RunBatch, method: str, rows: Rows, asked: AskedRuns) -> list[int]:
+        """Make the runs of a batch by one method, which are these rows; return those that are left."""
+        driven = self.drive(batch, method, asked)
+        if any(key in RESIDUALS for key in asked.result.outputs):
+            driven = driven.with_figures(batch, partial(_residuals, batch, method, driven.runs.time))
+        if batch.through and len(good := np.flatnonzero(driven.trusted)):
+            driven.trusted[good] = keep_rank(batch.part(good), method, driven.runs.time[good])
+        self._keep(batch, driven, rows, asked)
+        left = ~driven.trusted
+        if batch.through or set(asked.result.outputs) & set(COUNTERS):  # other steps
+            return rows[left].tolist()
+        if not (near := left & near_rank_loss(batch, driven.runs, method)).any():
+            return rows[left].tolist()
+        # what comes near a loss of rank and keeps it goes on
+        on = dataclasses.replace(batch.part(np.flatnonzero(near)), through=True)
+        return [*rows[left & ~near].tolist(), *self._make(on, method, rows[near], asked)]
 
     def _keep(self, batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
         """Write those runs of a batch that can be trusted into the result."""
@@ -96,13 +133,32 @@ class MotionCommand(BatchCommand[Structure]):
         if driven.errors is not None:
             result.q_error[to], result.qd_error[to], _ = system.split(driven.errors[good])
         for key, column in result.outputs.items():
-            column[to] = self._output(key, result, driven, to)
-            result.errors[key][to] = self.error_of(key, result, to)
+            if key in driven.figures:
+                column[to], result.errors[key][to] = (x[good] for x in driven.figures[key])
+            else:
+                column[to] = self._output(key, result, driven, to)
+                result.errors[key][to] = self.error_of(key, result, to)
         if asked.samples:
             _keep_samples(batch, driven, to, asked)
+        if driven.missed is not None and (missed := rows[driven.missed & good]).size:
+            self._keep_missed(result, missed)
+
+    @staticmethod
+    def _keep_missed(result: ManyRuns, rows: Rows) -> None:
+        """Write runs that came to their end without their event; what is told of it they do not have."""
+        result.code[rows] = OF_STATUS["no_lock"]
+        for row in rows.tolist():
+            result.reason[row] = NO_LOCK
+        for array in (result.time, result.time_error, result.q, result.qd, result.q_error, result.qd_error):
+            array[rows] = np.nan
+        for key in result.outputs:
+            if key not in (*COUNTERS, *RESIDUALS, "termination.time"):
+                result.outputs[key][rows] = result.errors[key][rows] = np.nan
 
     def _output(self, key: str, result: ManyRuns, driven: Driven, rows: Rows) -> Array:
         """Return an output of those runs that can be trusted, which are these rows."""
+        if isinstance(self.words.get(key), bool):
+            return np.full(len(rows), float(self.words[key]))
         section, _, name = key.partition(".")
         if section == "counters":
             counts: Array = getattr(driven.runs, name)[driven.trusted]
@@ -113,6 +169,10 @@ class MotionCommand(BatchCommand[Structure]):
             steps = driven.second_steps[driven.trusted]
             return np.where(steps > 0, steps, np.nan)
         return self.output(key, result, rows)
+
+
+def _residuals(batch: RunBatch, method: str, times: Array, rows: Rows) -> dict[str, Figure]:
+    return residuals_of(batch.part(rows), method, times[rows])
 
 
 def _keep_samples(batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
@@ -146,8 +206,8 @@ class Simulate(MotionCommand):
     def gives(self, key: str) -> bool:
         return key == "final.time" or key.startswith(("final.q.", "final.qd.")) or key in ERRORS
 
-    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
-        return integrate(batch, method, samples)
+    def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
+        return integrate(batch, method, max(0, asked.samples - 1))
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
         if key in ERRORS:
@@ -183,14 +243,16 @@ def _largest_error(result: ManyRuns, group: str, rows: Rows) -> Array:
     return errors[rows].max(axis=1, initial=0.0)
 
 
-SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
-LOCK_TIME, LOCK_ERROR = "lock.time", "lock.time_error"
+NO_LOCK = "duration: no lock"
+LOCK_ERROR = "lock.time_error"
+LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
 
 class Deploy(MotionCommand):
     """Motions up to their lock; ends are the states there."""
 
     name = "deploy"
+    words = WORDS
 
     def build(self, scene: Scene) -> Motion:
         return build_deployment(scene, Stopwatch())
@@ -206,11 +268,12 @@ class Deploy(MotionCommand):
         return first_of(reasons)
 
     def gives(self, key: str) -> bool:
-        return key in (LOCK_TIME, LOCK_ERROR) or key.startswith(("lock.angles.", "lock.rates."))
+        known = (*TIMES, LOCK_ERROR, *LOCK_ERRORS)
+        return key in known or key.startswith(("lock.angles.", "lock.rates.")) or is_figure(key)
 
-    def drive(self, batch: RunBatch, method: str, samples: int) -> Driven:
+    def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
         motion, count = batch.structure.motion, len(batch.values)
-        functions = batch.structure.fleet(method).system.events
+        functions = batch.structure.fleet(method, through=batch.through).system.events
         dead = np.array([e.kind is EventKind.DEAD_POINT for e in functions])
 
         def locked(runs: Runs) -> Masks:
@@ -220,26 +283,47 @@ class Deploy(MotionCommand):
             return at_lock
 
         runs = first_run(batch, method)
-        trusted = locked(runs) & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
-        system = motion.system
-        trusted &= self._is_regular(batch, batch.starts.q, motion.passive)
-        trusted &= self._is_regular(batch, system.split(runs.y)[0], ())
+        begun = batch.starts.sound & np.isfinite(runs.y).all(axis=1)
+        begun &= self._is_regular(batch, batch.starts.q, motion.passive)
+        missed = begun & runs.arrived & (SECOND_STEPS not in asked.result.outputs)
+        trusted = begun & locked(runs) & self._is_regular(batch, motion.system.split(runs.y)[0], ())
         if not motion.scene.simulate.error_estimate:
-            return Driven(runs, trusted)
+            nothing = np.full(count, np.nan)
+            driven = Driven(runs, trusted | missed, missed=missed)
+            return self._with_figures(driven, batch, runs.y, nothing, asked)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-        apart = np.full_like(runs.y, np.nan)
+        others, factor = np.full_like(runs.y, np.nan), np.full(count, np.nan)
         if len(rows := np.flatnonzero(trusted)):
             time = runs.time[rows]
             first = First(batch.options, method, runs.steps[rows], time)
             second, done = second_runs(batch.part(rows), first, locked)
             pace = time / np.maximum(second.time, 1e-300)
             paced = np.rint(second.steps * pace)
-            new_errors = time_errors(first, np.abs(second.time - time), paced, time)
-            errors[rows], steps[rows] = new_errors, second.steps
-            scale = remainder(first, paced)[:, None]
-            apart[rows] = scale * np.abs(second.y - runs.y[rows]) + ROUNDED * np.abs(runs.y[rows])
-            trusted[rows] = done & (new_errors <= TRUSTED * time)
-        return Driven(runs, trusted, errors=apart, time_errors=errors, second_steps=steps)
+            errors[rows], steps[rows] = (
+                time_errors(first, np.abs(second.time - time), paced, time),
+                second.steps,
+            )
+            others[rows], factor[rows] = second.y, remainder(first, paced)
+            trusted[rows] = done & (errors[rows] <= TRUSTED * time)
+        apart = factor[:, None] * np.abs(others - runs.y) + ROUNDED * np.abs(runs.y)
+        driven = Driven(
+            runs, trusted | missed, errors=apart, time_errors=errors, second_steps=steps, missed=missed
+        )
+        return self._with_figures(driven, batch, others, factor, asked)
+
+    @staticmethod
+    def _with_figures(
+        driven: Driven, batch: RunBatch, others: Array, factor: Array, asked: AskedRuns
+    ) -> Driven:
+        """Return what a batch came to with figures of the lock that are asked for; others, factor : see ``Locks``."""
+        keys, runs = [key for key in asked.result.outputs if is_figure(key)], driven.runs
+
+        def figures(rows: Rows) -> dict[str, Figure]:
+            part = batch.part(rows)
+            locks = Locks(part, runs.time[rows], runs.y[rows], others[rows], factor[rows])
+            return figures_of(locks, keys)
+
+        return driven.with_figures(batch, figures) if keys else driven
 
     @staticmethod
     def _is_regular(batch: RunBatch, q: Array, columns: tuple[int, ...]) -> Masks:
@@ -250,22 +334,26 @@ class Deploy(MotionCommand):
         return has_full_rank(values[:, :, list(columns)] if columns else values, SOUND)
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
-        if key in (LOCK_TIME, LOCK_ERROR):
-            return (result.time if key == LOCK_TIME else result.time_error)[rows]
+        if key in TIMES or key == LOCK_ERROR:
+            return (result.time_error if key == LOCK_ERROR else result.time)[rows]
+        if key in LOCK_ERRORS:
+            return _largest_error(result, LOCK_ERRORS[key], rows)
         _, group, name = key.split(".", 2)
         return column_of(result, "q" if group == "angles" else "qd", name, rows)
 
     def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
-        if key in (LOCK_TIME, LOCK_ERROR):
-            return result.time_error[rows] if key == LOCK_TIME else math.nan
-        return _largest_error(result, "q" if key.startswith("lock.angles.") else "qd", rows)
+        if key in TIMES:
+            return result.time_error[rows]
+        groups = {"lock.angles.": "q", "lock.rates.": "qd"}
+        group = next((group for head, group in groups.items() if key.startswith(head)), None)
+        return math.nan if group is None else _largest_error(result, group, rows)
 
     def single(self, scene: Scene) -> Result:
         return deploy(scene)
 
     def read(self, summary: Mapping[str, Any], result: ManyRuns, row: int) -> None:
         result.time[row], result.time_error[row] = (
-            number_of(summary, LOCK_TIME),
+            number_of(summary, TIMES[0]),
             number_of(summary, LOCK_ERROR),
         )
         for group, names, target, errors in (

@@ -12,14 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.many import Expressions, ManyNumbers
+from robodyn_cli.over.many.keys import START
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import CLOSED, MOST_STEP, Numbers, has_full_rank
+from robodyn_cli.solve.assembly import starts_around
+from robodyn_cli.solve.closure import CLOSED, MOST_STEP, SAME, Numbers, has_full_rank
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
-ROUNDS = 20  # Newton steps; from a pose nearby five do
+HALVINGS = 12  # of a step that does not lessen the residual
+EQUAL = 1e-6  # relative difference of distances by which the nearest pose is not sure
+ROUNDS = 30  # Newton steps; from a pose nearby five do
 REGULAR = (
     1e-3  # ratio of singular values of the unknown coordinates below which branches are near to each other
 )
@@ -69,7 +73,11 @@ def starts_of(
                 rows[name][:, k] = given[name][column]
     if not motion.problem.constraints.rows:
         return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
-    starts = _ManyClosing(structure, numbers, given["q"], given["qd"]).close(rows["q"], rows["qd"])
+    closing = _ManyClosing(structure, numbers, given["q"], given["qd"])
+    if q is None and qd is None and not closing.varies:
+        same_q, same_v = (np.broadcast_to(x, (count, len(x))).copy() for x in own.values())
+        return Starts(same_q, same_v, np.ones(count, dtype=bool))
+    starts = closing.close(rows["q"], rows["qd"])
     if q is None and qd is None:
         # a run that is the structure's own starts where that does, to the bit
         alike = (values == structure.row).all(axis=1)
@@ -114,6 +122,12 @@ class _ManyClosing:
         self._psi = Expressions([x for row in rows for x in row.psi])
         self._cosines = Expressions([row.cosine for row in rows])
         self.one = Numbers(problem, ())
+        equations = (self._eta, self._psi, self._cosines)
+        numbers_there = [x for part in equations for x in (*part.constants, *part.outputs)]
+        # whether runs have other loops, or other initial values
+        self.varies = any(key.sort == START for key in structure.keys) or any(
+            numbers.recipe.varies(x) for x in numbers_there
+        )
         model = problem.model
         held = held_columns(motion.scene, problem)
         self.nv = model.nv
@@ -134,19 +148,26 @@ class _ManyClosing:
         """Return closed positions and rates that agree with them, from what is given."""
         if self.one.manifold.quasi:
             return Starts(q, v, np.zeros(len(q), dtype=bool))
+        start = q
         if self.missing:
             q = self._newton(q, self.missing)
         q = self._newton(q, self.free)
+        sure = np.ones(len(q), dtype=bool)
+        if self.missing:
+            far = ~self._on_branch(q, self.psi(q))
+            if far.any() and (self.one.lengths[self.missing] == 1.0).all():
+                alone, certain = self._as_alone(start)
+                q[far], sure[far] = alone[far], certain[far]
+            else:
+                sure = ~far
         residual = np.abs(self.eta(q) / self.one.sizes).max(axis=1)
         psi = self.psi(q)
         sound = (residual <= CLOSED) & has_full_rank(psi, RANK_TOLERANCE)
         psi[~sound] = 0.0
         cosines = self.numbers.evaluate(self._cosines, self._inputs(q))
         sound &= (cosines >= 0.5).all(axis=1)
-        if self.missing:
-            sound &= self._on_branch(q, psi)
         v, agrees = self._rates(psi, v)
-        return Starts(q, v, sound & agrees)
+        return Starts(q, v, sound & sure & agrees)
 
     def _newton(self, q: Array, columns: Sequence[int]) -> Array:
         """Return positions moved towards F = 0 by Gauss-Newton steps, each as long as it lessens the residual."""
@@ -164,13 +185,52 @@ class _ManyClosing:
             step[active] = _least_steps(J[active], -F[active])
             largest = np.maximum(np.abs(step).max(axis=1, initial=0.0), 1e-300)
             step *= np.minimum(1.0, MOST_STEP / largest)[:, None]
-            trial = q.copy()
-            trial[:, list(columns)] += step * lengths
-            F_new = self.eta(trial) / sizes
-            new = np.abs(F_new).max(axis=1)
-            active &= new < size
-            q[active], F[active], size[active] = trial[active], F_new[active], new[active]
+            waiting = active
+            for _ in range(HALVINGS):
+                trial = q.copy()
+                trial[:, list(columns)] += step * lengths
+                F_new = self.eta(trial) / sizes
+                new = np.abs(F_new).max(axis=1)
+                taken = waiting & (new < size)
+                q[taken], F[taken], size[taken] = trial[taken], F_new[taken], new[taken]
+                waiting = waiting & ~taken
+                # what rounding is left of is as close as it gets
+                if not (waiting & (size > CLOSED)).any():
+                    break
+                step = 0.5 * step
+            active = active & ~waiting
         return q
+
+    def _as_alone(self, q: Array) -> tuple[Array, Rows]:
+        """Return the closed positions that ``assemble`` takes from q (N, nq), and where they are sure: those nearest to
+        q, from q and from starts around it.
+        """
+        count, missing = len(q), self.missing
+        given = [k for k in range(self.nv) if k not in missing]
+        steps = [np.zeros(self.nv), *starts_around(self.one, np.zeros(self.nv), missing, np.pi, 1)]
+        best, nearest, rank = q.copy(), np.full(count, np.inf), np.full(count, -1)
+        sure = np.ones(count, dtype=bool)
+        for step in steps:
+            closed = self._newton(self._newton(q + step, missing), self.free)
+            wrapped = closed.copy()
+            turning = [k for k in missing if self.one.lengths[k] == 1.0]
+            wrapped[:, turning] = (closed[:, turning] + np.pi) % (2 * np.pi) - np.pi
+            fits = (np.abs(self.eta(wrapped) / self.one.sizes).max(axis=1) <= CLOSED)[:, None]
+            closed = np.where(fits, wrapped, closed)
+            ok = np.abs(self.eta(closed) / self.one.sizes).max(axis=1) <= CLOSED
+            cosines = self.numbers.evaluate(self._cosines, self._inputs(closed))
+            ok &= (cosines >= 0.5).all(axis=1)
+            psi = np.where(ok[:, None, None], self.psi(closed), 0.0)
+            own = np.where(ok, has_full_rank(psi, RANK_TOLERANCE), -1)
+            moved = np.abs(closed - q) / self.one.lengths
+            distance = moved[:, given].sum(axis=1) + 1e-6 * moved[:, missing].sum(axis=1)
+            apart = np.abs(closed - best).max(axis=1) > SAME
+            with np.errstate(invalid="ignore"):
+                doubtful = np.abs(distance - nearest) <= EQUAL * distance
+            better = (own > rank) | ((own == rank) & ok & (distance < nearest))
+            sure = np.where(better & ~doubtful, True, sure & ~(ok & apart & doubtful & (own == rank)))
+            best[better], nearest[better], rank[better] = closed[better], distance[better], own[better]
+        return best, sure & (rank > 0)
 
     def _on_branch(self, q: Array, psi: Array) -> Rows:
         """Tell which positions are on the branch of the structure's own pose: near to it, with no branching between."""

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import witnessed
-from robodyn_cli.expr.many import Expressions
+from robodyn_cli.expr.many import Decision, Expressions, ManyNumbers
 from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Fleet
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.over.many.groups import Built, first_of
 from robodyn_cli.over.many.keys import NUMBER, OPTION, Key, settings
@@ -23,6 +26,7 @@ from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.conditioning import Conditioning
+    from robodyn_cli.observe.observe import Observer
 
 
 class Buildable(Protocol):
@@ -52,15 +56,17 @@ class Structure(Built):
             tables = methods[DEFAULT if choice.may_change else choice.method].tables(self.motion.system)
         why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
-        self._fleets: dict[tuple[str, bool], Fleet] = {}
+        self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
         self._conditioning: Conditioning | None = None
 
-    def fleet(self, method: str, watch: bool = True) -> Fleet:
-        """Return the compiled code of a method."""
-        key = method, watch
+    def fleet(self, method: str, watch: bool = True, through: bool = False) -> Fleet:
+        """Return the compiled code of a method; through : whether runs go on where the loops come near a loss of
+        rank."""
+        key = method, watch, through
         if key not in self._fleets:
             # what is only noted on the way ends no run
-            system = self.motion.system.watched_by(lambda e: None if e.kind is EventKind.MARK else e.owner)
+            noted = (EventKind.MARK, EventKind.RANK_LOSS) if through else (EventKind.MARK,)
+            system = self.motion.system.watched_by(lambda e: None if e.kind in noted else e.owner)
             passing = [k for k, e in enumerate(system.events) if e.is_discontinuity]
             self._fleets[key] = Fleet(system, method, np.zeros(1), watch, passing)
         return self._fleets[key]
@@ -70,6 +76,33 @@ class Structure(Built):
         if self._conditioning is None:
             self._conditioning = self.motion.conditioning(times, x)
         return self._conditioning
+
+    @cached_property
+    def _observer(self) -> tuple[Observer, list[Decision]]:
+        """What is evaluated at samples, and the comparisons of numbers that its own equations ask for."""
+        with witnessed() as witnesses:
+            observer = self.motion.observer
+        return observer, self.recipe.deciding(witnesses)
+
+    def observed_alike(self, numbers: ManyNumbers) -> NDArray[np.bool_]:
+        """Tell in which runs (N,) samples are evaluated by the same equations."""
+        return numbers.decided_alike(self._observer[1])
+
+    def observers(self, numbers: ManyNumbers) -> Iterator[Observer]:
+        """Yield the observer of samples with the numbers of one run after another."""
+        observer = self._observer[0]
+        kernels = [kernel for kernel in observer.kernels.values() if isinstance(kernel, SampleKernel)]
+        tables = [numbers.table(kernel.program.numbers or (0.0,)) for kernel in kernels]
+        for rows in zip(*tables):
+            for kernel, row in zip(kernels, rows):
+                kernel.table = np.ascontiguousarray(row)
+            yield observer
+
+    @cached_property
+    def psi_at_samples(self) -> SampleKernel:
+        """Psi of the loops' rows as a function of samples; its table is that of a run."""
+        problem = self.motion.problem
+        return SampleKernel({"psi": problem.psi[problem.constraints.of_loops].ravel().tolist()}, STATE_GROUPS)
 
     @cached_property
     def energies(self) -> Expressions:

@@ -11,15 +11,15 @@ import signal
 import sys
 import threading
 import time
-from collections import deque
-from collections.abc import Generator, Iterator, Mapping, Sequence
+from collections import Counter, deque
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS, places
-from robodyn_cli.errors import INTERRUPTED, SceneError
+from robodyn_cli.errors import FAILED, INTERRUPTED, SceneError
 from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE, judge
 from robodyn_cli.over.commands import execute
@@ -36,6 +36,7 @@ from robodyn_cli.tools.progress import Stopwatch, no_progress
 FIRST_BLOCK, LARGEST_BLOCK = 64, 8192  # runs
 SECONDS_OF_BLOCK = 0.5  # about: between blocks rows are stored, and interrupts seen
 STATUS = "status"
+MISSED = {STATUS: "no_lock"}
 MOST_KEYS = 3  # that are named
 
 commands: Registry[BatchCommand[Any]] = Registry("robodyn_cli", places("batch"), made=True)
@@ -76,8 +77,12 @@ class Compiled:
     def __init__(self, task: Task, threads: int) -> None:
         self.task, self.threads = task, threads
         self._mechanism, self._command = Mechanism(task.family, task.keys), commands[task.command]
-        expected = (key for key in task.family.own.expect if self._command.is_plain(key))
+        command = self._command
+        expected = (
+            key for key in task.family.own.expect if command.is_plain(key) and key not in command.words
+        )
         self._of = tuple(dict.fromkeys([*task.outputs, *expected]))
+        self.left: Counter[str] = Counter()  # why runs were left to the command, and how many
 
     def allow(self, values: Array) -> None:
         """Check values (N, keys) that others will lie between, so that those need no look of their own."""
@@ -87,11 +92,14 @@ class Compiled:
         """Return the rows of those runs that could be made; the others are left to be made one by one."""
         task = self.task
         runs, left = self._mechanism.compiled(self._command, points.values, self._of, self.threads)
+        self.left.update(runs.left)
         rows = np.zeros(len(points), task.layout)
         rows["values"], rows["code"], rows["done"] = points.values, runs.code, True
         for k, key in enumerate(task.outputs):
             rows["outputs"][:, k], rows["errors"][:, k] = runs.outputs[key], runs.errors[key]
-        rows["holds"] = _holds(task.family.own.expect, runs, COMMANDS[task.command].good)
+        rows["holds"] = _holds(
+            task.family.own.expect, runs, {STATUS: COMMANDS[task.command].good, **self._command.words}
+        )
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
@@ -106,12 +114,17 @@ class Compiled:
             size = int(min(LARGEST_BLOCK, max(FIRST_BLOCK, len(points) * SECONDS_OF_BLOCK / spent)))
 
 
-def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, status: str) -> Array:
-    """Return in which runs (N,) all that a scene expects holds; in none that is refused."""
-    holds = runs.ok.copy()
+def _holds(expect: Mapping[str, Expectation], runs: ManyRuns, words: Mapping[str, Any]) -> Array:
+    """Return in which runs (N,) all that a scene expects holds; in none that is refused.
+
+    words : of runs that end as they should; those that do not, all for the same reason, have none but ``MISSED``.
+    """
+    good, holds = runs.ok, runs.ok | (runs.code == FAILED)
     for key, expected in expect.items():
-        common = {EXIT_CODE: runs.code.tolist(), STATUS: [status] * len(runs)}.get(key)
-        values = runs.outputs[key].tolist() if common is None else common
+        if key == EXIT_CODE or (key not in words and key in runs.outputs):
+            values: list[Any] = (runs.code if key == EXIT_CODE else runs.outputs[key]).tolist()
+        else:
+            values = [words[key] if ok else MISSED.get(key) for ok in good]
         holds &= np.array([expected.holds(x) for x in values], dtype=bool)
     return holds
 
@@ -173,7 +186,9 @@ def _end_with_parent() -> None:
     os._exit(INTERRUPTED)
 
 
-def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[RunRows]:
+def run_here(
+    task: Task, file: RowFile, jobs: int, tell: Callable[[str], None] = lambda text: None
+) -> Iterator[RunRows]:
     """Yield the rows of all missing runs, some at a time, in the order in which they are done.
 
     The caller puts them into the file.
@@ -182,10 +197,24 @@ def run_here(task: Task, file: RowFile, jobs: int) -> Iterator[RunRows]:
     ----------
     jobs : threads, or processes where compiled code does not do; with one process, or for a few points, this one runs
         them itself.
+    tell : is told how many runs were whole commands, how long they took, and why.
     """
+    reasons: Counter[str] = Counter()
     if suits(task):
-        yield from Compiled(task, jobs).blocks(file.missing())
-    yield from one_by_one(task, file.missing(), jobs)
+        compiled = Compiled(task, jobs)
+        yield from compiled.blocks(file.missing())
+        reasons = compiled.left
+    missing = file.missing()
+    count, start = missing.left, time.perf_counter()
+    yield from one_by_one(task, missing, jobs)
+    if count:
+        each = (time.perf_counter() - start) / count
+        why = "; ".join(
+            f"{number}: {reason}" if len(reasons) > 1 else reason for reason, number in reasons.items()
+        )
+        tell(
+            f"robodyn: {count} of {len(file)} runs were whole commands, {each:.2g} s each{': ' if why else ''}{why}"
+        )
 
 
 def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> RunRows:

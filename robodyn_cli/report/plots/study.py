@@ -93,6 +93,7 @@ def _edges(centres: Array) -> Array:
 
 
 FEWEST = 20  # values below which a histogram says nothing
+ROUNDING = 1e-12  # of values, by which they differ by rounding alone: they fill one bin
 
 
 def _has_study_histograms(result: Result) -> bool:
@@ -110,7 +111,7 @@ def study_histograms(result: Result) -> Any:
     handles: list[Any] = []
     for ax, (name, data) in zip(sheet.axes, found.items()):
         there = data[np.isfinite(data)]
-        if np.ptp(there) > 0.0:
+        if np.ptp(there) > ROUNDING * np.abs(there).max():
             ax.hist(there, bins=_bins(len(there)), color=style.COLOURS[5], edgecolor="white", linewidth=0.4)
         else:
             ax.hist(there, bins=1, color=style.COLOURS[5])

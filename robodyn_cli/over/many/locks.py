@@ -1,0 +1,133 @@
+"""Figures of the locks of many runs that compiled code has made: those of the summary of ``deploy``, with its errors.
+
+A figure follows from states of the run; its error from the same figure of the second run, as ``with_second`` has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.integrators.runtime.memory import IntegerSlot
+from robodyn_cli.integrators.runtime.options import Grid
+from robodyn_cli.over.many.integrate import RunBatch
+from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import ROUNDED
+from robodyn_cli.works.deploy.growth import multiplier_norm
+
+# what the summary says of every run whose lock compiled code has found
+WORDS: dict[str, Any] = {
+    "lock.kind": "dead_point",
+    "lock.criterion": "dead_point",
+    "lock.driven": False,
+    "lock.multipliers.diverge": False,
+    "criteria.chosen": "dead_point",
+    "termination.kind": "dead_point",
+}
+TIMES = ("lock.time", "criteria.dead_point", "termination.time")
+RESIDUALS = ("constraint_residual.position", "constraint_residual.velocity")
+NORMS = ("lock.multipliers.start", "lock.multipliers.at_lock")
+ENTRIES = 4_000_000  # of sampled states at a time: 32 MB
+DEGREES = "lock.angles_deg"
+DEGREES_ERROR = "lock.errors.angles_deg"
+SINGULAR = ("lock.singular_values.psi", "lock.singular_values.passive")
+
+
+@record
+class Locks:
+    """Locks of a batch of runs: times (N,) [s], states there of the first and of the second runs (N, nx).
+
+    factor : (N,), times a difference of both is an error; nan where none is estimated.
+    """
+
+    batch: RunBatch
+    times: Array
+    first: Array
+    second: Array
+    factor: Array
+
+
+Figure = tuple[Array, Array]  # values and errors, both (N,)
+
+
+def is_figure(key: str) -> bool:
+    """Tell whether ``figures_of`` gives this key of the summary."""
+    group, _, index = key.rpartition(".")
+    known = key in (*NORMS, DEGREES_ERROR) or key.startswith(f"{DEGREES}.")
+    return known or (group in SINGULAR and index.isdecimal())
+
+
+def figures_of(locks: Locks, keys: Sequence[str]) -> dict[str, Figure]:
+    """Return what keys of the summary are in all runs."""
+    motion = locks.batch.structure.motion
+    model, nothing = motion.problem.model, np.full(len(locks.first), np.nan)
+    known: dict[str, Figure] = {}
+    if any(key == DEGREES_ERROR or key.startswith(DEGREES) for key in keys):
+        turning = [k for k, unit in enumerate(model.q_units) if unit == "rad"]
+        values, errors = _apart(locks, lambda x: np.degrees(motion.system.split(x)[0][:, turning]))
+        largest = errors.max(axis=1) if turning else nothing
+        known[DEGREES_ERROR] = largest, nothing
+        known |= {f"{DEGREES}.{model.q_names[k]}": (x, largest) for k, x in zip(turning, values.T)}
+    for group, columns in zip(SINGULAR, (range(model.nv), motion.passive)):
+        if any(key.startswith(group) for key in keys):
+            values, errors = _apart(locks, partial(_singular_values, locks, columns))
+            known |= {f"{group}.{k}": (x, errors.max(axis=1)) for k, x in enumerate(values.T)}
+    if any(key in NORMS for key in keys):
+        values, errors = _apart(locks, partial(_norms, locks))
+        known |= {key: (values[:, k], errors[:, k]) for k, key in enumerate(NORMS)}
+    return {key: known.get(key, (nothing, nothing)) for key in keys}
+
+
+def _apart(locks: Locks, figure: Callable[[Array], Array]) -> tuple[Array, Array]:
+    """Return figures (N, k) of states at the lock, and their errors: how far those of the second runs are apart."""
+    values = figure(locks.first)
+    if np.isnan(locks.factor).all():
+        return values, np.full(values.shape, np.nan)
+    # without a second run there is no error: ``factor`` is nan
+    apart = np.abs(figure(np.where(np.isfinite(locks.second), locks.second, locks.first)) - values)
+    return values, locks.factor[:, None] * apart + ROUNDED * np.abs(values)
+
+
+def _singular_values(locks: Locks, columns: Sequence[int], x: Array) -> Array:
+    """Return the singular values of columns of Psi of the loops (N, k)."""
+    structure = locks.batch.structure
+    q = structure.motion.system.split(x)[0]
+    psi = locks.batch.numbers.evaluate(structure.psi_of_loops, {"q": list(q.T), "t": [0.0], "p": []})
+    psi = psi.reshape(len(q), -1, structure.motion.system.nv)
+    values: Array = np.linalg.svd(psi[:, :, list(columns)], compute_uv=False)
+    return values
+
+
+def _norms(locks: Locks, x: Array) -> Array:
+    """Return the norms of the loops' multipliers at the start and at states x (N, nx): (N, 2)."""
+    batch = locks.batch
+    rows = batch.structure.motion.problem.constraints.of_loops
+    norms = np.empty((len(x), 2))
+    for k, observer in enumerate(batch.structure.observers(batch.numbers)):
+        states = np.asfortranarray(np.stack([batch.states[k], x[k]]))
+        lam = observer.multipliers(np.array([0.0, locks.times[k]]), states)
+        norms[k] = multiplier_norm(lam[:, rows])
+    return norms
+
+
+def residuals_of(batch: RunBatch, method: str, times: Array) -> dict[str, Figure]:
+    """Return the largest residuals of position and velocity over the samples of the scene up to the ends of the runs at
+    times (N,) [s], which have no error."""
+    count, asked = len(batch.values), max(batch.structure.motion.scene.simulate.samples - 1, 1)
+    step, largest = batch.ends / asked, np.zeros((len(times), len(RESIDUALS)))
+    taken = np.array([Grid(0.0, h, asked + 1).first_at(t) for h, t in zip(step, times)])
+    size = max(1, ENTRIES // (asked * batch.states.shape[1]))
+    for first in range(0, count, size):
+        rows = np.arange(first, min(first + size, count))
+        part, most = batch.part(rows), int(taken[rows].max())
+        runs = part.sampled(method, times[rows], most, step[rows])
+        for k, observer in zip(rows.tolist(), part.structure.observers(part.numbers)):
+            own = min(taken[k], int(runs.n[k - first, IntegerSlot.NEXT_SAMPLE]) - 1)
+            states = np.vstack([part.states[k - first], runs.out[k - first, :, :own].T, runs.y[k - first]])
+            at = np.append(step[k] * np.arange(own + 1), times[k])
+            largest[k] = observer.largest_residuals(at, np.asfortranarray(states))
+    return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(RESIDUALS)}
