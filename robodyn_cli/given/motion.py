@@ -88,10 +88,8 @@ def knot_places(scene: Scene, times: Array) -> list[float]:
     return (gaps + 0.5).tolist() if gaps.size else places_of(knots_of(scene), times)
 
 
-FEW, CLOSE = (
-    8,
-    64,
-)  # intervals of each of many pieces of a motion, and of each of few, at which figures are looked at
+FEW = 8  # intervals of each of many pieces of a motion at which figures are looked at
+CLOSE = 64  # of each of few pieces
 MANY = 1024  # intervals of all pieces together that are shared out
 SIDE = 1e-6  # of the shorter piece beside a knot: so far from it are the samples on both of its sides
 BESIDE = 0.2 * GAP  # of the time between samples: no further than that

@@ -112,9 +112,8 @@ def rate_bounds(joint: LimitedJoint, times: Array, rates: Mapping[str, Array]) -
     """
     unit = joint.unit
     columns = {name: values[:, joint.velocity] for name, values in rates.items()}
-    own = np.delete(
-        np.arange(len(times)), gaps_between(times)
-    )  # between both sides of a jump there is no mean
+    # between both sides of a jump there is no mean
+    own = np.delete(np.arange(len(times)), gaps_between(times))
     if "qdd" in columns:
         columns["jerk"] = np.diff(columns["qdd"][own]) / np.diff(times[own])
     for name, column, limit_unit in (
