@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from robodyn_cli.expr.graph import Graph, Scalar, free_symbols, is_nonzero
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import PARAMETER_GROUP, Model
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, Matrix, Values, Vector, dot, zeros
 
 
@@ -100,6 +101,56 @@ class Constraints:
             self.dropped,
             tuple(place[i] for i in self.prescribed if i in place),
         )
+
+
+class MechanismParts(Protocol):
+    """What rows of constraints and of latches are made of (satisfied by ``Problem``)."""
+
+    scene: Scene
+    model: Model
+    q: Any
+    v: Any
+    dependent: Any
+    latches: Any
+
+    @property
+    def X(self) -> Any: ...
+    @property
+    def gravity(self) -> Any: ...
+    @property
+    def environment(self) -> dict[str, Any]: ...
+    @property
+    def mass_matrix(self) -> Matrix: ...
+    @property
+    def contact_joints(self) -> Any: ...
+
+
+def constraints_of(problem: MechanismParts) -> Constraints:
+    """Return the rows of the loop closures of a mechanism, then of couplers, then of prescribed joints."""
+    rows: list[Row] = []
+    dropped: list[str] = []
+    if problem.model.loops:
+        from robodyn_cli.algorithms.constraints import LoopRows, vanishes
+
+        closures = LoopRows(problem.model, problem.X, problem.q, problem.v, problem.gravity)
+        for row in (row for loop in problem.model.loops for row in closures.of(loop)):
+            if vanishes(row):
+                dropped.append(row.name)
+            else:
+                rows.append(row)
+    env = problem.environment
+    for coupler in problem.scene.couplers:
+        value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
+        units = {problem.model.q_units[problem.model.q_names.index(name)] for name in coupler.terms}
+        kind = "moment" if units == {"rad"} else "force"
+        name = f"{coupler.name}.coupling"
+        rows.append(coordinate_row(name, problem.model, problem.q, coupler.terms, value, kind))
+    first = len(rows)
+    if problem.scene.prescribed:
+        from robodyn_cli.equations.prescribed import prescribed_rows
+
+        rows += prescribed_rows(problem.model, problem.q, problem.v, problem.scene.prescribed, env)
+    return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
 
 def coordinate_row(

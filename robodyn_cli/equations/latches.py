@@ -23,7 +23,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zeros
 
 if TYPE_CHECKING:
-    from robodyn_cli.equations.prescribed import MechanismParts
+    from robodyn_cli.equations.constraints import MechanismParts
     from robodyn_cli.scene.nested_options import DeployLatch
 
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest

@@ -1,67 +1,19 @@
-"""Rows of joints whose motion is prescribed, and all rows of a mechanism together."""
+"""Rows of joints whose motion is prescribed."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
-from robodyn_cli.algorithms.constraints import LoopRows, vanishes
-from robodyn_cli.equations.constraints import Constraints, coordinate_row
+from robodyn_cli.equations.constraints import coordinate_row
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import Body, Model
-from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial import quaternion
-from robodyn_cli.spatial.algebra import Matrix, cross, dot, vector, zeros
+from robodyn_cli.spatial.algebra import cross, dot, vector, zeros
 from robodyn_cli.trajectories.formulas import evaluated, joint_expressions
 from robodyn_cli.trajectories.led import POSITION, led_joints, position_columns
-
-
-class MechanismParts(Protocol):
-    """What rows of constraints and of latches are made of (satisfied by ``Problem``)."""
-
-    scene: Scene
-    model: Model
-    q: Any
-    v: Any
-    dependent: Any
-    latches: Any
-
-    @property
-    def X(self) -> Any: ...
-    @property
-    def gravity(self) -> Any: ...
-    @property
-    def environment(self) -> dict[str, Any]: ...
-    @property
-    def mass_matrix(self) -> Matrix: ...
-    @property
-    def contact_joints(self) -> Any: ...
-
-
-def constraints_of(problem: MechanismParts) -> Constraints:
-    """Return the rows of the loop closures of a mechanism, then of couplers, then of prescribed joints."""
-    rows: list[Row] = []
-    dropped: list[str] = []
-    if problem.model.loops:
-        closures = LoopRows(problem.model, problem.X, problem.q, problem.v, problem.gravity)
-        for row in (row for loop in problem.model.loops for row in closures.of(loop)):
-            if vanishes(row):
-                dropped.append(row.name)
-            else:
-                rows.append(row)
-    env = problem.environment
-    for coupler in problem.scene.couplers:
-        value = 0.0 if coupler.value is None else coupler.value.evaluate(env)
-        units = {problem.model.q_units[problem.model.q_names.index(name)] for name in coupler.terms}
-        kind = "moment" if units == {"rad"} else "force"
-        name = f"{coupler.name}.coupling"
-        rows.append(coordinate_row(name, problem.model, problem.q, coupler.terms, value, kind))
-    first = len(rows)
-    if problem.scene.prescribed:
-        rows += prescribed_rows(problem.model, problem.q, problem.v, problem.scene.prescribed, env)
-    return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
 
 
 def prescribed_rows(

@@ -271,7 +271,7 @@ class Problem:
     @cached_property
     def all_constraints(self) -> Constraints:
         """All of them: see ``constraints_of``."""
-        from robodyn_cli.equations.prescribed import constraints_of
+        from robodyn_cli.equations.constraints import constraints_of
 
         return constraints_of(self)
 
