@@ -150,6 +150,7 @@ _COEFFICIENTS = np.array(
         [-6.0, -3.0, -0.5, 6.0, -3.0, 0.5],
     ]
 )
+_BY_ENDS = _COEFFICIENTS[:, [1, 2, 3, 4, 5]]  # from (v0, a0, q1 - q0, v1, a1)
 # integral over [0, 1] of the square of 6 c3 + 24 c4 s + 60 c5 s^2, as a quadratic form
 _SQUARED_JERK = np.array([[36.0, 72.0, 120.0], [72.0, 192.0, 360.0], [120.0, 360.0, 720.0]])
 _ENERGY = _COEFFICIENTS.T @ _SQUARED_JERK @ _COEFFICIENTS
@@ -158,8 +159,9 @@ _ENERGY = _COEFFICIENTS.T @ _SQUARED_JERK @ _COEFFICIENTS
 def hermite(h: Any, start: Ends, end: Ends) -> Array:
     """Return the coefficients (6, ...) in s = (t - t0) / h of the quintic with (q, v, a) at its start and its end."""
     (q0, v0, a0), (q1, v1, a1) = start, end
-    ends = np.array([q0, h * v0, h * h * a0, q1, h * v1, h * h * a1])
-    return np.concatenate([ends[:2], 0.5 * ends[2:3], np.tensordot(_COEFFICIENTS, ends, 1)])
+    # by the way between the ends: what stays where it is stays there without rounding
+    ends = np.array([h * v0, h * h * a0, q1 - q0, h * v1, h * h * a1])
+    return np.array([q0, ends[0], 0.5 * ends[1], *np.tensordot(_BY_ENDS, ends, 1)])
 
 
 def course_through(t: Array, q: Array, v: Array, a: tuple[Array, Array]) -> Course:

@@ -39,7 +39,8 @@ TABLE: list[tuple[str, str, str, tuple[str, ...]]] = [
     ("{j1: -1, j2: 0.3}", "{j1: §-.inf, j2: 0.3}", "initial.q.j1", ("not finite",)),
     ("name: l1, mass: 1", "name: l1, mass: §-1", "robot.links.0.mass", ("too small", "-1")),
     ("name: l1, mass: 1", "name: l1, mass: §.nan", "robot.links.0.mass", ("not finite",)),
-    ("name: l1, mass: 1", "name: l1, mass: §1kg", "robot.links.0.mass", ("'1kg'",)),
+    ("name: l1, mass: 1", "name: l1, mass: §1 m", "robot.links.0.mass", ("'1 m'",)),
+    ("name: l1, mass: 1", "name: l1, mass: §1lbs", "robot.links.0.mass", ("'1lbs'",)),
     # keys
     ("gravity:", "§gravty:", "gravty", ("unknown key", "'gravity'")),
     ("duration: 1,", "§durration: 1,", "simulate.durration", ("did you mean 'duration'",)),

@@ -32,7 +32,7 @@ DRAWINGS = {
     "2r_drives": INVERSE | {"drives"},
     "cart_pole_lqr": SIMULATE | {"torques", "tracking"},
     "controlled_arm": SIMULATE | {"torques", "tracking"},
-    "deployable_hinge": (INVERSE - {"tip_path"}) | {"motorisation"},
+    "deployable_hinge": (INVERSE - {"tip_path", "point_coordinates"}) | {"motorisation"},
     "double_pendulum": SIMULATE,
     "four_bar_deploy": DEPLOY | {"tip_path", "point_coordinates"},
     "four_bar_prescribed": DEPLOY | {"tip_path", "point_coordinates"},

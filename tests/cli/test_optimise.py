@@ -82,7 +82,7 @@ def test_options_come_before_the_scene_and_a_goal_takes_the_place_of_its(scene: 
         (("--reach", "peak_torque.arm=x"), "--reach peak_torque.arm: 'x' is no value"),
         (("--reach", "peak_torque.arm=1", "--reach", "peak_torque.arm=2"), "is given twice"),
         (("--minimise", "energy.arm", "--keep", "peak_torque.arm"), "is no inequality"),
-        (("--minimise", "energy.arm", "--keep", "peak_torque.arm <= x"), "'x' is not a number"),
+        (("--minimise", "energy.arm", "--keep", "peak_torque.arm <= x"), "'x' is not a finite number"),
         (("--minimise", "energy.arm", "--maximise", "energy.arm"), "stands beside 'minimise'"),
         (("--minimise", "energy.arn"), "did you mean"),
         (("--starts", "0", "--minimise", "energy.arm"), "allowed: a whole number >= 1"),

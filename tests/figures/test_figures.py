@@ -8,13 +8,13 @@ import math
 from pathlib import Path
 
 import pytest
+import yaml
 
 from robodyn_cli.record import record
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.facts import ABSENT, Absent, fact
-from tests.figures.__main__ import CONFIGS, random_scene, with_extremes
+from tests.figures.__main__ import CONFIGS, with_extremes
 from tests.figures.judge import OFTEN, TIMES, Move, figures_of, moves, runs_of
-from tests.pairs.judge import write
 
 ASKED = (
     "outputs={reactions: true, extremes: [q.theta1, qd.theta1, qdd.theta1, reactions/theta1.force, base_wrench.fx, "
@@ -40,21 +40,24 @@ SCENES = {
     "latches": ("deploy", "mechanisms/solar_array.yaml", 41, ("simulate.duration=5",)),
     "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
 }
-# random scenes in which figures were wrong: loads that were sought block by block, positions that Newton's method
-# finds, a winding's temperature, a jump of torques at a sample; margins of drives that were not chosen, a ratio that is as
-# exact as its loops are closed
-SEEDS = (3, 9, 63, 79, 1183, 100036, 100081)
+# random scenes of older features in which figures were wrong, each with what it was
+FOUND = sorted((Path(__file__).parent / "scenes").glob("*.yaml"))
+SAMPLES = {"simulate": 11}
 
 
-@pytest.mark.parametrize("name", [*SCENES, *SEEDS])
-def test_figures_stay_within_their_errors(name: str | int, tmp_path: Path) -> None:
-    if isinstance(name, str):
-        command, file, samples, given = SCENES[name]
-        path = CONFIGS / file
-    else:
-        command, tree, samples = random_scene(name)
-        path = write(tree, tmp_path / "scene", command)
-        given = with_extremes(path, command)
+@pytest.mark.parametrize("name", SCENES)
+def test_figures_stay_within_their_errors(name: str) -> None:
+    command, file, samples, given = SCENES[name]
+    check(CONFIGS / file, command, samples, given)
+
+
+@pytest.mark.parametrize("path", FOUND, ids=lambda path: path.stem)
+def test_what_was_wrong_once(path: Path) -> None:
+    command = str(yaml.safe_load(path.read_text(encoding="utf-8"))["command"])
+    check(path, command, SAMPLES.get(command, 31), with_extremes(path, command))
+
+
+def check(path: Path, command: str, samples: int, given: tuple[str, ...]) -> None:
     found = moves(runs_of(path, command, samples, given))
     assert found
     assert not [str(x) for x in found if x.ratio > TIMES]

@@ -23,14 +23,14 @@ WEIGHTS = {
     "validate": 12, "plan": 6, "info": 12, "inverse": 16, "kinematics": 12, "statics": 8, "assemble": 8, "reach": 5,
     "linearise": 4, "simulate": 6, "deploy": 3, "size": 1.5, "check": 3, "compare": 3, "export": 3, "import": 3, "new": 1,
     "schema": 0.2, "cache": 0.3, "plot": 0.4, "report": 0.6, "view": 0.4, "animate": 0.2, "run": 1, "sensitivity": 1.2,
-    "sweep": 1.2, "crosscheck": 1.5, "work-precision": 0.15, "stability": 0.15,
+    "sweep": 1.2, "optimise": 0.4, "crosscheck": 1.5, "work-precision": 0.15, "stability": 0.15,
 }  # fmt: skip
 READ_SHARE = 10.0 / 11.0  # of cases of both parts
 OUTPUTS = {
     "simulate": "final.q.{}", "inverse": "peak_torque.{}", "kinematics": "joints.{}.peak_speed",
     "statics": "configuration.{}",
 }  # fmt: skip
-STUDIES = ("sweep", "sensitivity")
+STUDIES = ("sweep", "sensitivity", "optimise")
 OTHERS = ("validate", "plan", "info", "crosscheck", "run", "work-precision", "stability")
 # on stored results: their options
 ON_RESULTS = {
@@ -154,6 +154,11 @@ def _study(command: str, rng: random.Random, mutator: Mutator, tree: Any) -> lis
     names = {".".join(str(step) for step in p): get(tree, p) for p in chosen}
     if command == "sensitivity":
         return [word for name in names for word in ("--to", name)] + of
+    if command == "optimise":
+        specs = [f"uniform({x - 0.1}, {x + 0.1})" for x in names.values()]
+        goal = rng.choice((["--minimise", of[1]], ["--maximise", of[1]], ["--reach", f"{of[1]}=0.1"]))
+        vary = [word for name, spec in zip(names, specs) for word in ("--vary", f"{name}={spec}")]
+        return [*vary, *goal, "--starts", "1"]
     specs = [
         rng.choice((f"normal({x}, 0.01)", f"linspace({x}, {x + 0.1}, 2)", f"[{x}, {1.1 * x + 0.01}]"))
         for x in names.values()

@@ -61,6 +61,7 @@ REASONS: dict[str, str] = {
     r"it keeps a history of steps|a joint has friction with 'law: set_valued' or a rigid stop|velocities that are not rates":
         "`bdf` and `generalized_alpha` keep what sampled controllers, impacts and attitudes break",
     r"whose steps are all as long as": "a fixed step has no `max_step`",
+    r"the equations of a step of .* have no solution nearby": "a fixed step is as short as the motion asks for",
     r"rows of the loops depend on each other": "`generalized_alpha` needs independent rows of loops",
     r"do not follow joints that stick|independent coordinates do not go with joints that stick":
         "chosen gains, and independent coordinates, do not go with joints that stick or meet rigid stops",

@@ -28,7 +28,7 @@ EXAMPLES = sorted(path for path in CONFIGS.rglob("*.yaml") if "command:" in path
 SEEDS = range(4)  # half of them simulations
 TRIED = 3  # numbers of a scene that are run
 # of which no figure depends, or whose keys have dots in them
-FIXED = ("schema", "simulate.samples", "inverse.samples", "study", "expect")
+FIXED = ("schema", "simulate.samples", "inverse.samples", "study", "expect", "search")
 HELD = 1e-6  # relative, of a derivative against a difference of runs with steps of 1e-4
 
 

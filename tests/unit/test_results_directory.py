@@ -74,7 +74,7 @@ def test_old_outputs_go_and_foreign_files_stay(tmp_path: Path) -> None:
 def test_drawings_of_a_killed_run_are_known_by_their_mark(tmp_path: Path) -> None:
     draw_all(inverse_result(), tmp_path)
     (tmp_path / "summary.json").write_text("not json")
-    assert len(names(tmp_path)) == 7
+    assert len(names(tmp_path)) == 8
     with OutputDirectory(tmp_path, plot_files()) as out:
         out.replace_old({"status": "failed"})
     assert names(tmp_path) == {"summary.json"}

@@ -239,7 +239,7 @@ def test_points_of_links_can_be_led(reference: str, path: str) -> None:
 def test_newton_in_the_command() -> None:
     by_newton = lecture("trajectory.ik.method=newton")
     assert by_newton.summary["inverse_kinematics"] == "newton"
-    assert by_newton.summary["counters"]["ik_steps"] >= 1000
+    assert 0 < by_newton.summary["counters"]["ik_steps"] < 1000  # samples between those are solved at once
     assert_close(by_newton["tau"], lecture()["tau"], 1e-12)
 
 

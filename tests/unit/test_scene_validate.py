@@ -297,4 +297,4 @@ def test_a_section_with_an_unreadable_key_is_not_checked_further() -> None:
     refusal = complaint(
         TURNS.replace("ANGLE", "0").replace("START", "0") + f"command: deploy\n{latches}\n"
     ).message
-    assert "deploy.latch: is not a map" in refusal
+    assert "deploy.latch: is a list; a list goes under 'latches'" in refusal

@@ -339,7 +339,7 @@ class InversePlan:
         split = _operations(program.terms)
         together = count_operations(self.outputs(self.problem)[: model.nv])
         reason = f"the result has them apart: {listed(program.terms)}"
-        yield Term("torques split into terms", True, reason, split - together)
+        yield Term("torques split into terms", True, reason, max(0, split - together))
         places = [(len(model.points), "named point"), (len(model.frames), "frame")]
         what = ["energies", *(plural(n, what) for n, what in places if n), "outlines of the links"]
         reason = f"in the result: {', '.join(what)}"
