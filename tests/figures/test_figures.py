@@ -26,6 +26,8 @@ SCENES = {
     "controller": ("simulate", "controlled_arm.yaml", 31, ("simulate.duration=0.4",)),
     "payload": ("simulate", "catching_arm.yaml", 21, ()),
     "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", "outputs.reactions=true")),
+    "multipliers": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.criterion=multipliers",)),
+    "no lock": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.criterion=multipliers", "deploy.growth=1e9")),
     "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
 }
 # random scenes in which figures were wrong: loads that were sought block by block, positions that Newton's method
