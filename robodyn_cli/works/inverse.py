@@ -122,7 +122,7 @@ def _with_drives(records: list[Any], result: Result, program: InverseProgram, lo
     motion = looked.motion
     breaks = tuple(breaks_of(program.problem, looked.times, motion))
     moved = Moved(looked.times, motion.q, motion.qd, motion.qdd, looked.tau, breaks)
-    return with_drives(records, result, program.problem.scene, program.problem, moved)
+    return with_drives(records, result, program.problem, moved)
 
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:

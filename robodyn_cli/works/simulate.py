@@ -158,6 +158,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
             again = None
             if estimate is not None and estimate.recorder is not None:
                 again = (estimate.recorder, estimate.factor)
-            records = with_drives(records, result, run.motion.scene, run.motion.problem, again=again)
+            problem, instants = run.motion.problem, run.motion.system.breakpoints
+            records = with_drives(records, result, problem, instants=instants, again=again)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

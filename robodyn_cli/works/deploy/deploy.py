@@ -223,10 +223,11 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     done.recorder.fill(result)
     add_joint_limits(result, done.motion.scene, done.motion.problem.model)
     overload: Overload | None = None
+    jumps = [float(event["time"]) for event in result.events]
     if failure is None:
         if done.followed is not None:
             add_followed(result, done)
-        overload = first_overload(result, limits)
+        overload = first_overload(result, limits, done.recorder.breaks(result.time, jumps))
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
     if done.found.driven and done.lock is not None:  # at the dead point itself, where rates have no bound

@@ -302,7 +302,8 @@ def describe_lock(
 def _multiplier_keys(motion: Motion, scanned: Scan, recorder: Recorder) -> MultiplierKeys:
     constraints = motion.problem.constraints
     norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
-    peak = largest(recorder.array("time"), norm[:, None])
+    times = recorder.array("time")
+    peak = largest(times, norm[:, None], recorder.breaks(times))
     return MultiplierKeys(
         start=float(norm[0]),
         at_lock=None if scanned.driven else float(norm[-1]),
