@@ -86,6 +86,39 @@ def test_figures_along_a_motion_whose_accelerations_jump_are_those_of_its_pieces
         assert None not in x.errors and max(x.errors) < NEAR * abs(x.values[0]), str(x)
 
 
+TURNS = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {{name: a, type: revolute, axis: [0, 0, 1], friction: {{coulomb: 3}}}}
+    - {{name: b, type: revolute, axis: [0, 0, 1], origin: {{xyz: [0.6, 0, 0]}}, friction: {{coulomb: 2}}}}
+  links:
+    - {{name: A, mass: 2, com: [0.3, 0, 0], com_frame: joint, inertia: {{zz: 0.1}}}}
+    - {{name: B, mass: 1, com: [0.2, 0, 0], com_frame: joint, inertia: {{zz: 0.05}}}}
+trajectory: {trajectory}
+inverse: {{samples: 201}}
+"""
+CROWDED = {
+    "another turn": "{type: joint, duration: 1, q: {a: 0.5*sin(7*t), b: 0.4*sin(7*t + 0.02)}}",
+    "a knot": "{type: quintic, points: [{t: 0, q: {a: 0, b: 0}}, {t: 0.5, q: {a: 0.6, b: 0.5}, qd: {a: 0.01, b: -0.004}},"
+    " {t: 1, q: {a: 0.1, b: 0.2}}]}",
+}
+
+
+@pytest.mark.parametrize("near", CROWDED)
+def test_friction_that_turns_near_something_else_is_cut_there(near: str, tmp_path: Path) -> None:
+    """A joint turned back less than three samples from a knot or from another joint: as wide an error as friction."""
+    path = tmp_path / "turns.yaml"
+    path.write_text(TURNS.format(trajectory=CROWDED[near]), encoding="utf-8")
+    found = moves(runs_of(path, "inverse", 201))
+    assert not [str(x) for x in found if x.ratio > TIMES]
+    own = [x for x in found if x.kind.endswith(("peak_torque", "rms_torque", "torque_range.N"))]
+    assert len(own) >= 12
+    for x in own:
+        assert None not in x.errors and max(x.errors) < 0.1 * NEAR * max(map(abs, x.values)), str(x)
+
+
 # -- the judge, and what adds the errors of a second run ---------------------------------------------------------
 def test_a_figure_without_an_error_that_moves_is_found() -> None:
     runs = [figures_of("simulate", {"final": {"q": {"a": x}}, "error_estimate": {"q_end": e}}) for x, e in
