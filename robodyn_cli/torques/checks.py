@@ -162,8 +162,8 @@ def turns_of(times: Array, v: Array, a: Array) -> list[float]:
             c = np.linalg.solve(_hermite(), np.concatenate([v[near], step * a[near]]))
             root = inside[0]
             for _ in range(3):
-                root -= np.polyval(c, root) / np.polyval(np.polyder(c), root)
-            inside = [float(root)] if abs(root - inside[0]) < AGREE else inside
+                root -= float(np.polyval(c, root) / np.polyval(np.polyder(c), root))
+            inside = [root] if abs(root - inside[0]) < AGREE else inside
         found += [n + x for x in inside]
     return found
 
