@@ -34,25 +34,25 @@ UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its
 def with_drives(
     records: list[Any],
     result: Result,
-    scene: Scene,
     problem: Problem,
     moved: Moved | None = None,
+    instants: Sequence[float] = (),
     again: tuple[Recorder, float] | None = None,
 ) -> list[Any]:
     """Return the records of a motion's summary, the first with ``warnings``, and one of its drives behind them; add
     their datasets to the result, and its status.
 
-    moved : the motion where figures are looked at; by default at the samples, with breaks at its events. again :
-        samples of a second integration, and times the difference of figures is their error.
+    moved : the motion where figures are looked at; by default at the samples, with breaks at its events and at other
+        ``instants`` [s]. again : samples of a second integration, and times the difference of figures is their error.
 
     A motion whose samples are not uniform has no figures of drives, and a warning instead.
     """
     summary, *others = records
-    times = result.time
+    times, scene = result.time, problem.scene
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
-    breaks = tuple(breaks_at(times, (float(event["time"]) for event in result.events)))
+    breaks = tuple(breaks_at(times, [*(float(event["time"]) for event in result.events), *instants]))
     at_samples = drives = Drives.of(scene, problem, Moved.of(result.__getitem__, breaks))
     if moved is not None:
         drives = Drives.of(scene, problem, moved)

@@ -138,6 +138,11 @@ class Driver:
         return [event for watcher in self.watchers for event in watcher.log]
 
     @property
+    def instants(self) -> list[float]:
+        """Times of these events [s]."""
+        return [float(event["time"]) for event in self.log]
+
+    @property
     def repartitions(self) -> int:
         """How often a partition has chosen its parameters anew."""
         return self.integrator.parameters.repartitions

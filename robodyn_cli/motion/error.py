@@ -32,6 +32,7 @@ FINER = 0.45  # times a fixed step: where implicit methods halve theirs, the sec
 DECIDES = 0.5  # of the growth of the steps, as a power: below it something else than the tolerance decides about them
 SHORTER = 0.6  # times the mean step of the first run, where a tighter tolerance says nothing
 FIRST_STEPS = 0.4  # times the first steps, at the start and behind events: else both runs share their errors
+ONCE_TIGHTER, ONCE_FINER = 4.0, 1.5  # times the tolerance and the steps of second integrations, of third ones
 HIGH_ORDER = 7
 
 Integers = NDArray[np.int64]
@@ -49,8 +50,14 @@ class First:
 
     @property
     def once_more(self) -> Self:
-        """The same for third integrations: they differ as second ones do, but for the draw of rounding."""
-        return dataclasses.replace(self, options=dataclasses.replace(self.options, draw=1))
+        """The same for third integrations: they differ as second ones do, from these by their tolerance, where that
+        says more than rounding, or their step, and by the draw of rounding."""
+        own = self.options
+        if own.step is not None:
+            own = dataclasses.replace(own, step=own.step / ONCE_FINER)
+        elif own.rtol >= ONCE_TIGHTER * FINEST_RTOL:
+            own = dataclasses.replace(own, rtol=own.rtol / ONCE_TIGHTER, atol=own.atol / ONCE_TIGHTER)
+        return dataclasses.replace(self, options=dataclasses.replace(own, draw=1))
 
 
 @record
@@ -151,6 +158,8 @@ AMPLIFIED = 30.0  # times rounding: differences so large
 FEWEST = 8  # samples from which on that is told
 GROWN = 10.0  # times those of the first half, of differences in the second
 EARLY = 100.0  # times rounding, at most: differences in the first half
+BY_CHANCE = 0.1  # of the differences before, below which those at the end say little
+BEFORE = slice(-4, -2)  # of the samples, the last of which may be of the end
 AT_ROUNDING = 100.0  # times rounding, up to which an error counts as one of rounding
 TIME_ROUNDING = 1e-14  # part of the time of an event that rounding leaves over the steps of a run
 
@@ -201,16 +210,28 @@ class Courses:
         """Return the courses with the larger one of these and other differences."""
         return dataclasses.replace(self, apart=np.maximum(self.apart, apart))
 
-    def amplify(self, floor: Floor) -> Masks:
-        """Tell in which runs (N,) the motion seems to amplify rounding: differences near it grow far beyond it.
+    def in_doubt(self, floor: Floor) -> Masks:
+        """Tell in which runs (N,) both integrations may have come to the same error by chance, at the end or as they
+        amplify rounding: a third one, of another tolerance and with other roundings, tells."""
+        if self.first.shape[1] < FEWEST:
+            return np.zeros(len(self.first), dtype=bool)
+        return self._amplify(floor) | self._agree_at_end(floor)
 
-        There the two integrations may come to the same error by chance, and a third one, off by other roundings, tells.
-        """
+    def _agree_at_end(self, floor: Floor) -> Masks:
+        """Tell in which runs (N,) the ends agree far better than what comes before, which is more than rounding."""
+        agree = np.zeros(len(self.first), dtype=bool)
+        for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
+            largest = self.errors[:, :, list(places)].max(axis=2, initial=0.0)
+            typical = np.median(largest[:, largest.shape[1] // 2 :], axis=1)
+            before = np.minimum(typical, largest[:, BEFORE].min(axis=1))
+            agree |= (largest[:, -1] < BY_CHANCE * before) & (before > AT_ROUNDING * least)
+        return agree
+
+    def _amplify(self, floor: Floor) -> Masks:
+        """Tell in which runs (N,) the motion seems to amplify rounding: differences near it grow far beyond it."""
         places = [*self.system.q_places, *self.system.v_places]
         largest = self.errors[:, :, places].max(axis=2, initial=0.0)
         count = largest.shape[1]
-        if count < FEWEST:
-            return np.zeros(len(largest), dtype=bool)
         early = np.median(largest[:, 1 : 1 + count // 2], axis=1)
         late, rounding = largest[:, count // 2 :].max(axis=1), np.maximum(floor.q, floor.qd)
         grown: Masks = (late > AMPLIFIED * rounding) & (late > GROWN * early) & (early < EARLY * rounding)

@@ -152,7 +152,9 @@ def beyond_limits(run: Run) -> list[str]:
     from robodyn_cli.observe.joint_limits import limit_warnings, limited_joints
 
     joints = limited_joints(scene, run.motion.problem.model)
-    return limit_warnings(joints, recorder.array("time"), {"qdd": recorder.array("qdd")})
+    times = recorder.array("time")
+    breaks = recorder.breaks(times, run.driver.instants)
+    return limit_warnings(joints, times, {"qdd": recorder.array("qdd")}, breaks=breaks)
 
 
 def energy_out_of_balance(run: Run) -> NumericalError | None:
@@ -256,7 +258,6 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
     problem, observer = motion.problem, recorder.observer
     constrained = bool(problem.constraints.rows)
     errors = None if estimate is None else estimate.errors
-    jumps = [float(event["time"]) for event in driver.log]
     independent = constrained and motion.scene.simulate.stabilisation == "independent"
     summary = MotionSummary(
         termination=Termination("duration", driver.time) if failure is None else failure.termination,
@@ -272,7 +273,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         assembly=_assembly(motion) if constrained else ABSENT,
         repartitions=driver.repartitions if independent else ABSENT,
         multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
-        reactions=observer.reactions.described(recorder.largest_loads(jumps))
+        reactions=observer.reactions.described(recorder.largest_loads(driver.instants))
         if observer.reactions
         else ABSENT,
         counters=driver.counters,
@@ -288,7 +289,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
 
         other = dataclasses.replace(summary, **(estimate.facts or {}))
         if observer.reactions is not None and estimate.recorder is not None:
-            loads = observer.reactions.described(estimate.recorder.largest_loads(jumps))
+            loads = observer.reactions.described(estimate.recorder.largest_loads(driver.instants))
             other = dataclasses.replace(other, reactions=loads)
         summary = with_second(summary, other, estimate.factor)
     if problem.control is None:
@@ -301,11 +302,11 @@ def _control_keys(run: Run, control: Control, estimate: Estimate | None) -> Cont
     from robodyn_cli.observe.control_summary import control_keys
     from robodyn_cli.summaries.apart import with_second
 
-    ends = run.driver.time, run.beginning.time
-    keys = control_keys(control, run.recorder, *ends)
+    ends, instants = (run.beginning.time, run.driver.time), run.driver.instants
+    keys = control_keys(control, run.recorder, ends, instants)
     if estimate is None or estimate.recorder is None:
         return keys
-    return with_second(keys, control_keys(control, estimate.recorder, *ends), estimate.factor)
+    return with_second(keys, control_keys(control, estimate.recorder, ends, instants), estimate.factor)
 
 
 def residual_of(recorder: Recorder, redundant: Redundant | None = None) -> LoopResidual:

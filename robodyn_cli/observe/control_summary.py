@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.control.control import Control
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.solve.extremes import largest_magnitude, positive_integral, root_mean_square
+from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import ControlKeys, ControlSummary, DrivenWork, Tracking, TrackingErrors
 from robodyn_cli.summaries.facts import ABSENT
@@ -18,8 +19,10 @@ ROUNDED = 1e-12  # of a time
 AT_LIMIT = 1e-12  # of a limit: torques so near to it are on it
 
 
-def control_keys(control: Control, recorder: Recorder, time: float, begun: float) -> ControlKeys:
-    """Return what samples say of a controller in a run from ``begun`` to ``time`` [s]."""
+def control_keys(
+    control: Control, recorder: Recorder, ends: tuple[float, float], events: Sequence[float]
+) -> ControlKeys:
+    """Return what samples say of a controller in a run between its ends [s]; events : see ``Recorder.breaks``."""
     t, torque = recorder.array("time"), recorder.array("control/torque")
     qd = recorder.array("qd")[:, control.places]
     limits = {
@@ -28,16 +31,16 @@ def control_keys(control: Control, recorder: Recorder, time: float, begun: float
     saturated, unsure = _saturated(t, torque[:, [control.joints.index(name) for name in limits]], limits)
     least = {name: low for name, (low, high) in limits.items() if low != -high}
     sampled = control.period is not None
-    updates = 0 if control.period is None else _updates(control.period, begun, time)
-    power = torque * qd
-    (driving, off), (braking, _) = (positive_integral(t, x) for x in (power, -power))
+    updates = 0 if control.period is None else _updates(control.period, *ends)
+    power, breaks = torque * qd, recorder.breaks(t, events)
+    (driving, off), (braking, _) = (positive_integral(t, x, breaks) for x in (power, -power))
     summary = ControlSummary(
         type=control.controller.type,
         joints=list(control.joints),
         period=ABSENT if control.period is None else float(control.period),
         delay=float(control.controller.delay) if sampled else ABSENT,
         updates=updates if sampled else ABSENT,
-        tracking=_tracking(control, recorder, t) or ABSENT,
+        tracking=_tracking(control, recorder, t, breaks) or ABSENT,
         limits={name: high for name, (_, high) in limits.items()} or ABSENT,
         least_limits=least or ABSENT,
         saturated=saturated or ABSENT,
@@ -67,11 +70,11 @@ def _updates(period: float, begun: float, time: float) -> int:
     return last - first + (begun == 0.0)
 
 
-def _tracking(control: Control, recorder: Recorder, t: Array) -> dict[str, Tracking]:
+def _tracking(control: Control, recorder: Recorder, t: Array, breaks: Breaks) -> dict[str, Tracking]:
     if not control.tracked:
         return {}
     error = recorder.array("control/error")
-    (rms, rms_error), peak = root_mean_square(t, error), largest_magnitude(t, error)
+    (rms, rms_error), peak = root_mean_square(t, error, breaks), largest_magnitude(t, error, breaks)
     return {
         x.name: Tracking(
             float(peak.value[k]),

@@ -139,11 +139,17 @@ class Recorder:
         reactions = self.observer.reactions
         if reactions is None or not self._borne:
             return self._loads
+        data = {path: np.concatenate([block[path] for block in self._borne]) for path in self._borne[0]}
+        loads = reactions.largest(data["time"], data, self.breaks(data["time"], events))
+        return {name: load.or_larger(self._loads.get(name, load)) for name, load in loads.items()}
+
+    def breaks(self, times: Array, events: Sequence[float] = ()) -> list[float]:
+        """Return where functions of samples at times (T,) may jump or bend, in steps from the first: at events [s], and
+        where the equations switch in time, as a trajectory has knots.
+        """
         from robodyn_cli.solve.quadrature import breaks_at
 
-        data = {path: np.concatenate([block[path] for block in self._borne]) for path in self._borne[0]}
-        loads = reactions.largest(data["time"], data, breaks_at(data["time"], events))
-        return {name: load.or_larger(self._loads.get(name, load)) for name, load in loads.items()}
+        return breaks_at(times, [*events, *self.observer.system.breakpoints])
 
     def _stream(self, path: str, block: Array) -> None:
         assert self.writer is not None

@@ -45,6 +45,7 @@ FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
 ROUNDED = 1e-12  # part of a value by which rounding makes equal ones differ
+NOISE = 1e-15  # part of a value, rounding that moves the place of a flat top
 FLAT = 1e-13  # part of the values that a polynomial goes through, by which its rounding changes it
 ALIKE = 1e-9  # part of a value by which peaks that count as equal differ: the first one is told
 Hidden = Sequence[int]
@@ -301,7 +302,8 @@ def _largest_of_piece(y: Array, low: Array, high: Array) -> Extreme:
         )
         at = np.where(trusted, at, j)
         with np.errstate(divide="ignore", invalid="ignore"):
-            off = np.where(error > 0.0, np.minimum(1.0, 4.0 * error / bend), 0.0)
+            noise = error + NOISE * np.abs(top)
+            off = np.where(error > 0.0, np.minimum(1.0, 4.0 * noise / bend), 0.0)
         own = Extreme(
             np.where(trusted, top, there), error, at, np.where(trusted | (error == 0.0), off, 1.0), at
         )

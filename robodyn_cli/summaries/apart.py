@@ -81,8 +81,9 @@ def _apart(first: Any, second: Any, factor: float) -> Any:
 
 
 def _larger(one: Any, other: Any) -> Any:
-    if isinstance(one, Mapping):
+    if isinstance(one, Mapping) and isinstance(other, Mapping):
         return {name: _larger(x, other[name]) for name, x in one.items()}
+    one, other = _most(one), _most(other)
     return None if one is None or other is None else max(one, other)
 
 
@@ -96,8 +97,13 @@ def _grown(record: Any, steps: Steps, more: Any) -> Any:
             name: _grown(x, (), more.get(name) if isinstance(more, Mapping) else more)
             for name, x in record.items()
         }
-    if isinstance(more, Mapping):
-        parts = list(more.values())
-        more = None if None in parts else max(parts, default=0.0)
+    more = _most(more)
     begun = 0.0 if record is ABSENT or record is None else record
     return None if more is None else begun + more
+
+
+def _most(more: Any) -> Any:
+    """Return the largest number of a map, None where one is not known; other values as they are."""
+    if not isinstance(more, Mapping):
+        return more
+    return None if None in more.values() else max(more.values(), default=0.0)

@@ -22,21 +22,37 @@ NORM = "N and N m"  # of multipliers of rows of both kinds
 
 
 @record
+class CriterionErrors:
+    """Errors of the times at which criteria fired; left out where none was asked for."""
+
+    dead_point: float | Absent | None = fact("of the time of the dead point", "s", default=ABSENT)
+    growth: float | Absent | None = fact(
+        "of the times of multipliers, the interval at which they are judged included; `null` where a second, tighter "
+        "scan does not have one of them",
+        "s", default=ABSENT,
+    )  # fmt: skip
+
+
+GROWTH = "criteria.errors.growth"
+
+
+@record
 class CriterionTimes:
     """When each criterion fired, whichever was chosen."""
 
     chosen: str = fact("the criterion that stops the run")
-    dead_point: float | None = fact("when a dead point was met", "s", errors=("lock.time_error",))
-    multipliers: float | None = fact("when the multipliers had grown", "s", errors=("criteria.grid",))
+    dead_point: float | None = fact("when a dead point was met", "s", errors=("criteria.errors.dead_point",))
+    multipliers: float | None = fact("when the multipliers had grown", "s", errors=(GROWTH,))
     growth_times: dict[str, float | None] = fact(
-        "when the multipliers had grown by each factor", "s", names=FACTOR, errors=("criteria.grid",)
+        "when the multipliers had grown by each factor", "s", names=FACTOR, errors=(GROWTH,)
     )
-    limit_time: float | None = fact("when the multipliers exceeded the limit", "s", errors=("criteria.grid",))
+    limit_time: float | None = fact("when the multipliers exceeded the limit", "s", errors=(GROWTH,))
     grid: float = fact("interval at which the multipliers are judged", "s")
     latch: float | Absent | None = fact(
         "when the latch came to its position, for that criterion",
         "s", errors=("lock.time_error",), default=ABSENT,
     )  # fmt: skip
+    errors: CriterionErrors = fact("errors of these times", default=CriterionErrors())
 
 
 @record
@@ -48,9 +64,7 @@ class MultiplierGrowth:
         errors=("lock.multiplier_growth.ratio_error",),
     )
     ratio_error: float | Absent | None = fact("error of this ratio", default=ABSENT)
-    times: dict[str, float | None] = fact(
-        "when each factor was passed", "s", names=FACTOR, errors=("criteria.grid",)
-    )
+    times: dict[str, float | None] = fact("when each factor was passed", "s", names=FACTOR, errors=(GROWTH,))
     median_grid: float = fact("interval of the samples of the median", "s")
 
 
@@ -162,7 +176,7 @@ class LockKeys:
     driven: bool = fact("whether a prescribed motion ran into the dead point")
     multiplier_growth: MultiplierGrowth | None = fact("growth of the multipliers")
     growth_times: dict[str, float | None] = fact(
-        "when each factor of growth was passed", "s", names=FACTOR, errors=("criteria.grid",)
+        "when each factor of growth was passed", "s", names=FACTOR, errors=(GROWTH,)
     )
     multipliers: MultiplierKeys | None = fact("norm of the loops' multipliers")
     singular_values: SingularValues | None = fact("at the lock")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Collection, Sequence
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -76,6 +76,10 @@ class Loaded:
         return root_mean_square(self.times, self.tau, self.breaks)
 
 
+AGREE = 1e-2  # of a step, by which two polynomials of a smooth rate put its root apart at most
+APART = 1e-3  # of the mean time between samples, by which times that are told apart differ
+
+
 # figures (n,) that size an actuator, with their errors, by key below that of its joint in the summary
 FIGURES: dict[str, Callable[[Loaded], tuple[Array, Array]]] = {
     "peak_torque": lambda x: (x.peak.value, x.peak.error),
@@ -95,21 +99,82 @@ def breaks_of(problem: Problem, times: Array, motion: JointMotion) -> list[float
 
     Payloads come and go, the trajectory has knots, and joints that lose energy turn back.
     """
-    losing = sorted({place for place, _ in problem.losses(smooth=False)})
-    turns = [x for k in losing for x in turns_of(times, motion.qd[:, k], motion.qdd[:, k])]
+    losing = {place for place, _ in problem.losses(smooth=False)}
+    return _breaks(problem, times, _turns(times, motion, losing))
+
+
+def _breaks(problem: Problem, times: Array, turns: Sequence[float]) -> list[float]:
     return spaced([*knot_places(problem.scene, times), *turns], len(times), jumps(problem, times))
 
 
+def _turns(times: Array, motion: JointMotion, columns: set[int]) -> list[float]:
+    """Return where joints turn back, in steps from the first sample."""
+    return [x for k in sorted(columns) for x in turns_of(times, motion.qd[:, k], motion.qdd[:, k])]
+
+
+def crowded_turns(
+    problem: Problem, times: Array, motion: JointMotion, at: Callable[[Array], JointMotion]
+) -> list[float]:
+    """Return when joints that lose energy, or whose drives do, turn back [s], where one does so near to a knot or to
+    another that it is no break; else none.
+
+    at : the motion at other times (T,), by a step of Newton's method.
+    """
+    losing = {place for place, _ in problem.losses(smooth=False)}
+    columns = sorted(losing | {problem.model.v_names.index(name) for name in problem.scene.drives})
+    found = [(x, k) for k in columns for x in turns_of(times, motion.qd[:, k], motion.qdd[:, k])]
+    places, own = [x for x, _ in found], np.array([k for _, k in found], dtype=int)
+    turns = _times_of(places, times)
+    apart = APART * float(times[-1] - times[0]) / len(times)
+
+    def away(breaks: Sequence[float]) -> Array:
+        """Return how far turns are from breaks [s]."""
+        distances: Array = np.abs(turns[:, None] - _times_of(breaks, times)).min(axis=1, initial=np.inf)
+        return distances
+
+    if not (away(_breaks(problem, times, places)) > apart).any():
+        return []
+    free = np.flatnonzero(away(_breaks(problem, times, ())) > apart)
+    free = free[np.argsort(turns[free])]
+    there = at(np.concatenate([times[:1], turns[free], times[-1:]]))
+    rows = np.arange(1, 1 + len(free))
+    exact = turns[free] - there.qd[rows, own[free]] / there.qdd[rows, own[free]]
+    return exact[np.diff(exact, prepend=-np.inf) > apart].tolist()
+
+
+def _times_of(places: Sequence[float], times: Array) -> Array:
+    """Return the times [s] of places among samples at times (T,), in steps from the first."""
+    found: Array = np.interp(places, np.arange(float(len(times))), times)
+    return found
+
+
 def turns_of(times: Array, v: Array, a: Array) -> list[float]:
-    """Return where rates v (T,) change their sign, in steps from the first sample, by cubic polynomials with their
-    slopes a (T,)."""
+    """Return where rates v (T,) change their sign, in steps from the first sample, by polynomials with their slopes
+    a (T,): cubic ones, and through the samples beside these where that agrees, as it does of smooth rates."""
     found: list[float] = []
-    for n in np.flatnonzero(v[:-1] * v[1:] < 0.0):
+    for n in np.flatnonzero(v[:-1] * v[1:] < 0.0).tolist():
         rise, step = v[n + 1] - v[n], times[n + 1] - times[n]
         low, high = step * a[n], step * a[n + 1]
         roots = np.roots([low + high - 2.0 * rise, 3.0 * rise - 2.0 * low - high, low, v[n]])
-        found += [float(n + x.real) for x in roots if abs(x.imag) < 1e-9 and 0.0 <= x.real <= 1.0]
+        inside = [float(x.real) for x in roots if abs(x.imag) < 1e-9 and 0.0 <= x.real <= 1.0]
+        near = slice(n - 1, n + 3)
+        if len(inside) == 1 and 0 < n < len(times) - 2 and np.ptp(np.diff(times[near])) < 1e-6 * step:
+            c = np.linalg.solve(_hermite(), np.concatenate([v[near], step * a[near]]))
+            root = inside[0]
+            for _ in range(3):
+                root -= float(np.polyval(c, root) / np.polyval(np.polyder(c), root))
+            inside = [root] if abs(root - inside[0]) < AGREE else inside
+        found += [n + x for x in inside]
     return found
+
+
+@lru_cache(maxsize=1)
+def _hermite() -> Array:
+    """Return the matrix from a polynomial of degree 7, highest power first, to its values and slopes at -1, 0, 1, 2."""
+    x = np.arange(-1.0, 3.0)
+    values = np.vander(x, 8)
+    slopes = np.column_stack([np.vander(x, 7) * np.arange(7.0, 0.0, -1.0), np.zeros(4)])
+    return np.vstack([values, slopes])
 
 
 def breaks_of_joint(times: Array, v: Array, a: Array, breaks: Sequence[float]) -> tuple[float, ...]:

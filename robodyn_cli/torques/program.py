@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -139,10 +139,11 @@ class InverseProgram(ABC):
         """Return the uniform times (T,) of the samples [s]."""
         return np.linspace(0.0, self.duration, samples)
 
-    def looked_at(self, samples: int) -> Array:
-        """Return the times (T,) at which figures are looked at [s]: between payloads that come and go, too."""
+    def looked_at(self, samples: int, turns: Sequence[float] = ()) -> Array:
+        """Return the times (T,) at which figures are looked at [s]: between payloads that come and go, too, and between
+        turns of joints [s]."""
         instants = [x.time for one in self.problem.scene.payloads for x in one.instants.values()]
-        knots = [*knots_of(self.problem.scene), *(float(x) for x in instants if x is not None)]
+        knots = [*knots_of(self.problem.scene), *(float(x) for x in instants if x is not None), *turns]
         return looked_at(self.times(samples), [x for x in knots if 0.0 < x < self.duration])
 
     def parameters(self, times: Array) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +32,7 @@ from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
     Loaded,
     breaks_of,
+    crowded_turns,
     error_estimate,
     half_turns,
     joint_figures,
@@ -79,7 +81,7 @@ def inverse(
     with watch.stage("equations"):
         program = program_of(scene)
     with watch.stage("solve"):
-        planned = at_rest(program.problem, program.plan(program.times(count)))
+        planned = planned_at(program, program.times(count))
     with watch.stage("equations"):
         function = program.compile(count)
     with watch.stage("evaluate"):
@@ -129,7 +131,7 @@ def _with_drives(records: list[Any], result: Result, program: InverseProgram, lo
     breaks = tuple(breaks_of(problem, looked.times, motion))
     moved = Moved(looked.times, motion.q, motion.qd, motion.qdd, looked.tau, breaks)
     if scene.drives:
-        records = with_drives(records, result, scene, problem, moved)
+        records = with_drives(records, result, problem, moved)
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import with_motorisation
 
@@ -142,19 +144,39 @@ def _with_drives(records: list[Any], result: Result, program: InverseProgram, lo
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:
     """Return the motion where figures are looked at (see ``looked_at``), if it has values there, else its samples."""
-    times = program.looked_at(len(sampled.times))
-    if np.array_equal(times, sampled.times):
-        return planned, sampled
+
+    def plan(times: Array) -> Planned:
+        return planned if np.array_equal(times, planned.times) else planned_at(program, times)
+
     try:
-        return evaluated_at(program, times)
+        closer = looked_at(program, len(sampled.times), plan)
+        return closer, sampled if closer is planned else evaluated(program, closer)
     except NumericalError:
         return planned, sampled
 
 
+def looked_at(program: InverseProgram, samples: int, plan: Callable[[Array], Planned]) -> Planned:
+    """Return the motion where figures are looked at, as it is planned for times (T,): from knot to knot, and cut where
+    joints turn back too near to these for a break."""
+    planned = plan(program.looked_at(samples))
+    turns = crowded_turns(program.problem, planned.times, planned.motion, lambda t: program.plan(t).motion)
+    return plan(program.looked_at(samples, turns)) if turns else planned
+
+
+def planned_at(program: InverseProgram, times: Array) -> Planned:
+    """Return the motion at times (T,)."""
+    return at_rest(program.problem, program.plan(times))
+
+
+def evaluated(program: InverseProgram, planned: Planned) -> Sampled:
+    """Return what is evaluated along a motion."""
+    return program.evaluate(planned, program.compile(len(planned.times)))
+
+
 def evaluated_at(program: InverseProgram, times: Array) -> tuple[Planned, Sampled]:
     """Return the motion at times (T,), and what is evaluated along it."""
-    planned = at_rest(program.problem, program.plan(times))
-    return planned, program.evaluate(planned, program.compile(len(times)))
+    planned = planned_at(program, times)
+    return planned, evaluated(program, planned)
 
 
 def at_rest(problem: Problem, planned: Planned) -> Planned:

@@ -192,7 +192,8 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
             again = None
             if estimate is not None and estimate.recorder is not None:
                 again = (estimate.recorder, estimate.factor)
-            records = with_drives(records, result, run.motion.scene, run.motion.problem, again=again)
+            problem, instants = run.motion.problem, run.motion.system.breakpoints
+            records = with_drives(records, result, problem, instants=instants, again=again)
     if run.motion.scene.motorisation is not None and failure is None:
         with watch.stage("motorisation"):
             records = with_margins(records, result, run, estimate)

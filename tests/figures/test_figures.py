@@ -38,6 +38,8 @@ SCENES = {
     ),
     "latch": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.after=continue", ASKED)),
     "latches": ("deploy", "mechanisms/solar_array.yaml", 41, ("simulate.duration=5",)),
+    "multipliers": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.criterion=multipliers",)),
+    "no lock": ("deploy", "four_bar_deploy.yaml", 41, ("deploy.criterion=multipliers", "deploy.growth=1e9")),
     "driven": ("deploy", "four_bar_prescribed.yaml", 41, ()),
 }
 # random scenes of older features in which figures were wrong, each with what it was
@@ -63,6 +65,74 @@ def check(path: Path, command: str, samples: int, given: tuple[str, ...]) -> Non
     assert not [str(x) for x in found if x.ratio > TIMES]
     beyond = [str(x) for x in found if x.ratio > 1.0]
     assert len(beyond) <= OFTEN * len(found), beyond
+
+
+STOPS = f"""
+schema: 1
+gravity: [0, -9.81, 0]
+robot: {CONFIGS / "robots" / "planar_2r.yaml"}
+drives:
+  theta1: {{motor: servo2p4_3000, gear: wave40_100, mass_on: none}}
+  theta2: {{motor: servo1p27_3000, gear: wave32_100, mass_on: none}}
+trajectory:
+  type: trapezoid
+  speed: {{theta1: 3, theta2: 3}}
+  acceleration: {{theta1: 14, theta2: 19}}
+  points: [{{q: {{theta1: -90 deg, theta2: 0}}}}, {{q: {{theta1: -30 deg, theta2: 30 deg}}}}, {{q: {{theta1: 40 deg, theta2: -30 deg}}}}]
+control: {{type: computed_torque, gains: {{kp: 400, kd: 40}}}}
+initial: {{q: {{theta1: -90 deg, theta2: 0}}}}
+outputs: {{reactions: true}}
+simulate: {{duration: 1.15, samples: 201}}
+"""
+NEAR = 1e-3  # of a figure, that its error may be: accelerations jump by as much as the loads themselves
+
+
+def test_figures_along_a_motion_whose_accelerations_jump_are_those_of_its_pieces(tmp_path: Path) -> None:
+    """Knots of the trajectory are no samples; errors covered the jumps, as wide as these are, and peaks were missed."""
+    path = tmp_path / "stops.yaml"
+    path.write_text(STOPS, encoding="utf-8")
+    runs = runs_of(path, "simulate", 201)
+    found = [x for x in moves(runs) if x.key.startswith(("reactions", "drives", "control.energy"))]
+    assert len(found) > 100 and not [str(x) for x in found if x.ratio > TIMES]
+    # losses of gears jump at other times too: where a joint is at rest, and where its load changes its sign
+    figures = ("peak_force", "peak_moment", "joint.peak_torque", "joint.rms_torque", "energy.driving")
+    peaks = [x for x in found if x.kind.endswith(figures)]
+    assert len(peaks) > 50
+    for x in peaks:
+        assert None not in x.errors and max(x.errors) < NEAR * abs(x.values[0]), str(x)
+
+
+TURNS = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {{name: a, type: revolute, axis: [0, 0, 1], friction: {{coulomb: 3}}}}
+    - {{name: b, type: revolute, axis: [0, 0, 1], origin: {{xyz: [0.6, 0, 0]}}, friction: {{coulomb: 2}}}}
+  links:
+    - {{name: A, mass: 2, com: [0.3, 0, 0], com_frame: joint, inertia: {{zz: 0.1}}}}
+    - {{name: B, mass: 1, com: [0.2, 0, 0], com_frame: joint, inertia: {{zz: 0.05}}}}
+trajectory: {trajectory}
+inverse: {{samples: 201}}
+"""
+CROWDED = {
+    "another turn": "{type: joint, duration: 1, q: {a: 0.5*sin(7*t), b: 0.4*sin(7*t + 0.02)}}",
+    "a knot": "{type: quintic, points: [{t: 0, q: {a: 0, b: 0}}, {t: 0.5, q: {a: 0.6, b: 0.5}, qd: {a: 0.01, b: -0.004}},"
+    " {t: 1, q: {a: 0.1, b: 0.2}}]}",
+}
+
+
+@pytest.mark.parametrize("near", CROWDED)
+def test_friction_that_turns_near_something_else_is_cut_there(near: str, tmp_path: Path) -> None:
+    """A joint turned back less than three samples from a knot or from another joint: as wide an error as friction."""
+    path = tmp_path / "turns.yaml"
+    path.write_text(TURNS.format(trajectory=CROWDED[near]), encoding="utf-8")
+    found = moves(runs_of(path, "inverse", 201))
+    assert not [str(x) for x in found if x.ratio > TIMES]
+    own = [x for x in found if x.kind.endswith(("peak_torque", "rms_torque", "torque_range.N"))]
+    assert len(own) >= 12
+    for x in own:
+        assert None not in x.errors and max(x.errors) < 0.1 * NEAR * max(map(abs, x.values)), str(x)
 
 
 # -- the judge, and what adds the errors of a second run ---------------------------------------------------------

@@ -110,7 +110,7 @@ def test_where_a_rate_turns_back() -> None:
     """cos(3 t) at steps of 0.05 s: at odd multiples of pi / 6; and where it is 0 at a sample it is not between two."""
     t = np.arange(0.0, 3.01, 0.05)
     found = 0.05 * np.array(turns_of(t, np.cos(3.0 * t), -3.0 * np.sin(3.0 * t)))
-    assert np.allclose(found, np.pi / 6.0 * np.array([1.0, 3.0, 5.0]), atol=1e-7)
+    assert np.allclose(found, np.pi / 6.0 * np.array([1.0, 3.0, 5.0]), atol=1e-11)
     assert turns_of(np.arange(3.0), np.array([1.0, 0.5, 0.2]), np.zeros(3)) == []
 
 

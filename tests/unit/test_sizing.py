@@ -323,6 +323,24 @@ def test_a_joint_that_needs_nothing_is_told(tmp_path: Path, capsys: pytest.Captu
     assert printed.startswith("size\n") and "joint 'a' needs nothing" in printed
 
 
+@pytest.mark.parametrize("a", ["0.3", "0.02*sin(pi*t)^3"])
+def test_a_limit_that_decides_is_one_of_the_drive(a: str) -> None:
+    """Of equal uses too, where nothing is used: the dearer gear has a limit that the motor alone has not."""
+    text = (
+        "schema: 1\nrobot:\n  joints: [{name: a, type: revolute, axis: [0, 0, 1]}]\n"
+        "  links: [{name: l, mass: 3, com: [0.5, 0, 0], inertia: {zz: 0.1}}]\ngravity: [0, 0, 0]\n"
+        f"trajectory: {{type: joint, duration: 2, q: {{a: {a}}}}}\ncatalogue:\n  motors:\n"
+        "    m: {type: dc, mass: 1, cost: 1, torque_constant: 0.1, resistance: 1, voltage: 24, max_current: 30, rated_current: 6}\n"
+        "  gears: {g: {type: gear, ratio: 5, efficiency: 0.9, mass: 1, cost: 2, peak_torque: 9, max_speed: 900}}\n"
+    )
+    summary = size(load_scene_text(text)).summary
+    drive, sized = summary["drives"]["a"], summary["size"]["joints"]["a"]
+    assert sized["front"][0]["gear"] is None and sized["front"][0]["decides"] == drive["decides"]
+    for one in (sized["best"], *sized["front"]):
+        limits = {"peak", "continuous"} | ({"gear_peak", "gear_speed"} if one["gear"] else set())
+        assert one["decides"] in limits and one["margin_error"] is not None
+
+
 def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = tmp_path / "arm.yaml"
     path.write_text(ARM, encoding="utf-8")

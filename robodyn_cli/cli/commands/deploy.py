@@ -50,7 +50,9 @@ def describe(summary: Mapping[str, Any]) -> str:
     if growth := criteria.get("growth_times", {}):
         fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
         dead = criteria.get("dead_point")
-        where = f"dead point at {dead:.9g} s" if dead is not None else "no dead point"
+        off = criteria["errors"].get("dead_point")
+        bound = f" +- {error_text(off)}" if off is not None else ""
+        where = f"dead point at {dead:.9g}{bound} s" if dead is not None else "no dead point"
         lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [
         *extreme_lines(summary),

@@ -255,7 +255,7 @@ class _Judge:
         second, done = second_runs(self.batch, self.first, _arrived, self.sampling)
         courses = self._courses(second)
         floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning)
-        if len(rows := np.flatnonzero(done & courses.amplify(floor))):
+        if len(rows := np.flatnonzero(done & courses.in_doubt(floor))):
             few = self.part(rows)
             third, ended = second_runs(few.batch, few.first.once_more, _arrived, few.sampling)
             apart = np.zeros_like(courses.apart)

@@ -29,7 +29,7 @@ from robodyn_cli.torques.build import OpenChain
 from robodyn_cli.torques.checks import FIGURES, Loaded, breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
-from robodyn_cli.works.inverse import at_rest, inverse, program_of
+from robodyn_cli.works.inverse import inverse, looked_at, planned_at, program_of
 
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
 
@@ -55,13 +55,14 @@ class InverseStructure(Built):
         super().__init__(
             keys, row, Tables([self.kernel.program]), witnesses, obstacle(self.program, scene, keys)
         )
-        self._planned: dict[int, Planned] = {}
+        self._planned: dict[bytes, Planned] = {}
 
     def planned(self, times: Array) -> Planned:
         """Return the motion at times (T,), which is the same in all runs."""
-        if len(times) not in self._planned:
-            self._planned[len(times)] = at_rest(self.program.problem, self.program.plan(times))
-        return self._planned[len(times)]
+        key = times.tobytes()
+        if key not in self._planned:
+            self._planned[key] = planned_at(self.program, times)
+        return self._planned[key]
 
     def torques(self, planned: Planned, tables: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the torques (N, nv, T) along a motion with rows of tables, and where all of a run is finite (N,)."""
@@ -183,7 +184,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
     )  # runs with numbers that are not finite are left to ``inverse``, which names them
     def make(self, structure: InverseStructure, rows: Rows, asked: AskedRuns) -> list[int]:
         samples = asked.samples or structure.program.problem.scene.inverse.samples
-        planned = structure.planned(structure.program.looked_at(samples))
+        planned = looked_at(structure.program, samples, structure.planned)
         tables = table_rows(structure.tables, structure.numbers(asked.result.values[rows]))
         left: list[int] = []
         runs = max(1, ENTRIES // (structure.size * len(planned.times)))

@@ -24,6 +24,7 @@ from robodyn_cli.over.study.rows import Points, Task
 from robodyn_cli.over.study.runs import run_points
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.deploy import GROWTH
 from robodyn_cli.summaries.keys import leaf_of
 
 EXACT, DIFFERENCES = "exact", "differences"
@@ -39,13 +40,10 @@ class Slope:
     reason: str = ""
 
 
-GRID = "criteria.grid"  # states the error of times that are those of samples on a grid
-
-
 def is_time_of_sample(command: str, output: str) -> bool:
     """Tell whether an output is the time of a sample on a grid, which stays or jumps when a key changes."""
     leaf = leaf_of(command, output)
-    return leaf is not None and GRID in leaf.errors
+    return leaf is not None and GROWTH in leaf.errors
 
 
 def why_not(command: str, output: str) -> str:

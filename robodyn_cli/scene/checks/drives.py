@@ -26,8 +26,6 @@ OWN = ("gear_ratio", "rotor_inertia", "gear")
 
 def check_drives(scene: Scene, check: Check) -> None:
     """Report everything that is wrong with the catalogue and with the drives."""
-    if scene.catalogue is None:
-        return  # its file could not be read
     before = len(check.found)
     for _, group in GROUPS:
         for name, part in getattr(scene.catalogue, group).items():

@@ -40,6 +40,7 @@ from robodyn_cli.works.deploy.lock import (
     ClosedLatch,
     Lock,
     Relocated,
+    Rescan,
     bifurcation_error,
     close,
     criteria,
@@ -48,6 +49,7 @@ from robodyn_cli.works.deploy.lock import (
     events,
     find_lock,
     relocate,
+    rescan,
 )  # fmt: skip
 from robodyn_cli.works.deploy.recording import (
     FollowedLock,
@@ -64,7 +66,7 @@ class Deployment(Run):
     """What a deployment came to.
 
     estimate : of the error of the recorded run. lock : None where no criterion fired, or the run failed before.
-    relocated : where a second scan puts the lock. followed : the locked structure, where that was asked
+    again : a second scan. relocated : where it puts the lock. followed : the locked structure, where that was asked
     for.
     """
 
@@ -73,6 +75,7 @@ class Deployment(Run):
     estimate: Estimate | None = None
     lock: Lock | None = None
     latch: ClosedLatch | None = None
+    again: Rescan | None = None
     relocated: Relocated | None = None
     followed: FollowedLock | None = None
 
@@ -230,11 +233,14 @@ def _lock(done: Deployment, watch: Stopwatch) -> Deployment:
     with watch.stage("lock"):
         lock = find_lock(motion, scanned, done.end, done.recorder)
         latch = close(motion, scanned, lock)
-    if lock is None or not motion.scene.simulate.error_estimate:
-        return dataclasses.replace(done, lock=lock, latch=latch)
+    done = dataclasses.replace(done, lock=lock, latch=latch)
+    met = lock is not None or scanned.dead_points or (scanned.growth is not None and scanned.growth.times)
+    if not met or not motion.scene.simulate.error_estimate:
+        return done
     with watch.stage("error_estimate"):
-        relocated = relocate(motion, scanned, lock, done.recorder)
-    return dataclasses.replace(done, lock=lock, latch=latch, relocated=relocated)
+        again = rescan(motion, scanned)
+        relocated = None if lock is None else relocate(motion, again, lock, done.recorder)
+    return dataclasses.replace(done, again=again, relocated=relocated)
 
 
 def _follow(done: Deployment, watch: Stopwatch) -> Deployment:
@@ -263,10 +269,11 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     done.recorder.fill(result)
     add_joint_limits(result, done.motion.scene, done.motion.problem.model)
     overload: Overload | None = None
+    jumps = [float(event["time"]) for event in result.events]
     if failure is None:
         if done.followed is not None:
             add_followed(result, done)
-        overload = first_overload(result, limits)
+        overload = first_overload(result, limits, done.recorder.breaks(result.time, jumps))
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
         if done.motion.scene.outputs.extremes:
@@ -282,7 +289,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
     result.events.sort(key=lambda event: float(event["time"]))
     keys = DeploySummary(
-        criteria=criteria(done.motion, done.found),
+        criteria=criteria(done.motion, done.found, done.again),
         lock=_lock_keys(done),
         after_lock=ABSENT if failure is not None else _after_lock(done),
         overload=overload if limits and failure is None else ABSENT,

@@ -133,7 +133,8 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         summary = dataclasses.replace(summary, warnings=[*told, *doubts])
     overload = None
     if failure is None:
-        overload = first_overload(result, scene.deploy.loads)
+        jumps = [float(event["time"]) for event in result.events]
+        overload = first_overload(result, scene.deploy.loads, run.recorder.breaks(result.time, jumps))
         latches = watcher_of(run.driver.watchers)
         locked = "locked" if latches.are_closed else "no_lock"
         result.status = "overload" if overload is not None else locked

@@ -8,14 +8,16 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError, RobodynError, SingularConfigurationError
-from robodyn_cli.motion.error import Attempt, First, integrate_again, remainder, time_errors
+from robodyn_cli.motion.error import TIME_ROUNDING, Attempt, First, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.ready.singularity import Singularity, classify, culprit, psi_at
 from robodyn_cli.record import record
 from robodyn_cli.solve.extremes import largest
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import (
+    CriterionErrors,
     CriterionTimes,
     LatchKeys,
     LockErrors,
@@ -27,7 +29,7 @@ from robodyn_cli.summaries.deploy import (
 )  # fmt: skip
 from robodyn_cli.summaries.facts import ABSENT, Absent, rounded_up
 from robodyn_cli.works.deploy.growth import GRID, LatchImpact, Locked, close_latch, locked, multiplier_norm
-from robodyn_cli.works.deploy.scan import Scan, ScanEnd, fired, scan
+from robodyn_cli.works.deploy.scan import Pose, Scan, ScanEnd, fired, scan
 
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
 
@@ -111,13 +113,24 @@ class Relocated:
     factor: float
 
 
-def relocate(motion: Motion, scanned: Scan, lock: Lock, recorder: Recorder) -> Relocated:
-    """Look for the lock by a second, tighter scan."""
-    by_multipliers = lock.criterion == "multipliers"
-    if scanned.driven and by_multipliers:
-        return Relocated(GRID, scanned, _earlier(motion, lock, recorder), None, 1.0)
-    if scanned.driven:  # pure geometry: the root of a smooth function, to rounding
-        return Relocated(1e-15 * max(1.0, abs(lock.time)) * 10, scanned, lock, None, 1.0)
+@record
+class Rescan:
+    """What a second, tighter scan met; factor : the difference of figures times it is their error."""
+
+    scanned: Scan
+    factor: float
+
+    def time_error(self, time: float, pose: Pose | None) -> float | None:
+        """Return the error of the time [s] of an event that the second scan puts at a pose; None where it has none."""
+        if self.scanned.driven:  # the root of a smooth function, to rounding
+            return TIME_ROUNDING * max(1.0, abs(time))
+        return None if pose is None else max(self.factor * abs(pose[0] - time), TIME_ROUNDING * time)
+
+
+def rescan(motion: Motion, scanned: Scan) -> Rescan:
+    """Scan once more; what is driven into a dead point is pure geometry, which no second scan changes."""
+    if scanned.driven:
+        return Rescan(scanned, 1.0)
     first = First(motion.options, motion.choice.method, np.array([scanned.steps]), np.array([scanned.end]))
     other, steps = scanned, 0.0
 
@@ -130,28 +143,37 @@ def relocate(motion: Motion, scanned: Scan, lock: Lock, recorder: Recorder) -> R
         return np.array([steps]), np.array([given_up])
 
     integrate_again(first, once)
-    factor = float(remainder(first, np.array([steps]))[0])
-    if by_multipliers:
-        time, again = GRID, _earlier(motion, lock, recorder)
+    return Rescan(other, float(remainder(first, np.array([steps]))[0]))
+
+
+def relocate(motion: Motion, again: Rescan, lock: Lock, recorder: Recorder) -> Relocated:
+    """Look for the lock in a second scan."""
+    other, factor = again.scanned, again.factor
+    if lock.criterion == "multipliers":
+        fires = fired(other.growth, motion.scene.deploy.growth)
+        error = None if fires is None else GRID + factor * abs(fires - lock.time)
+        moved = _earlier(motion, lock, recorder, GRID if error is None else error)
+        if other.driven:
+            return Relocated(error, other, moved, None, factor)
     else:
         pose = other.latched if lock.criterion == "latch" else other.dead_point
-        if pose is None:
-            return Relocated(None, other, None, None, factor)
-        time = float(time_errors(first, abs(pose[0] - lock.time), steps, lock.time)[0])
-        again = dataclasses.replace(lock, time=pose[0], state=pose[1])
-    here = classify(motion.problem, motion.system.split(again.state)[0], motion.passive)
-    again = dataclasses.replace(again, singular=here)
-    return Relocated(time, other, again, close(motion, scanned, again), factor)
+        error = again.time_error(lock.time, pose)
+        if pose is None or other.driven:
+            return Relocated(error, other, lock if other.driven else None, None, factor)
+        moved = dataclasses.replace(lock, time=pose[0], state=pose[1])
+    here = classify(motion.problem, motion.system.split(moved.state)[0], motion.passive)
+    moved = dataclasses.replace(moved, singular=here)
+    return Relocated(error, other, moved, close(motion, other, moved), factor)
 
 
-def _earlier(motion: Motion, lock: Lock, recorder: Recorder) -> Lock:
-    """Return a lock one interval of the grid of multipliers earlier, by the last two samples."""
+def _earlier(motion: Motion, lock: Lock, recorder: Recorder, by: float) -> Lock:
+    """Return a lock so much [s] earlier, by the last two samples."""
     times, z = recorder.array("time"), motion.system.split(lock.state)[2]
     if len(times) < 2:
         return lock
-    part = GRID / (times[-1] - times[-2])
+    part = by / (times[-1] - times[-2])
     q, qd = (x[-1] - part * (x[-1] - x[-2]) for x in (recorder.array("q"), recorder.array("qd")))
-    return dataclasses.replace(lock, time=lock.time - GRID, state=motion.system.join(q, qd, z))
+    return dataclasses.replace(lock, time=lock.time - by, state=motion.system.join(q, qd, z))
 
 
 def doubt(lock: Lock | None, error: float | None) -> NumericalError | None:
@@ -204,9 +226,9 @@ def growth_times(scanned: Scan) -> dict[str, float | None]:
     return {f"{level:g}": growth.times.get(level) for level in growth.levels} if growth else {}
 
 
-def criteria(motion: Motion, scanned: Scan) -> CriterionTimes:
-    """Say when each criterion fired, whichever was chosen."""
-    return CriterionTimes(
+def criteria(motion: Motion, scanned: Scan, again: Rescan | None = None) -> CriterionTimes:
+    """Say when each criterion fired, whichever was chosen, with errors by a second scan."""
+    times = CriterionTimes(
         chosen=motion.scene.deploy.criterion,
         dead_point=scanned.dead_point[0] if scanned.dead_point else None,
         multipliers=fired(scanned.growth, motion.scene.deploy.growth),
@@ -216,7 +238,17 @@ def criteria(motion: Motion, scanned: Scan) -> CriterionTimes:
         latch=(scanned.latched[0] if scanned.latched else None)
         if motion.scene.deploy.criterion == "latch"
         else ABSENT,
+        errors=CriterionErrors(growth=GRID if scanned.growth else ABSENT),
     )
+    if again is None:
+        return times
+    times = with_second(times, criteria(motion, again.scanned), again.factor, ("criteria",))
+    dead = (
+        ABSENT
+        if scanned.dead_point is None
+        else again.time_error(scanned.dead_point[0], again.scanned.dead_point)
+    )
+    return dataclasses.replace(times, errors=dataclasses.replace(times.errors, dead_point=dead))
 
 
 def describe_lock(
@@ -238,7 +270,7 @@ def describe_lock(
     return LockKeys(
         time=lock.time,
         time_error=error,
-        time_error_method="difference from a second, tighter integration; for growth, one grid interval"
+        time_error_method="difference from a second, tighter integration; for growth, one grid interval more"
         if estimated or error is not None
         else "not asked for",
         angles={name: x for name, x, _ in angles},
@@ -270,7 +302,8 @@ def describe_lock(
 def _multiplier_keys(motion: Motion, scanned: Scan, recorder: Recorder) -> MultiplierKeys:
     constraints = motion.problem.constraints
     norm = multiplier_norm(recorder.array("constraints/multipliers")[:, constraints.of_loops])
-    peak = largest(recorder.array("time"), norm[:, None])
+    times = recorder.array("time")
+    peak = largest(times, norm[:, None], recorder.breaks(times))
     return MultiplierKeys(
         start=float(norm[0]),
         at_lock=None if scanned.driven else float(norm[-1]),

@@ -4,7 +4,7 @@ structure, with the load in each joint and in the latch."""
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -27,6 +27,7 @@ from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, magnitude
 from robodyn_cli.solve.extremes import largest
+from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, LatchErrors, LatchLoad, Overload
@@ -241,13 +242,13 @@ def follow_locked(
 
 def _with_loads(keys: AfterLock, driver: Driver, recorder: Recorder, estimate: Estimate | None) -> AfterLock:
     """Return the keys of the locked mechanism with its loads, and what the second run says of all of them."""
-    jumps = [float(event["time"]) for event in driver.log]
+    jumps = driver.instants
 
     def loaded(run: Recorder) -> AfterLock:
         return dataclasses.replace(
             keys,
             error_estimate=None if estimate is None else estimate.errors,
-            latch=_latch_load(run, keys.closure),
+            latch=_latch_load(run, keys.closure, jumps),
             largest=run.largest_loads(jumps),
         )
 
@@ -297,14 +298,14 @@ def join(before: Recorder, after: Recorder) -> dict[str, Array]:
     return samples
 
 
-def _latch_load(recorder: Recorder, name: str) -> LatchLoad:
-    """Return the largest force and moment in the latch, when, and those at the end."""
+def _latch_load(recorder: Recorder, name: str, events: Sequence[float]) -> LatchLoad:
+    """Return the largest force and moment in the latch, when, and those at the end, with jumps at events."""
     path = f"loop_reactions/{name}"
     assert recorder.observer.reactions is not None
     data, times = recorder.array(path), recorder.array("time")
     names = recorder.observer.reactions.names[path]
     sizes = np.column_stack([magnitude(data, names, letter) for letter in "fm"])
-    peak = largest(times, sizes)
+    peak = largest(times, sizes, recorder.breaks(times, events))
     (force, moment), (force_time, moment_time), errors, time_errors = (
         x.tolist() for x in (peak.value, peak.time, peak.error, peak.time_error)
     )
@@ -315,8 +316,9 @@ def _latch_load(recorder: Recorder, name: str) -> LatchLoad:
     )  # fmt: skip
 
 
-def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None:
-    """Return the first sample at which a joint or closure bears more than its limit; None if none does."""
+def first_overload(result: Result, limits: Mapping[str, Any], breaks: Breaks) -> Overload | None:
+    """Return the first sample at which a joint or closure bears more than its limit; None if none does; breaks : see
+    ``quadrature``."""
     worst: Overload | None = None
     for name, limit in limits.items():
         path = next((p for p in (f"reactions/{name}", f"loop_reactions/{name}") if p in result), None)
@@ -330,7 +332,7 @@ def first_overload(result: Result, limits: Mapping[str, Any]) -> Overload | None
             size, times = magnitude(variable.data, variable.names, letter), result.time
             over = np.flatnonzero(size > most)
             if len(over) and (worst is None or times[over[0]] < worst.time):
-                at, peak = int(over[0]), largest(times, size[:, None])
+                at, peak = int(over[0]), largest(times, size[:, None], breaks)
                 since = float(times[at] - times[max(at - 1, 0)])
                 largest_load = float(peak.value[0]), float(peak.error[0])
                 worst = Overload(name, quantity, most, float(times[at]), since, *largest_load)

@@ -36,7 +36,7 @@ from robodyn_cli.solve.extremes import largest_magnitude
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.checks import breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.works.inverse import evaluated_at, program_of
+from robodyn_cli.works.inverse import evaluated, looked_at, planned_at, program_of
 
 SPEED = "speed"  # limit of a motor that is not run, by its top speed
 
@@ -101,7 +101,8 @@ class Responses:
         """
         unit = with_unit_drives(scene, drives)
         program = program_of(unit)
-        planned, sampled = evaluated_at(program, program.looked_at(scene.inverse.samples))
+        planned = looked_at(program, scene.inverse.samples, lambda times: planned_at(program, times))
+        sampled = evaluated(program, planned)
         variants = _Variants.of(program, unit, tuple(drives))
         hold = variants.loads(program, sampled, still=True)
         R, names = None, program.problem.model.v_names

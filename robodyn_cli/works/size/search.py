@@ -26,7 +26,7 @@ from robodyn_cli.solve.extremes import largest_magnitude
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import MotorAndGear
 from robodyn_cli.torques.checks import breaks_of_joint
-from robodyn_cli.works.size.candidates import SPEED, Candidates, Responses, stacked
+from robodyn_cli.works.size.candidates import SPEED, Candidates, Responses
 
 MOST_SWEEPS = 40
 ALIKE = 1e-9  # relative change of a load that is rounding
@@ -168,18 +168,21 @@ class DriveSearch:
 
     def _figures(self, name: str, k: int) -> MotorAndGear:
         """Return the figures of the k-th combination of a joint."""
-        one, use = self.candidates[name], stacked(self.uses[name])
-        train = one.train(k)
-        decides = list(self.uses[name])[int(use.reshape(len(use), -1)[:, k].argmax())]
+        one, train = self.candidates[name], self.candidates[name].train(k)
         cost, mass, margin = (float(x.flat[k]) for x in (one.costs, one.masses, self.margins(name)))
         duty = self._duty(name, {other: self.figure(other, "masses") for other in self.candidates})
+        evaluated = Evaluated.of(train, duty)
+        # of equal uses that of ``inverse``, and none of a limit that this drive does not have
+        own = {limit: float(x.flat[k]) for limit, x in self.uses[name].items()}
+        decides = max(
+            (limit for limit in (*evaluated.uses, SPEED) if not np.isnan(own.get(limit, np.nan))),
+            key=own.__getitem__,
+        )
         if decides == SPEED:
             fast = largest_magnitude(duty.times, duty.speed[:, None], duty.breaks)
             off = (1.0 - margin) * float(fast.error[0] / fast.value[0])
         else:
-            evaluated = Evaluated.of(train, duty)
-            # a motion that uses nothing is decided by any limit, one that this train does not have too
-            off = evaluated.use_error(decides) if decides in evaluated.uses else 0.0
+            off = evaluated.use_error(decides)
         return MotorAndGear(train.drive.motor, train.drive.gear, cost, mass, margin, off, decides)
 
     def best(self, name: str) -> MotorAndGear:
