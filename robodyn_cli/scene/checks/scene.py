@@ -96,7 +96,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
 
         scene = check_elements(scene, check)
     _check_drives(scene, check)
-    if scene.drives:
+    if scene.drives or scene.catalogue is not None:
         from robodyn_cli.scene.checks.drives import check_drives
 
         check_drives(scene, check)
