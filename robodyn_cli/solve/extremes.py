@@ -16,11 +16,9 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from functools import lru_cache
-from typing import Any
+from functools import lru_cache, reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.quadrature import (
@@ -264,7 +262,7 @@ def _uniform_tops(y: Array, low: Array, high: Array) -> tuple[Array, Array]:
     """Return the largest values (n,) of many columns y (T, n), and their places in samples, without their errors."""
     columns, window = np.arange(y.shape[1]), min(len(y), 2 * POINTS + 1)
     j = np.argmax(_tops(y, low, high), axis=0)
-    first = _between(j - POINTS, 0, len(y) - window)
+    first = np.clip(j - POINTS, 0, len(y) - window)
     near = y[first + np.arange(window)[:, None], columns]
     rough = roughness(near)
     k = np.arange(len(rough))[:, None] + first
@@ -303,28 +301,19 @@ def _largest_of_piece(y: Array, low: Array, high: Array) -> Extreme:
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.where(error > 0.0, np.minimum(1.0, 4.0 * error / bend), 0.0)
     off = np.where(trusted | (error == 0.0), off, 1.0)
-    fields = [x.reshape(tries, n) for x in (np.where(trusted, top, there), error, at, off)]
-    value, error, at, off = fields
-    found, *others = (Extreme(value[k], error[k], at[k], off[k], at[k]) for k in range(tries))
-    for other in others:
-        found = found.or_larger(other)
-    return _anywhere(found, y, near)
+    fields = [x.reshape(tries, n) for x in (np.where(trusted, top, there), error, at, off, at)]
+    return _anywhere(reduce(Extreme.or_larger, map(Extreme, *fields)), y, near)
 
 
-def _highest(bound: Array) -> NDArray[np.int_]:
+def _highest(bound: Array) -> Array:
     """Return the places (TRIES, n) of the largest of bounds (T, n), none beside another; the bounds are used up."""
     columns = np.arange(bound.shape[1])
     places = []
     for _ in range(min(TRIES, len(bound))):
         places.append(np.argmax(bound, axis=0))
         for k in (-1, 0, 1):
-            bound[_between(places[-1] + k, 0, len(bound) - 1), columns] = -np.inf
+            bound[np.clip(places[-1] + k, 0, len(bound) - 1), columns] = -np.inf
     return np.array(places)
-
-
-def _between(x: Array, low: Any, high: Any) -> Array:
-    """Return what ``np.clip`` does, which takes several times as long for a few numbers."""
-    return np.minimum(np.maximum(x, low), high)
 
 
 def _anywhere(found: Extreme, y: Array, near: Array) -> Extreme:
@@ -366,28 +355,25 @@ def _tops(y: Array, low: Array, high: Array) -> Array:
     return found
 
 
-def _refined(
-    y: Array, samples: tuple[NDArray[np.int_], NDArray[np.int_]], low: Array, high: Array
-) -> tuple[Array, Array, Array]:
+def _refined(y: Array, samples: tuple[Array, Array], low: Array, high: Array) -> tuple[Array, Array, Array]:
     """Return the largest values (m,) between the neighbours of samples, their rows j and columns (m,), their places,
     and |y''| there."""
     j, columns = samples
     points, last = min(POINTS, len(y)), len(y) - 1
     ahead = y[np.minimum(j + 1, last), columns] > y[np.maximum(j - 1, 0), columns]
-    first = _between(j - points // 2 + (points % 2 == 0) * ahead, 0, len(y) - points)
+    first = np.clip(j - points // 2 + (points % 2 == 0) * ahead, 0, len(y) - points)
     near = y[first + np.arange(points)[:, None], columns]
     c = _to_powers(points) @ near
     begin = np.where(j == 0, -low, np.maximum(j - 1, 0)) - first
     end = np.where(j == last, last + high, np.minimum(j + 1, last)) - first
     x = begin + (end - begin) * BETWEEN
     x = x[np.argmax(_value(c, x), axis=0), np.arange(len(j))]
-    slope = _derivative(c)
-    bend = _derivative(slope)
+    slope, bend = _derivative(c), _derivative(_derivative(c))
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(3):
             curved = _value(bend, x)
             step = np.where(curved < 0.0, -_value(slope, x) / curved, 0.0)
-            x = _between(x + step, begin, end)
+            x = np.clip(x + step, begin, end)
     top, there = _value(c, x), y[j, columns]
     # what the polynomial adds by its own rounding is nothing
     flat = np.abs(top - there) <= FLAT * np.abs(near).max(axis=0)
