@@ -12,7 +12,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import statistics
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -72,16 +72,20 @@ def settings(
 
 
 def runs_of(
-    path: Path, names: Iterable[str], tolerances: Sequence[float] = TOLERANCES, budget: Budget | None = None
+    path: Path,
+    names: Iterable[str],
+    tolerances: Sequence[float] | Mapping[str, Sequence[float]] = TOLERANCES,
+    budget: Budget | None = None,
 ) -> Iterator[Row]:
-    """Yield a row for each run of a scene."""
+    """Yield a row for each run of a scene; ``tolerances`` : of all methods, or by method."""
     budget = budget or Budget(500_000, 10.0)
     scene = load_scene(path)
     ref = reference(scene, Budget(2_000_000, 20.0))
     if ref is None:
         return
     for method in names:
-        for setting, options in settings(method, scene.simulate.duration, tolerances):
+        own = tolerances[method] if isinstance(tolerances, Mapping) else tolerances
+        for setting, options in settings(method, scene.simulate.duration, own):
             done = solve(scene, budget, integrator=method, error_estimate=True, **options)
             if done.error is None and done.result is not None:
                 yield judge(path.stem, method, setting, done, ref)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -178,23 +179,27 @@ def _heated(
 # -- limits ------------------------------------------------------------------------------------------------
 @record
 class Use:
-    """How much of a limit a cycle uses (...,), 1 : all of it; at : the time that decides [s], None for a mean; error,
-    off : of the use and of the time, of one cycle."""
+    """How much of a limit a cycle uses (...,), 1 : all of it; at : the time that decides [s], None for a mean;
+    samples : times and uses of one cycle (2, T), of which it is the largest."""
 
     part: Array
     at: Array | None = None
-    error: Any = None
-    off: Any = None
+    samples: Array | None = None
 
     @staticmethod
     def most(part: Array, times: Array) -> Use:
         """Return the largest use of samples (..., T): of one cycle between the samples too, see ``extremes``."""
         value, at = (x.reshape(part.shape[:-1]) for x in tops(times, part.reshape(-1, part.shape[-1]).T))
-        if part.ndim > 1:
-            return Use(value, at)
-        top = largest(times, part[:, None])
-        error, off = top.error[0] + abs(top.value[0] - value), top.time_error[0] + abs(top.time[0] - at)
-        return Use(value, at, error, off)
+        return Use(value, at, None if part.ndim > 1 else np.stack([times, part]))
+
+    @cached_property
+    def errors(self) -> tuple[float, float]:
+        """The errors of the use and of its time, of one cycle; a search, which needs none, does not pay for them."""
+        if self.samples is None or self.at is None:
+            return 0.0, 0.0
+        top = largest(self.samples[0], self.samples[1][:, None])
+        part, at = abs(top.value[0] - self.part), abs(top.time[0] - self.at)
+        return float(top.error[0] + part), float(top.time_error[0] + at)
 
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:

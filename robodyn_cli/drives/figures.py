@@ -175,8 +175,8 @@ class Evaluated:
     def use_error(self, name: str) -> float:
         """Return the error of the use of a limit; of one that no instant decides, or heat, by fewer samples."""
         use = self.uses[name]
-        error = 0.0 if use.error is None else float(use.error)
-        if use.error is None or name == "winding":
+        error = use.errors[0]
+        if use.samples is None or name == "winding":
             error = max(error, self.by_fewer(lambda x: x.uses[name].part))
         return error
 
@@ -185,7 +185,7 @@ class Evaluated:
         error = self.use_error(name)
         if use.at is None:
             return UsedLimit(float(use.part), error, ABSENT, ABSENT)
-        off = float(use.off)
+        off = use.errors[1]
         if name == "winding":
             off = max(off, self.by_fewer(lambda x: x._time_of(name)))
         return UsedLimit(float(use.part), error, self._time_of(name), off)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cached_property
 from typing import Any
 
 from robodyn_cli.expr.graph import is_nonzero
@@ -155,7 +156,7 @@ class Train:
         """What the motor runs on."""
         return Supply(self.drive.voltage, self.drive.ambient)
 
-    @property
+    @cached_property
     def curves(self) -> Curves:
         """Envelopes of one motor."""
         return self.motor.curves(self.supply)

@@ -16,7 +16,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Sequence
-from functools import lru_cache
+from functools import lru_cache, reduce
 
 import numpy as np
 
@@ -40,7 +40,9 @@ from robodyn_cli.spatial.algebra import Array
 
 TRIES = 3  # places of the largest samples that are looked at
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
-LOOKED = 17  # points between neighbours at which a polynomial is evaluated first
+BETWEEN = np.linspace(0.0, 1.0, 17)[
+    :, None
+]  # places between neighbours where a polynomial is evaluated first
 FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
@@ -262,12 +264,12 @@ def _uniform_tops(y: Array, low: Array, high: Array) -> tuple[Array, Array]:
     columns, window = np.arange(y.shape[1]), min(len(y), 2 * POINTS + 1)
     j = np.argmax(_tops(y, low, high), axis=0)
     first = np.clip(j - POINTS, 0, len(y) - window)
-    near = np.take_along_axis(y, first + np.arange(window)[:, None], axis=0)
+    near = y[first + np.arange(window)[:, None], columns]
     rough = roughness(near)
     k = np.arange(len(rough))[:, None] + first
     error = np.where((k <= j) & (k >= j - POINTS), rough, 0.0).max(axis=0)
     error = np.where((j < 2) | (j > len(y) - 3), OUTSIDE * error, error)
-    top, at, bend = _refined(y, j, low, high)
+    top, at, bend = _refined(y, (j, columns), low, high)
     trusted = (top - y[j, columns] > error) | (error < SMOOTH * bend)
     return np.where(trusted, top, y[j, columns]), np.where(trusted, at, j)
 
@@ -286,32 +288,34 @@ def _of_piece(y: Array, piece: slice, low: Array, high: Array) -> Extreme:
 def _largest_of_piece(y: Array, low: Array, high: Array) -> Extreme:
     """Return the largest values of a piece, with times in samples; low, high (n,) : how far it goes beyond its ends."""
     near = _near(roughness(y), len(y))
-    bound = _tops(y, low, high)
-    columns = np.arange(y.shape[1])
-    found: Extreme | None = None
-    for _ in range(min(TRIES, len(y))):
-        j = np.argmax(bound, axis=0)
-        top, at, bend = _refined(y, j, low, high)
-        error, there = near[j, columns], y[j, columns]
-        # a polynomial is not believed where what it leaves out is more than it adds
-        trusted = (top - there > error) | (error < SMOOTH * bend)
-        # differences that are continued beyond the samples are not divided any more
-        outside = trusted & ((at < 0.0) | (at > len(y) - 1.0))
-        error = np.where(
-            outside, OUTSIDE * error, np.maximum(error, top - there) * ~trusted + error * trusted
-        )
-        at = np.where(trusted, at, j)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            noise = error + NOISE * np.abs(top)
-            off = np.where(error > 0.0, np.minimum(1.0, 4.0 * noise / bend), 0.0)
-        own = Extreme(
-            np.where(trusted, top, there), error, at, np.where(trusted | (error == 0.0), off, 1.0), at
-        )
-        found = own if found is None else found.or_larger(own)
+    places = _highest(_tops(y, low, high))
+    tries, n = places.shape
+    j, columns = places.ravel(), np.tile(np.arange(n), tries)
+    top, at, bend = _refined(y, (j, columns), np.tile(low, tries), np.tile(high, tries))
+    error, there = near[j, columns], y[j, columns]
+    # a polynomial is not believed where what it leaves out is more than it adds
+    trusted = (top - there > error) | (error < SMOOTH * bend)
+    # differences that are continued beyond the samples are not divided any more
+    outside = trusted & ((at < 0.0) | (at > len(y) - 1.0))
+    error = np.where(outside, OUTSIDE * error, np.maximum(error, top - there) * ~trusted + error * trusted)
+    at = np.where(trusted, at, j)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        noise = error + NOISE * np.abs(top)
+        off = np.where(error > 0.0, np.minimum(1.0, 4.0 * noise / bend), 0.0)
+    off = np.where(trusted | (error == 0.0), off, 1.0)
+    fields = [x.reshape(tries, n) for x in (np.where(trusted, top, there), error, at, off, at)]
+    return _anywhere(reduce(Extreme.or_larger, map(Extreme, *fields)), y, near)
+
+
+def _highest(bound: Array) -> Array:
+    """Return the places (TRIES, n) of the largest of bounds (T, n), none beside another; the bounds are used up."""
+    columns = np.arange(bound.shape[1])
+    places = []
+    for _ in range(min(TRIES, len(bound))):
+        places.append(np.argmax(bound, axis=0))
         for k in (-1, 0, 1):
-            bound[np.clip(j + k, 0, len(y) - 1), columns] = -np.inf
-    assert found is not None
-    return _anywhere(found, y, near)
+            bound[np.clip(places[-1] + k, 0, len(bound) - 1), columns] = -np.inf
+    return np.array(places)
 
 
 def _anywhere(found: Extreme, y: Array, near: Array) -> Extreme:
@@ -353,31 +357,28 @@ def _tops(y: Array, low: Array, high: Array) -> Array:
     return found
 
 
-def _refined(y: Array, j: Array, low: Array, high: Array) -> tuple[Array, Array, Array]:
-    """Return the largest values (n,) between the neighbours of samples j (n,), their places, and |y''| there."""
-    points = min(POINTS, len(y))
-    first = np.clip(
-        j
-        - points // 2
-        + (points % 2 == 0)
-        * (y[np.minimum(j + 1, len(y) - 1), np.arange(len(j))] > y[np.maximum(j - 1, 0), np.arange(len(j))]),
-        0,
-        len(y) - points,
-    )
-    rows = first + np.arange(points)[:, None]
-    c = _to_powers(points) @ np.take_along_axis(y, rows, axis=0)
+def _refined(y: Array, samples: tuple[Array, Array], low: Array, high: Array) -> tuple[Array, Array, Array]:
+    """Return the largest values (m,) between the neighbours of samples, their rows j and columns (m,), their places,
+    and |y''| there."""
+    j, columns = samples
+    points, last = min(POINTS, len(y)), len(y) - 1
+    ahead = y[np.minimum(j + 1, last), columns] > y[np.maximum(j - 1, 0), columns]
+    first = np.clip(j - points // 2 + (points % 2 == 0) * ahead, 0, len(y) - points)
+    near = y[first + np.arange(points)[:, None], columns]
+    c = _to_powers(points) @ near
     begin = np.where(j == 0, -low, np.maximum(j - 1, 0)) - first
-    end = np.where(j == len(y) - 1, len(y) - 1 + high, np.minimum(j + 1, len(y) - 1)) - first
-    x = begin + (end - begin) * np.linspace(0.0, 1.0, LOOKED)[:, None]
-    x = np.take_along_axis(x, np.argmax(_value(c, x), axis=0)[None], axis=0)[0]
+    end = np.where(j == last, last + high, np.minimum(j + 1, last)) - first
+    x = begin + (end - begin) * BETWEEN
+    x = x[np.argmax(_value(c, x), axis=0), np.arange(len(j))]
     slope, bend = _derivative(c), _derivative(_derivative(c))
     with np.errstate(divide="ignore", invalid="ignore"):
         for _ in range(3):
-            step = np.where(_value(bend, x) < 0.0, -_value(slope, x) / _value(bend, x), 0.0)
+            curved = _value(bend, x)
+            step = np.where(curved < 0.0, -_value(slope, x) / curved, 0.0)
             x = np.clip(x + step, begin, end)
-    top, there = _value(c, x), y[j, np.arange(len(j))]
+    top, there = _value(c, x), y[j, columns]
     # what the polynomial adds by its own rounding is nothing
-    flat = np.abs(top - there) <= FLAT * np.abs(np.take_along_axis(y, rows, axis=0)).max(axis=0)
+    flat = np.abs(top - there) <= FLAT * np.abs(near).max(axis=0)
     return np.where(flat, there, top), np.where(flat, j, x + first), np.abs(_value(bend, x))
 
 

@@ -187,8 +187,12 @@ def stretches(times: Array, breaks: Breaks = ()) -> list[Stretches]:
         return [Stretches(np.zeros(1, dtype=int), 1, *np.zeros((3, 1)))]
     gaps = gaps_between(times)
     cuts = np.flatnonzero(np.abs(np.diff(steps)) > ALIKE * float(np.abs(steps).max())) + 1
-    ends = np.unique([0, *cuts, *gaps, *(gaps + 1), len(steps)])
-    first, last = (np.setdiff1d(x, jumps) for x, jumps in ((ends[:-1], gaps), (ends[1:], gaps + 1)))
+    ends, jumps = np.zeros((2, len(times)), dtype=bool)
+    jumps[gaps] = True
+    for places in (0, cuts, gaps, gaps + 1, len(steps)):
+        ends[places] = True
+    bounds = np.flatnonzero(ends)
+    first, last = bounds[:-1][~jumps[bounds[:-1]]], bounds[1:][~jumps[bounds[1:] - 1]]
     step = (times[last] - times[first]) / (last - first)
     beyond = np.zeros(len(times) + 1)  # half of each gap, at the samples on both sides of it
     beyond[gaps] = beyond[gaps + 1] = 0.5 * steps[gaps]

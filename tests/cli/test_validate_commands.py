@@ -34,6 +34,12 @@ kinematics: {samples: 21}
 reach: {frame: tip, position: [§x, 0.5, 0]}
 statics: {find: §find}
 """
+# little to choose from where ``size`` is not the point; the whole scenes choose from what the program has
+PARTS = """\
+catalogue:
+  motors: {m: {type: dc, mass: 1, cost: 1, torque_constant: 0.1, resistance: 1, voltage: 48, max_current: 30, rated_current: 6}}
+  gears: {g: {type: gear, ratio: 40, efficiency: 0.8, mass: 1, cost: 1, peak_torque: 90}}
+"""
 STILL = "trajectory: {type: joint, q: {j1: 0, j2: 0.8}, duration: 1}"
 WHOLE = {
     "j1": "",
@@ -138,9 +144,10 @@ def written(text: str, words: dict[str, str], more: str) -> str:
     return "\n".join([*lines, more, ""])
 
 
-SCENES = {f"arm, {name}": written(ARM, {**WHOLE, **own}, more) for name, (own, more) in ARMS.items()} | {
-    f"mechanism, {name}": written(FOUR_BAR, {**CLOSED, **own}, more)
-    for name, (own, more) in MECHANISMS.items()
+SCENES = {
+    f"{kind}, {name}": written(text, {**words, **own}, more) + PARTS * (name != "whole")
+    for kind, text, words, scenes in (("arm", ARM, WHOLE, ARMS), ("mechanism", FOUR_BAR, CLOSED, MECHANISMS))
+    for name, (own, more) in scenes.items()
 }
 
 

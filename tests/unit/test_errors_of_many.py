@@ -10,9 +10,10 @@ import pytest
 
 from robodyn_cli import Mechanism, deploy, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import RobodynError
-from robodyn_cli.over.many.command import ended, error_of, number_of
+from robodyn_cli.over.many.command import ManyRuns, ended, error_of, number_of
 from robodyn_cli.over.study.rows import Points, Task
 from robodyn_cli.over.study.runs import Compiled, beyond, make_alone
+from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from tests.unit.test_mechanism import PENDULUM, SCENES, around, own_scene, varied
@@ -38,7 +39,11 @@ def compare(
     found = Mechanism(scene, list(values or ())).simulate_many(values, of=OF, **options)
     if found.one_by_one[0] or not found.ok[0]:
         return None
-    alone = simulate(own_scene(scene, values, 0) if values else scene)
+    return same(found, simulate(own_scene(scene, values, 0) if values else scene), within)
+
+
+def same(found: ManyRuns, alone: Result, within: float) -> bool:
+    """Compare the first of many runs with a run alone; tell whether their steps are equal."""
     own = alone.summary["error_estimate"]
     bound = 10.0 * max(own["q_end"], own["qd_end"])  # the last sample is dense output, rounded once more
     np.testing.assert_allclose(found.q[0], alone["q"][-1], rtol=1e-12, atol=bound)
@@ -98,13 +103,11 @@ def test_random_mechanisms_state_the_same_errors_which_are_true(
     # with fewer samples than 17 many runs are judged by more than a run alone
     scene = load_scene_text(m.scene(), overrides=["simulate.samples=41", *own])
     try:
-        equal = compare(scene, within=within)
+        found, alone = Mechanism(scene).simulate_many(of=OF), simulate(scene)
     except RobodynError:
         return
-    if not equal:
+    if found.one_by_one[0] or not found.ok[0] or not same(found, alone, within):
         return
-    found = Mechanism(scene).simulate_many()
-    alone = simulate(scene)
     ref = truth(m, alone["q"][0], alone["qd"][0], np.array([0.0, m.duration]))
     least = max(10.0 * float(ref.doubt.max()), 100.0 * alone.summary["error_estimate"]["rounding_floor"])
     for value, true, stated in ((found.q, ref.q, found.q_error), (found.qd, ref.v, found.qd_error)):

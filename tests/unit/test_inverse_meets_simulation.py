@@ -15,8 +15,8 @@ from tests.numeric import assert_close
 from tests.random_models import random_inertia
 from tests.unit.test_control_loops import CASES
 
-ROWS = 1001  # of the table of torques, straight between its rows
-DURATION = 0.5
+ROWS = 501  # of the table of torques, straight between its rows
+DURATION = 0.25
 # a joint that never stops takes friction and losses with the full sign at every instant
 FRICTION = {"friction": {"viscous": 0.2, "coulomb": 0.4, "transition_speed": 0.005}}
 # losses of a gear beside a rotor's own inertia are for `inverse` alone

@@ -84,14 +84,23 @@ class Built:
         return found
 
 
+def chosen(scene: Scene, command: str) -> Scene:
+    """Return a scene with its method and Baumgarte's gains as chosen, so that their choice integrates nothing."""
+    if command == "inverse":
+        return scene
+    motion = subjects[command](scene).motion
+    options = dataclasses.replace(motion.scene.simulate, integrator=motion.choice.method)
+    return dataclasses.replace(motion.scene, simulate=options)
+
+
 def check(scene: Scene, command: str) -> None:
     """Fail unless a plan says what the command builds."""
-    if command != "inverse":
-        # the method and Baumgarte's gains as chosen, so that their choice integrates nothing
-        motion = subjects[command](scene).motion
-        options = dataclasses.replace(motion.scene.simulate, integrator=motion.choice.method)
-        scene = dataclasses.replace(motion.scene, simulate=options)
-    found = plan(scene, command)
+    scene = chosen(scene, command)
+    check_plan(plan(scene, command), scene, command)
+
+
+def check_plan(found: dict[str, Any], scene: Scene, command: str) -> None:
+    """Fail unless a plan says what the command builds for a scene whose choices are made."""
     assert found["status"] == "ok"
     built = Built(scene, command)
     planned = {k["digest"]: k for k in found["kernels"]}
@@ -173,13 +182,14 @@ def test_mechanisms(mechanism: str, switch: str) -> None:
 def check_or_refuse(scene: Scene, command: str) -> None:
     """Fail unless a plan says what the command builds, or why the command refuses."""
     try:
-        plan(scene, command)
+        ready = chosen(scene, command)
+        found = plan(ready, command)
     except RobodynError as error:  # such as independent coordinates of rows that depend on each other
         with pytest.raises(type(error)) as refused:
             COMMAND[command](scene)
         assert refused.value.message == error.message
         return
-    check(scene, command)
+    check_plan(found, ready, command)
 
 
 # -- random open chains --------------------------------------------------------------------------------------

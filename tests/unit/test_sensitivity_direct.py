@@ -57,6 +57,12 @@ kinematics: {samples: 41}
 """
 
 
+@pytest.fixture(autouse=True)
+def few_steps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Differences of three steps, of order six, are known far better than ``KNOWN``; the other two are runs for nothing."""
+    monkeypatch.setattr("robodyn_cli.over.sensitivity.differences.LEVELS", 3)
+
+
 def agree(text: str | Path, to: list[str], of: list[str], *overrides: str) -> None:
     """All derivatives are exact; they are central differences, as closely as these are known."""
     question = asked(text, to, of, *overrides)
@@ -167,7 +173,7 @@ inverse: {samples: 201}
 def test_drives_follow_their_own_numbers_too() -> None:
     of = ["drives.theta1.margin", "drives.theta1.shaft.peak_torque", "drives.theta1.gear_loss"]
     to = ["robot.links.link2.mass", "gravity.1"]
-    agree(CONFIGS / "2r_drives.yaml", to, of)
+    agree(CONFIGS / "2r_drives.yaml", to, of, "inverse.samples=201", "expect={}")
 
 
 # -- kinematics ------------------------------------------------------------------------------------------------
