@@ -52,7 +52,7 @@ def with_drives(
     if len(times) < 2 or float(np.ptp(np.diff(times))) > 1e-9 * float(times[-1]):
         uneven = "the samples are not uniform in time, so there are no figures of drives"
         return [_warned(summary, [uneven]), *others]
-    breaks = tuple(breaks_at(times, [*(float(event["time"]) for event in result.events), *instants]))
+    breaks = tuple(breaks_at(times, (float(event["time"]) for event in result.events), instants))
     at_samples = drives = Drives.of(scene, problem, Moved.of(result.__getitem__, breaks))
     if moved is not None:
         drives = Drives.of(scene, problem, moved)

@@ -149,7 +149,7 @@ class Recorder:
         """
         from robodyn_cli.solve.quadrature import breaks_at
 
-        return breaks_at(times, [*events, *self.observer.system.breakpoints])
+        return breaks_at(times, events, self.observer.system.breakpoints)
 
     def _stream(self, path: str, block: Array) -> None:
         assert self.writer is not None

@@ -31,6 +31,7 @@ POINTS = 6
 Breaks = Sequence[float]
 Figure = Callable[[Array, float, Breaks], Array]
 SPACED = 3  # samples between breaks, at least
+ALONE = 6.0  # steps between switches that are cut at
 AT = 1e-9  # samples from a break that a sample is at
 BESIDE = 1e-15  # of its place: as near to that sample pieces end
 ALIKE = 1e-9  # of the longest step, by which equal ones differ
@@ -100,9 +101,16 @@ def spaced(places: Iterable[float], samples: int, known: Breaks = ()) -> list[fl
     return sorted(found)
 
 
-def breaks_at(times: Array, instants: Iterable[float]) -> list[float]:
-    """Return breaks from the times [s] of what makes functions jump, for samples at times (T,), see ``spaced``."""
-    return spaced(places_of(instants, times), len(times))
+def breaks_at(times: Array, events: Iterable[float], switches: Iterable[float] = ()) -> list[float]:
+    """Return breaks from the times [s] of what makes functions jump, for samples at times (T,), see ``spaced``.
+
+    switches : times at which they may bend too, as at knots; where such times lie close to each other, as the rows of a
+    table that follows a smooth function, samples across them tell more than the few between two of them.
+    """
+    places = np.array([-np.inf, *np.unique(places_of(switches, times)), np.inf])
+    gaps = np.diff(places)
+    alone = places[1:-1][np.minimum(gaps[:-1], gaps[1:]) >= ALONE]
+    return spaced([*places_of(events, times), *alone.tolist()], len(times))
 
 
 def places_of(instants: Iterable[float], times: Array) -> list[float]:
