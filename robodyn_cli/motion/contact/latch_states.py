@@ -74,6 +74,8 @@ class LatchStates(ContactStates):
         self._frozen: set[int] = set()
         self._brisk = 1e-300  # the largest acceleration at a closing so far
         self._just: int | None = None  # that has closed at this event
+        self._looked_at: tuple[float, bytes] | None = None
+        self._known_place: tuple[float, bytes] | None = None
         self.turns: list[tuple[float, Array]] = []
         self._values = np.ones(len(self.latches))
 
@@ -99,10 +101,16 @@ class LatchStates(ContactStates):
 
     def _look(self, t: float, x: Array) -> tuple[Array, Array]:
         """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
-        here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
-        self._values = here["values"][0]
-        self.turns.append((t, np.abs(self._values)))
-        return here["rows"].reshape(len(self.latches), -1), here["drift"][0]
+        state = t, x.tobytes()
+        if state != self._looked_at:
+            here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+            self._values = here["values"][0]
+            self.turns.append((t, np.abs(self._values)))
+            self._looked_at, self._seen_rows = (
+                state,
+                (here["rows"].reshape(len(self.latches), -1), here["drift"][0]),
+            )
+        return self._seen_rows
 
     # -- loads of springs ------------------------------------------------------------------------------
     def _bear_all(self, t: float, x: Array) -> None:

@@ -7,6 +7,7 @@ those that close at the same instant do so together, by impulses of least norm w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -61,7 +62,10 @@ class Latches(LatchStates):
 
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix (nv, nv), and Psi (m, nv) with the rows of latches that bear below it."""
-        M, psi = super()._mass_matrix_and_psi(t, x)
+        place = t, x[list(self.system.q_places)].tobytes()
+        if place != self._known_place:  # events ask for it again and again
+            self._known_place, self._known_matrices = place, super()._mass_matrix_and_psi(t, x)
+        M, psi = self._known_matrices
         return M, np.concatenate([psi, self._look(t, x)[0][self.bearing]]) if self.bearing else psi
 
     def arm(self, x: Array) -> Outcome:
@@ -76,7 +80,8 @@ class Latches(LatchStates):
         starts = {}
         for n, function in enumerate(self._own):
             v = self.latches[function.number].closing
-            if function.change is LatchChange.TURNS and v is not None and x[self.system.v_places[v]] == 0.0:
+            turns = function.change is LatchChange.TURNS and function.number not in self.closed
+            if turns and v is not None and x[self.system.v_places[v]] == 0.0:
                 starts[n] = v
         if not starts:
             return {}
@@ -156,8 +161,8 @@ class Latches(LatchStates):
         self._bear_all(t, x)
         if not latch.rigid:
             self.closings[k].has_peaked = self._growth(t, x, k) <= 0.0
+        freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
         for j in together:
-            freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
             it = self.closings[j]
             facts = {
                 "energy_lost": it.lost,
@@ -208,12 +213,13 @@ class Latches(LatchStates):
         if np.abs(rows @ after).max() > TORN * np.abs(rows).max() * fastest:
             raise forced_on([self.names[j] for j in together], t)
         stay = np.eye(len(v))[[k for k in resting if after[k] == 0.0]]
+        lost = met.lost(after)
         for j, share in zip(together, shared(M, np.concatenate([psi, stay]), rows, rates)):
-            self.closings[j].impulse, self.closings[j].lost = float(abs(share)), met.lost(after)
+            self.closings[j].impulse, self.closings[j].lost = float(abs(share)), lost
         x[places] = after
         self._halt(x, together)
         if self.system.work_place is not None:
-            x[self.system.work_place] -= met.lost(after)
+            x[self.system.work_place] -= lost
 
     def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
         """Let what latches bear stand exactly still: what rounding leaves would go on."""
@@ -247,8 +253,9 @@ class Latches(LatchStates):
         idle = []
         for k in (k for k in self.closed if self.latches[k].rigid):
             rest = rows[k] - basis.T @ (basis @ rows[k])
-            if np.linalg.norm(rest) > NEW * np.linalg.norm(rows[k]):
-                basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+            length = math.sqrt(rest @ rest)
+            if length > NEW * math.sqrt(rows[k] @ rows[k]):
+                basis = np.concatenate([basis, rest[None] / length])
                 self.bearing.append(k)
             else:
                 idle.append(k)

@@ -109,7 +109,7 @@ class Mechanism(ModelFunctions):
         """
         from robodyn_cli.over.many.simulate import Deploy
 
-        return self._make(Deploy(), values, (q, qd), of, 0, threads)
+        return self._make(Deploy().of(self.scene), values, (q, qd), of, 0, threads)
 
     def inverse_many(
         self, values: Values = None, *, of: Sequence[str] = (), samples: int | None = None

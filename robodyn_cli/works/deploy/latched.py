@@ -137,7 +137,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         latches = watcher_of(run.driver.watchers)
         locked = "locked" if latches.are_closed else "no_lock"
         result.status = "overload" if overload is not None else locked
-        summary = dataclasses.replace(summary, termination=Termination(_reason(latches), run.driver.time))
+        summary = dataclasses.replace(summary, termination=Termination(reason_of(latches), run.driver.time))
     if overload is not None:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
         result.events.sort(key=lambda event: float(event["time"]))
@@ -167,7 +167,7 @@ def _often(count: int) -> str:
     return "never" if count == 0 else "once" if count == 1 else f"{count} times"
 
 
-def _reason(latches: Latches) -> str:
+def reason_of(latches: Latches) -> str:
     """Return why the run ended, in words."""
     until = latches.problem.scene.deploy.until
     count = len(latches.latches)
