@@ -157,3 +157,27 @@ def test_springs_releases_and_friction_of_random_arrays(seed: int, until: str) -
                 assert abs(own["time"] - true.time) <= 1e-9
         q = np.array(list(summary["final"]["q"].values()))
         assert np.abs(q - course.theta).max() <= summary["error_estimate"]["q_end"] + ORACLE * 10.0
+
+
+def shipped_springs() -> LatchedPanels:
+    """Return the array of configs/mechanisms/solar_array_springs.yaml, by hand."""
+    n, k = 3, np.array([3.0, 2.0, 1.0])
+    panels = Panels(
+        np.full(n, 4.0), np.full(n, 0.5), np.full(n, 1.0), np.full(n, 0.34), k, np.radians([20.0, -20.0, 20.0]), 0.1 * k,
+        np.zeros(n), np.array([-np.pi / 2, np.pi, -np.pi]), np.zeros((0, n)),
+    )  # fmt: skip
+    return LatchedPanels(
+        panels, np.array([400.0, 250.0, 120.0]), np.array([12.0, 8.0, 4.0]), np.full(n, np.inf)
+    )
+
+
+def test_shipped_array_with_springs() -> None:
+    course = Course(shipped_springs()).run(20.0, until_all=True)
+    summary = deploy(load_scene(MECHANISMS / "solar_array_springs.yaml")).summary
+    assert len(course.closings) == 3 and summary["status"] == "locked"
+    for k, true in course.closings.items():
+        own = summary["locks"][f"latch{k + 1}"]
+        assert (own["order"], own["rebounds"]) == (true.order, true.rebounds)
+        for key in ("time", "speed", "peak_moment", "peak_time"):
+            value = getattr(true, key)
+            assert abs(own[key] - value) <= own["errors"][key] + ORACLE * max(1.0, abs(value)), key

@@ -30,7 +30,7 @@ from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED, with_second
 from robodyn_cli.summaries.facts import Fact
-from robodyn_cli.works.deploy.latched import reason_of, watcher_of
+from robodyn_cli.works.deploy.latched import reason_of, time_error, watcher_of
 
 OF_LATCHES = ("locks", "missed")
 ENDS = ("lock.time", "lock.time_error", "termination.time")
@@ -132,7 +132,7 @@ class LatchedRun:
         result.steps[row] = self.steps
         if self.last is not None:
             time, x, name = self.last
-            result.time[row], result.time_error[row] = time, _number(self.locks[name].errors.time)
+            result.time[row], result.time_error[row] = time, _number(time_error(self.locks, name, self.time))
             result.q[row], result.qd[row], _ = motion.system.split(x)
             if self.other is not None:
                 apart = self.factor * np.abs(self.other - x)
