@@ -100,10 +100,11 @@ def test_friction_that_sticks_is_left_to_the_command(tmp_path: Path) -> None:
 
 
 def test_words_of_a_run_with_latches_are_its_own(tmp_path: Path) -> None:
+    from robodyn_cli.over.many.latched import command_for
     from robodyn_cli.over.many.simulate import Deploy
 
     scene = Mechanism(written(three_panels(), tmp_path)).scene
-    command = Deploy().of(scene)
+    command = command_for(Deploy(), scene)
     summary = deploy(scene).summary
     for key, word in command.words.items():
         assert summary["lock"][key.removeprefix("lock.")] == word

@@ -53,10 +53,6 @@ class BatchCommand(ABC, Generic[Own]):
     words: Mapping[str, Any] = {}
     sampled: tuple[str, ...] = ("q", "qd")
 
-    def of(self, scene: Scene) -> BatchCommand[Any]:
-        """Return the object that serves a scene."""
-        return self
-
     @abstractmethod
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> Own:
         """Return what serves runs with such a row of values; raises what the command raises for it."""

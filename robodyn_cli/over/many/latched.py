@@ -21,12 +21,13 @@ from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
-from robodyn_cli.over.many.command import AskedRuns, ManyRuns, Rows
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
 from robodyn_cli.over.many.groups import first_of, table_rows
 from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
 from robodyn_cli.over.many.simulate import COUNTERS, LOCK_ERRORS, SECOND_STEPS, Deploy
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED, with_second
 from robodyn_cli.summaries.facts import Fact
@@ -98,6 +99,11 @@ class _Doubtful:
 
 # what is only noted on the way has no owner
 OTHERS: dict[EventKind, Owner | None] = {EventKind.RANK_LOSS: _Doubtful(), EventKind.MARK: None}
+
+
+def command_for(command: BatchCommand[Any], scene: Scene) -> BatchCommand[Any]:
+    """Return what makes many runs of a scene: a command itself, or with latches one of its own."""
+    return DeployLatches() if isinstance(command, Deploy) and scene.deploy.latches else command
 
 
 @record

@@ -259,11 +259,6 @@ class Deploy(MotionCommand):
     name = "deploy"
     words = WORDS
 
-    def of(self, scene: Scene) -> BatchCommand[Any]:
-        from robodyn_cli.over.many.latched import DeployLatches
-
-        return DeployLatches() if scene.deploy.latches else self
-
     def build(self, scene: Scene) -> Motion:
         return build_deployment(scene, Stopwatch())
 

@@ -50,7 +50,11 @@ def suits(task: Task) -> bool:
 def _command_of(task: Task) -> BatchCommand[Any] | None:
     """Return what makes many runs of a study; None where nothing does."""
     command = commands.get(task.command)
-    return None if command is None else command.of(task.family.own)
+    if command is None:
+        return None
+    from robodyn_cli.over.many.latched import command_for
+
+    return command_for(command, task.family.own)
 
 
 def beyond(task: Task) -> list[str]:
