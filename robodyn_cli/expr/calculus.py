@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.functions import cos, cosh, exp, log, power, sign, sin, sinh, sqrt, where
 from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero, reachable
-from robodyn_cli.expr.rebuild import apply
+from robodyn_cli.expr.rebuild import apply, piecewise
 
 SparseRow = dict[int, Scalar]
 # derivatives of a number of the scene by keys of the scene, by column
@@ -162,6 +165,56 @@ def gradients(
         gradient[node.index] = {k: e for k, e in row.items() if is_nonzero(e)}
     of_number: NumberSlopes = slopes or (lambda x: {})
     return [dict(gradient.get(e.index, {})) if isinstance(e, Expr) else of_number(e) for e in outputs]
+
+
+def jacobian_at(
+    outputs: Sequence[Scalar], inputs: Sequence[Expr], values: Mapping[str, Sequence[float]]
+) -> NDArray[np.float64]:
+    """Return d outputs / d inputs (m, n) at one point, as numbers: ``jacobian`` without its expressions.
+
+    Parameters
+    ----------
+    values : of symbols, by group.
+
+    Raises
+    ------
+    ArithmeticError, ValueError : a node has no value or no derivative there, which another branch may not use.
+    """
+    value: dict[int, float] = {}
+    slope: dict[int, NDArray[np.float64]] = {x.index: row for x, row in zip(inputs, np.eye(len(inputs)))}
+    for node in reachable(outputs):
+        if not node.args:
+            value[node.index] = float(
+                values[node.value[1]][node.value[2]] if node.op == "sym" else node.value
+            )
+            continue
+        args = [value[a.index] for a in node.args]
+        y = value[node.index] = float(apply(node, args))
+        moving = [k for k, a in enumerate(node.args) if a.index in slope]
+        terms = [(k, x) for k, x in _partials_at(node, args, y, moving) if x != 0.0] if moving else []
+        if terms:
+            slope[node.index] = sum(x * slope[node.args[k].index] for k, x in terms)  # type: ignore[assignment]
+    none = np.zeros(len(inputs))
+    rows = [slope.get(e.index, none) if isinstance(e, Expr) else none for e in outputs]
+    return np.array(rows).reshape(len(outputs), len(inputs))
+
+
+def _partials_at(
+    node: Expr, args: Sequence[float], result: float, moving: Sequence[int]
+) -> list[tuple[int, float]]:
+    """Return (number of the argument, partial derivative) at numbers, for those arguments that are ``moving``."""
+    if node.op in ("where", "min", "max"):
+        first = node.op == "where"
+        taken = 1 if first and args[0] > 0.0 else 2 if first else int(args.index(result))
+        return [(taken, 1.0)] if taken in moving else []
+    if node.op == "pow":
+        base, exponent = args
+        return [(k, exponent * power(base, exponent - 1.0) if k == 0 else result * log(base)) for k in moving]
+    if node.op == "table":
+        knots, rows, held = node.value
+        slopes = _slopes_of_table(rows)
+        return [(0, piecewise(args[0], (knots, slopes, held and (0.0, 0.0))))] if slopes else []
+    return [(k, float(x)) for k, x in rules(node.op, args, result) if k in moving]
 
 
 def _of_table(node: Expr, slopes: NumberSlopes) -> SparseRow:

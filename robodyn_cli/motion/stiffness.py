@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError, unknown_data
+from robodyn_cli.expr.calculus import jacobian_at
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.expr.rebuild import numbers
 from robodyn_cli.formulations.system import System
@@ -141,12 +142,21 @@ def fastest_decay(system: System, t: float, x: Array, p: Array) -> float:
     ------
     SceneError : the accelerations depend on data that the scene does not give.
     """
-    entries = system.jacobian.J
-    groups = system.own_groups(np.array([t]), x, p)
-    missing = [e.value[0] for e in free_symbols(entries.flat) if e.value[1] not in groups]
+    groups = {group: values.tolist() for group, values in system.own_groups(np.array([t]), x, p).items()}
+    symbols = free_symbols(system.rates)
+    missing = [e.value[0] for e in symbols if e.value[1] not in groups]
     if missing:
         raise unknown_data(missing)
-    J = numbers(entries, {group: values.tolist() for group, values in groups.items()})
+    first = {"q": 0, "v": system.nq, "z": system.nq + system.nv}
+    states = [e for e in symbols if e.value[1] in first]
+    J = np.eye(len(x), k=system.nq)
+    try:
+        rows = jacobian_at(system.rates, states, groups)
+    except (ArithmeticError, ValueError):
+        J = numbers(system.jacobian.J, groups)
+    else:
+        J[system.nq :] = 0.0
+        J[system.nq :, [first[e.value[1]] + e.value[2] for e in states]] = rows
     return float(largest_decays(J))
 
 

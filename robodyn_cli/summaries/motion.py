@@ -241,8 +241,9 @@ class LatchLock:
         "N m s or N s", errors=(".errors.angular_impulse",), default=ABSENT,
     )  # fmt: skip
     peak_moment: float | Absent = fact(
-        "of one with a spring: its largest load", LOAD, errors=(".errors.peak_moment",), default=ABSENT
-    )
+        "of one with a spring: its largest load; absent where the run ends before the load's first peak",
+        LOAD, errors=(".errors.peak_moment",), default=ABSENT,
+    )  # fmt: skip
     peak_time: float | Absent = fact(
         "when its load is largest", "s", errors=(".errors.peak_time",), default=ABSENT
     )
@@ -266,11 +267,12 @@ class MissedLatchErrors:
 class MissedLatch:
     """How near a latch that has not closed came to it."""
 
-    nearest: float | None = fact(
-        "least distance from the position at which it closes; `null` for a dead point or a formula",
+    nearest: float = fact(
+        "least distance from the position at which it closes; of `when` the least magnitude of its formula, in the "
+        "units of that; of a dead point that of the determinant of the passive columns of Psi, which is zero there",
         OWN, errors=(".errors.nearest",),
     )  # fmt: skip
-    time: float | None = fact("when it was nearest", "s", errors=(".errors.time",))
+    time: float = fact("when it was nearest", "s", errors=(".errors.time",))
     errors: MissedLatchErrors = fact("errors of these figures")
 
 

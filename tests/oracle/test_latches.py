@@ -12,6 +12,7 @@ import yaml
 
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.deploy.deploy import deploy
+from tests.latched_panels import Course, LatchedPanels
 from tests.panels import Panels
 
 MECHANISMS = Path(__file__).parents[2] / "configs" / "mechanisms"
@@ -112,3 +113,71 @@ def test_shipped_mast_follows_from_its_energy() -> None:
         assert own["order"] == 1 and abs(own["time"] - time) <= own["errors"]["time"] + ORACLE
         assert abs(own["energy_lost"] - gained(last)) <= own["errors"]["energy_lost"] + ORACLE * 10.0
     assert max(abs(x) for x in summary["final"]["qd"].values()) < 1e-12
+
+
+# -- springs, releases and friction -----------------------------------------------------------------------
+def with_everything(rng: np.random.Generator) -> tuple[LatchedPanels, float]:
+    """Return an array with springs in some latches, one that opens again, and perhaps a rough hinge."""
+    n = int(rng.integers(2, 6))
+    panels = Panels.random(rng, n)
+    springs = rng.uniform(size=n) < 0.5
+    hold = np.where(springs, rng.uniform(30.0, 120.0, n), 0.0)
+    opens = np.full(n, np.inf)
+    opens[rng.integers(n)] = rng.uniform(6.0, 9.0)
+    rough = int(rng.integers(n)) if rng.uniform() < 0.5 else -1
+    damping = np.where(springs, rng.uniform(0.0, 8.0, n) * (rng.uniform(size=n) < 0.8), 0.0)
+    return LatchedPanels(panels, hold, damping, opens, rough, float(rng.uniform(0.05, 0.3))), 10.0
+
+
+FIGURES = ("time", "speed", "energy_lost", "peak_moment", "peak_time", "opened")
+
+
+# in 1017 the impact of another latch gives the largest load, in 1015 a hinge comes to rest beside a closed spring
+@pytest.mark.parametrize("seed", [*SEEDS, 1015, 1017])
+@pytest.mark.parametrize("until", ["all", "end"])
+def test_springs_releases_and_friction_of_random_arrays(seed: int, until: str) -> None:
+    case, end = with_everything(np.random.default_rng([seed, 2]))
+    course = Course(case).run(end, until == "all")
+    for tolerances in ({}, {"rtol": 1e-12, "atol": 1e-14}):
+        summary = deploy(load_scene_text(yaml.safe_dump(case.scene(end, until, **tolerances)))).summary
+        locks = {int(name.removeprefix("latch")): own for name, own in summary["locks"].items()}
+        assert sorted(locks) == sorted(course.closings)
+        for k, own in locks.items():
+            true = course.closings[k]
+            for key in ("order", "closings", "rebounds"):
+                assert own[key] == getattr(true, key), (key, k)
+            assert ("opened" in own) == (true.opened is not None)
+            for key in FIGURES:
+                if key not in own:
+                    continue
+                value = getattr(true, key)
+                allowed = own["errors"][key] + ORACLE * max(1.0, abs(value))
+                assert abs(own[key] - value) <= allowed, (k, key, own[key], value, own["errors"][key])
+            if tolerances:
+                assert abs(own["time"] - true.time) <= 1e-9
+        q = np.array(list(summary["final"]["q"].values()))
+        assert np.abs(q - course.theta).max() <= summary["error_estimate"]["q_end"] + ORACLE * 10.0
+
+
+def shipped_springs() -> LatchedPanels:
+    """Return the array of configs/mechanisms/solar_array_springs.yaml, by hand."""
+    n, k = 3, np.array([3.0, 2.0, 1.0])
+    panels = Panels(
+        np.full(n, 4.0), np.full(n, 0.5), np.full(n, 1.0), np.full(n, 0.34), k, np.radians([20.0, -20.0, 20.0]), 0.1 * k,
+        np.zeros(n), np.array([-np.pi / 2, np.pi, -np.pi]), np.zeros((0, n)),
+    )  # fmt: skip
+    return LatchedPanels(
+        panels, np.array([400.0, 250.0, 120.0]), np.array([12.0, 8.0, 4.0]), np.full(n, np.inf)
+    )
+
+
+def test_shipped_array_with_springs() -> None:
+    course = Course(shipped_springs()).run(20.0, until_all=True)
+    summary = deploy(load_scene(MECHANISMS / "solar_array_springs.yaml")).summary
+    assert len(course.closings) == 3 and summary["status"] == "locked"
+    for k, true in course.closings.items():
+        own = summary["locks"][f"latch{k + 1}"]
+        assert (own["order"], own["rebounds"]) == (true.order, true.rebounds)
+        for key in ("time", "speed", "peak_moment", "peak_time"):
+            value = getattr(true, key)
+            assert abs(own[key] - value) <= own["errors"][key] + ORACLE * max(1.0, abs(value)), key

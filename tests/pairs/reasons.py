@@ -37,6 +37,8 @@ REASONS: dict[str, str] = {
     r"its actuated joints \(.*\) command|the driven joints \(.*\) command|needs as many driven joints as degrees":
         "in a mechanism as many independent joints are driven as there are degrees of freedom",
     r"degrees of freedom left by loops": "no more joints stick than there are freedoms",
+    r"deploy.latches: latch '\w+' (cannot hold|has a spring)":
+        "a latch holds a joint of one axis, or where it is rigid links that a closure of type `revolute` joins",
     r"deploy.latches: does not go with": "latches go with loops in their plane and `singular: stop`, and hold no prescribed joint",
     # payloads
     r"which is gripped or released, does not go with": "payloads do not come and go beside rigid stops, sticking and `singular: pass`",

@@ -248,7 +248,7 @@ def test_the_latch_closes_at_the_lock_and_paths_grow() -> None:
     )
     result = deploy(scene)
     drawing = make_drawing(result, evenly(len(result.time), 60))
-    assert drawing.latch is not None and drawing.latch.closes == result.summary["lock"]["time"]
+    assert [latch.closed for latch in drawing.latches] == [((result.summary["lock"]["time"], np.inf),)]
     view = fitted(drawing)
     before, after = (
         [s.colour for s in strokes(view, k) if s.layer == LATCH] for k in (10, len(drawing.times) - 1)
@@ -381,3 +381,20 @@ simulate: {duration: 0.1, samples: 3, error_estimate: false}
         result = simulate(load_scene_text(text.replace("JOINT", joint).replace("START", start)))
         outlines = silhouette(fitted(make_drawing(result)), 0)
         assert outlines and all(np.ptp(line, axis=0).min() > 0.0 for line in outlines)
+
+
+def test_several_latches_are_drawn_while_they_are_closed() -> None:
+    path = next(p for p in SCENES if p.stem == "solar_array_springs")
+    release = ["deploy.latches.latch2.release=t - 3", "deploy.until=end", "simulate.error_estimate=false"]
+    result = deploy(load_scene(path, release))
+    drawing = make_drawing(result, evenly(len(result.time), 60))
+    locks = result.summary["locks"]
+    first, second, third = drawing.latches
+    assert first.closed == ((locks["latch1"]["time"], np.inf),) and third.closed == (
+        (locks["latch3"]["time"], np.inf),
+    )
+    assert second.closed[0] == (pytest.approx(1.638417, abs=1e-6), pytest.approx(3.0, abs=1e-9))
+    assert [second.is_closed(t) for t in (1.0, 2.0, 3.001)] == [False, True, False]
+    view = fitted(drawing)
+    plates = [len([s for s in strokes(view, k) if s.layer == LATCH]) for k in range(len(drawing.times))]
+    assert len(drawing.latches) == 3 and plates[0] == 6 and max(plates) > plates[0]

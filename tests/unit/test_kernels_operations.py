@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.expr import functions as f
-from robodyn_cli.expr.calculus import jacobian
+from robodyn_cli.expr.calculus import jacobian, jacobian_at
 from robodyn_cli.expr.intervals import bounds
 from robodyn_cli.expr.rebuild import evaluate
 from tests.kernels import SPECIAL, WIDTHS, compiled, symbols, ulps
@@ -273,3 +273,23 @@ def test_several_tables_in_one_program_do_not_share_their_data(width: int) -> No
     rows = RNG.uniform(-1, 3, (10, 1))
     got = compiled({"r": tables}, width, rows)["r"]
     np.testing.assert_allclose(got, np.array(evaluate(tables, {"x": rows.T})).T, rtol=0, atol=2e-15)
+
+
+def test_jacobian_at_a_point_is_that_of_the_expressions() -> None:
+    x, y, z = symbols(3)
+    s = f.sin(x) * f.sqrt(y)
+    outputs: list[Any] = [
+        s / z - f.atan2(x, z), f.power(y, 2.5) + f.power(x, 3.0) * f.exp(-z), f.where(x, s, f.log(y)), f.minimum(x, y * z),
+        f.maximum(s, z), f.absolute(x - z) + f.tan(y) * f.tanh(z), x.graph.piecewise(y, (0.0, 1.0, 2.0), ((1.0, 2.0), (3.0, 0.5))),
+        f.power(y, x), 2.0,
+    ]  # fmt: skip
+    exact = jacobian(outputs, [x, y, z])
+    for point in ((0.7, 1.3, 2.0), (-0.4, 0.8, 0.3)):
+        values = {x.value[1]: point}
+        own = jacobian_at(outputs, [x, y, z], values)
+        for row, entries in zip(own, exact):
+            wide = np.array(evaluate([entries.get(k, 0.0) for k in range(3)], values), dtype=float)
+            same(np.isnan(row), np.isnan(wide))
+            np.testing.assert_allclose(row, wide, rtol=1e-14, atol=1e-14)
+    with pytest.raises(ArithmeticError):
+        jacobian_at([1.0 / x], [x], {x.value[1]: (0.0,)})

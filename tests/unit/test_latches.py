@@ -173,6 +173,61 @@ def test_damped_spring_of_a_latch_beside_scipy(c: float) -> None:
     assert result.summary["energy_drift"] < 1e-9
 
 
+def test_run_goes_on_to_the_first_peak_of_the_last_spring() -> None:
+    k = 80.0
+    latch = {"name": "catch", "joint": "hinge", "at": AT, "hold": {"stiffness": k}}
+    result = deployed(panel(deploy={"latches": [latch]}))
+    depth = (TORQUE + np.sqrt(TORQUE**2 + k * INERTIA * SPEED**2)) / k
+    near(result.summary, "catch", time=CLOSES, peak_moment=k * depth)
+    own = result.summary["locks"]["catch"]
+    assert result.status == "locked" and "warnings" not in result.summary
+    assert result.summary["termination"]["time"] == own["peak_time"] > own["time"]
+    assert abs(result.summary["final"]["qd"]["hinge"]) < 1e-9 and own["rebounds"] == 0
+
+
+def test_damper_that_bears_most_where_it_is_met_ends_the_run_there() -> None:
+    latch = {"name": "catch", "joint": "hinge", "at": AT, "hold": {"stiffness": 1.0, "damping": 50.0}}
+    summary = deployed(panel(deploy={"latches": [latch]})).summary
+    near(summary, "catch", time=CLOSES, peak_moment=50.0 * SPEED, peak_time=CLOSES)
+    assert summary["termination"]["time"] == summary["locks"]["catch"]["time"]
+
+
+def test_load_that_still_grows_at_the_end_is_no_largest_load() -> None:
+    latch = {"name": "catch", "joint": "hinge", "at": AT, "hold": {"stiffness": 5.0}}
+    result = deployed(panel(deploy={"latches": [latch]}, simulate={"duration": float(CLOSES + 0.05)}))
+    assert result.status == "locked" and "peak_moment" not in result.summary["locks"]["catch"]
+    assert any("before the load in the spring" in text for text in result.summary["warnings"])
+
+
+NEAREST = [
+    ({"joint": "hinge", "when": "hinge - hinge^2 - 5"}, 4.75, 0.5),  # largest at 1/2, on the way
+    ({"joint": "hinge", "at": -0.3}, 0.3, 0.0),
+    ({"joint": "hinge", "at": 0.7, "side": "down"}, 0.0, 0.7),  # passed the other way
+    ({"joint": "hinge", "when": "hinge - 0.7", "side": "down"}, 0.0, 0.7),
+]
+
+
+@pytest.mark.parametrize(("latch", "nearest", "at"), NEAREST)
+def test_nearest_of_a_latch_that_is_missed_is_located(
+    latch: dict[str, Any], nearest: float, at: float
+) -> None:
+    tree = panel(deploy={"latches": [{"name": "other", **latch}], "until": "end"}, simulate={"duration": 4.0})
+    missed = deployed(tree).summary["missed"]["other"]
+    assert abs(missed["nearest"] - nearest) <= missed["errors"]["nearest"] + 1e-12
+    time = np.sqrt(2.0 * at * INERTIA / TORQUE)
+    assert abs(missed["time"] - time) <= missed["errors"]["time"] + 1e-9
+    assert missed["errors"]["nearest"] < 1e-9 and missed["errors"]["time"] < 1e-6
+
+
+def test_nearest_of_a_dead_point_is_told_by_its_determinant() -> None:
+    latch = {"name": "in_line", "between": ["coupler", "follower"], "at_dead_point": True}
+    early = four_bar(latch, until="end")
+    early["simulate"]["duration"] = (1.0 - 1e-6) * deploy(load_scene(FOUR_BAR)).summary["lock"]["time"]
+    missed = deployed(early).summary["missed"]["in_line"]
+    assert missed["time"] == pytest.approx(early["simulate"]["duration"], rel=1e-5)
+    assert 0.0 < missed["errors"]["nearest"] < 1e-6 < missed["nearest"] < 0.1
+
+
 def two_wings() -> dict[str, Any]:
     """Return two equal panels on both sides of a base, each with a latch."""
     tree = panel()

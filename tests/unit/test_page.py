@@ -117,7 +117,7 @@ def test_the_drawing_is_that_of_the_stored_poses() -> None:
     assert np.allclose(end, np.stack([np.cos(theta), np.sin(theta), 0 * theta], axis=1), atol=1e-6)
     assert np.array_equal(unpacked(store.arrays, data["times"]), result.time)
     assert unpacked(store.arrays, data["axes"]).shape[0] == 1, "axes that never turn are stored once"
-    assert data["latch"]["closes"] == 12.283 and data["cameras"][0]["distance"] is None
+    assert data["latches"][0]["closed"] == [[12.283, None]] and data["cameras"][0]["distance"] is None
 
 
 # -- charts ---------------------------------------------------------------------------------------------------

@@ -103,6 +103,11 @@ class Engine:
             self.tables.numbers[:] = self._exact * self.tables.off_by_rounding(draw)
             self._drawn = draw
 
+    def take(self, numbers: Array) -> None:
+        """Take the numbers of another scene of this structure in place of those of the tables."""
+        self._exact[:] = self.tables.numbers[:] = numbers
+        self._drawn = 0
+
     def make_room(self, count: int) -> None:
         """Provide a block for so many doubles of samples."""
         self.out = np.zeros(count)

@@ -6,9 +6,11 @@ import enum
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.latches import LatchRow
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.summaries.facts import ABSENT, Absent
@@ -93,7 +95,8 @@ class LatchChange(enum.Enum):
 
     CLOSES = "latch"
     OPENS = "release"
-    TURNS = "turn"  # of the joint whose position closes it
+    TURNS = "turn"  # of what closes it
+    PASSES = "pass"  # its position or formula passes zero the other way
     LARGEST = "largest load"  # of a compliant one
     MEETS = "contact"
     LETS_GO = "no load"
@@ -112,7 +115,8 @@ class LatchClosing:
     """What has happened to a latch since it closed last.
 
     order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
-    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. opened : when, if it has.
+    impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. has_peaked : whether the load has been
+    at a peak, so that this says something. opened : when, if it has.
     """
 
     order: int
@@ -123,14 +127,15 @@ class LatchClosing:
     impulse: float | Absent = ABSENT
     peak: float = 0.0
     peak_time: float = 0.0
+    has_peaked: bool = False
     rebounds: int = 0
     opened: float | Absent = ABSENT
     closings: int = 1
 
-    def described(self, rigid: bool, end: float) -> LatchLock:
-        """Return what the summary of a run that came to ``end`` [s] says of it; a load takes time to grow."""
-        known = not rigid and self.time < end
-        peak, when = (self.peak if known else ABSENT), (self.peak_time if known else ABSENT)
+    def described(self, rigid: bool) -> LatchLock:
+        """Return what the summary says of it."""
+        known = not rigid and self.has_peaked
+        peak, when = (self.peak, self.peak_time) if known else (ABSENT, ABSENT)
         return LatchLock(
             self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.rebounds,
             self.closings, self.opened, LatchLockErrors(),
@@ -154,9 +159,11 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
         functions.append(LatchFunction(name, value, direction, kind, owner, k, change))
 
     for k, (latch, value) in enumerate(zip(problem.latches, values)):
-        add(k, LatchChange.CLOSES, (1.0 - latch.closed) * value, DIRECTIONS[latch.spec.side])
-        if latch.closing is not None:
-            add(k, LatchChange.TURNS, (1.0 - latch.closed) * problem.v[latch.closing], 0)
+        way, is_open = DIRECTIONS[latch.spec.side], 1.0 - latch.closed
+        add(k, LatchChange.CLOSES, is_open * value, way)
+        add(k, LatchChange.TURNS, is_open * _rate(problem, latch, value), 0)
+        if way:
+            add(k, LatchChange.PASSES, is_open * value, -way)
         if latch.opens is not None:
             add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
         if not latch.rigid:
@@ -169,6 +176,22 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
         if latch.spec.hold.damping != 0.0:
             add(k, LatchChange.LETS_GO, latch.closed * latch.law(delta, rate), 0, EventKind.DISCONTINUITY)
     return functions
+
+
+def _rate(problem: Problem, latch: LatchRow, value: Scalar) -> Any:
+    """Return the rate of what passes zero where a latch closes."""
+    if latch.closing is not None:
+        return problem.v[latch.closing]
+    inputs = free_symbols([value])
+    rates: dict[str, Any] = {
+        "q": position_rates(problem.model, problem.q, problem.v),
+        "t": [1.0],
+        "v": (),
+    }
+    if any(e.value[1] == "v" for e in inputs):
+        rates["v"] = problem.forward.qdd
+    moving = [e for e in inputs if e.value[1] in rates]
+    return directional([value], moving, [rates[e.value[1]][e.value[2]] for e in moving])[0]
 
 
 def _growth(problem: Problem, latch: LatchRow) -> Any:

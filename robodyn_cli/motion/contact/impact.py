@@ -83,7 +83,9 @@ def shared(M: Array, psi: Array, rows: Array, rates: Array) -> Array:
     """
     spread = np.linalg.inv(M)
     both = rows @ spread @ psi.T
-    A = rows @ spread @ rows.T - both @ np.linalg.pinv(psi @ spread @ psi.T, rcond=1e-13) @ both.T
+    A = rows @ spread @ rows.T
+    if len(psi):
+        A -= both @ np.linalg.pinv(psi @ spread @ psi.T, rcond=1e-13) @ both.T
     impulses: Array = np.linalg.lstsq(A, -rates, rcond=1e-9)[0]
     return impulses
 

@@ -7,34 +7,28 @@ those that close at the same instant do so together, by impulses of least norm w
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.latches import FIELDS, refuse_company
-from robodyn_cli.equations.problem import Problem
+from robodyn_cli.equations.latches import FIELDS
 from robodyn_cli.formulations.events import GO_ON, Event, Halt, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.checks import forced_on, torn_open
 from robodyn_cli.motion.contact.events import (
     ContactFunction,
     LatchChange,
     LatchClosing,
     LatchFunction,
-    contact_functions,
     known_sides,
-    latch_functions,
 )
 from robodyn_cli.motion.contact.impact import Impact, shared
-from robodyn_cli.motion.contact.states import ContactStates
-from robodyn_cli.motion.motion import Motion
-from robodyn_cli.ready.singularity import classify, passive_determinant
+from robodyn_cli.motion.contact.latch_states import LatchStates
+from robodyn_cli.ready.singularity import classify
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
-from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
 
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 AGAIN = 1e-6  # s, or part of the time: so soon after it has opened in its position a latch does not close
@@ -42,82 +36,8 @@ NEW = 1e-6  # part of a row that must be independent of the others for its latch
 TORN = 1e-6  # part of a rate, or of an acceleration, that a closed latch may leave
 
 
-class Latches(ContactStates):
-    """The latches of one run, and the contact states of its joints.
-
-    closed : numbers of the latches that are, in their order. bearing : those that hold by their own row; what the
-    others hold is held by these and the loops already. last : time and state x (nx,) before the last closing. turns :
-    times of events, where motions may turn back, and how far latches are from closing there (k,). given : latches that
-    an earlier run has closed, by name, with the event at which it did.
-    """
-
-    functions: tuple[Any, ...]
-
-    def __init__(self, problem: Problem, passive: Sequence[int] = ()) -> None:
-        refuse_company(problem)
-        super().__init__(problem)
-        self.latches, self.passive = problem.latches, passive
-        self.names = [latch.name for latch in self.latches]
-        self.given: Mapping[str, Mapping[str, Any]] = {}
-        self.values = [
-            passive_determinant(problem, passive) if x.closes is None else x.closes for x in self.latches
-        ]
-        self._own = tuple(latch_functions(problem, self.values, self))
-        self.functions = (*self._own, *contact_functions(problem, self))
-
-    def follow(self, motion: Motion) -> None:
-        super().follow(motion)
-        p = self.problem
-        self._rows = SampleKernel(
-            {
-                "rows": [x for latch in self.latches for x in latch.psi],
-                "drift": [latch.gamma for latch in self.latches],
-                "values": self.values,
-            },
-            STATE_GROUPS,
-        )
-        self._q_of = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
-        self._v_of = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
-        self._names = p.model.q_names
-
-    @property
-    def kernels(self) -> dict[str, SampleKernel]:
-        return {**super().kernels, "latches at events": self._rows}
-
-    def _clear(self) -> None:
-        super()._clear()
-        self.closed: list[int] = []
-        self.bearing: list[int] = []
-        self.closings: dict[int, LatchClosing] = {}
-        self.last: tuple[float, Array, int] | None = None
-        self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
-        self._since = np.full(len(self.latches), -np.inf)
-        self._frozen: set[int] = set()
-        self._brisk = 1e-300  # the largest acceleration at a closing so far
-        self.turns: list[tuple[float, Array]] = []
-        self._values = np.ones(len(self.latches))
-
-    def facts(self, end: float) -> dict[str, Any]:
-        own = super().facts(end) if self.joints else {}
-        missed = [k for k in range(len(self.names)) if k not in self.closings and k not in self.closed]
-        locks = {self.names[k]: it.described(self.latches[k].rigid, end) for k, it in self.closings.items()}
-        return {**own, "locks": locks, "missed": {self.names[k]: self._nearest(k) for k in missed}}
-
-    @property
-    def warnings(self) -> list[str]:
-        return [
-            f"the run ends when latch {self.names[k]!r} closes, before its spring bears its largest load; "
-            "'deploy.until: end' follows it"
-            for k in self.closed
-            if self.last is not None and not self.latches[k].rigid and self._is_met() and k == self.last[2]
-        ]
-
-    def _nearest(self, k: int) -> MissedLatch:
-        """Return how near a latch came to its position: at an event, or at the start or the end."""
-        if self.latches[k].closing is None:
-            return MissedLatch(None, None, MissedLatchErrors())
-        distance, time = min((float(values[k]), time) for time, values in self.turns)
-        return MissedLatch(distance, time, MissedLatchErrors())
+class Latches(LatchStates):
+    """The latches of one run: what closes and opens them, and what that does to the motion."""
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
@@ -140,16 +60,12 @@ class Latches(ContactStates):
         if latch.rigid and place is not None:
             x[place] = 0.0
 
-    def _look(self, t: float, x: Array) -> tuple[Array, Array]:
-        """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
-        here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
-        self._values = here["values"][0]
-        self.turns.append((t, np.abs(self._values)))
-        return here["rows"].reshape(len(self.latches), -1), here["drift"][0]
-
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix (nv, nv), and Psi (m, nv) with the rows of latches that bear below it."""
-        M, psi = super()._mass_matrix_and_psi(t, x)
+        place = t, x[list(self.system.q_places)].tobytes()
+        if place != self._known_place:  # events ask for it again and again
+            self._known_place, self._known_matrices = place, super()._mass_matrix_and_psi(t, x)
+        M, psi = self._known_matrices
         return M, np.concatenate([psi, self._look(t, x)[0][self.bearing]]) if self.bearing else psi
 
     def arm(self, x: Array) -> Outcome:
@@ -164,7 +80,8 @@ class Latches(ContactStates):
         starts = {}
         for n, function in enumerate(self._own):
             v = self.latches[function.number].closing
-            if function.change is LatchChange.TURNS and v is not None and x[self.system.v_places[v]] == 0.0:
+            turns = function.change is LatchChange.TURNS and function.number not in self.closed
+            if turns and v is not None and x[self.system.v_places[v]] == 0.0:
                 starts[n] = v
         if not starts:
             return {}
@@ -176,35 +93,37 @@ class Latches(ContactStates):
         k = function.number
         if function.change is LatchChange.CLOSES:
             return k not in self.closed and self._values[k] == 0.0
-        just = self.last is not None and self.last[2] == k and k in self.closed
-        return just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
+        return k == self._just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
 
     def handle(self, event: Event) -> Outcome:
         function = event.function
         if isinstance(function, ContactFunction):
             if function.joint in self._frozen:
                 return GO_ON
+            self._bear_all(event.time, event.state)
             outcome = super().handle(event)
-            self._look(event.time, event.state)
+            assert isinstance(outcome, Jump)
+            self._look(event.time, outcome.state)
+            self._bear_all(event.time, outcome.state)
             return outcome
         assert isinstance(function, LatchFunction)
         t, x, k = event.time, event.state.copy(), function.number
         self._flight = np.inf
         if function.change is LatchChange.CLOSES:
             return self._close(t, x, k)
-        if function.change is LatchChange.TURNS:
+        if function.change in (LatchChange.TURNS, LatchChange.PASSES):
             self._look(t, x)
             return GO_ON
         if k not in self.closed:
             return GO_ON
         if function.change is LatchChange.OPENS:
             return self._open(t, x, k)
-        self._bear(t, x, k, function.change)
-        return GO_ON
+        return self._bear(t, x, k, function.change)
 
     def see(self, t: Array, x: Array) -> None:
         super().see(t, x)
         self._look(float(t[-1]), x[-1])
+        self._bear_all(float(t[-1]), x[-1])
         q = self.system.split(x)[0]
         for k in self.closed:
             latch = self.latches[k]
@@ -230,15 +149,20 @@ class Latches(ContactStates):
         places = list(self.system.v_places)
         together = [k, *self._others(t, x, k)] if latch.rigid else [k]
         self.last = (t, before, min(together))
+        self._bear_all(t, x)
         order = 1 + sum(it.time < t for it in self.closings.values())
         for j in together:
             self._take(t, x, j, float(rows[j] @ x[places]), order)
         if latch.rigid:
             self._strike_latches(t, x, together, rows[together])
         self.closed += together
+        self._just = None if latch.rigid else k
         self._rearrange(t, x)
+        self._bear_all(t, x)
+        if not latch.rigid:
+            self.closings[k].has_peaked = self._growth(t, x, k) <= 0.0
+        freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
         for j in together:
-            freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
             it = self.closings[j]
             facts = {
                 "energy_lost": it.lost,
@@ -289,12 +213,13 @@ class Latches(ContactStates):
         if np.abs(rows @ after).max() > TORN * np.abs(rows).max() * fastest:
             raise forced_on([self.names[j] for j in together], t)
         stay = np.eye(len(v))[[k for k in resting if after[k] == 0.0]]
+        lost = met.lost(after)
         for j, share in zip(together, shared(M, np.concatenate([psi, stay]), rows, rates)):
-            self.closings[j].impulse, self.closings[j].lost = float(abs(share)), met.lost(after)
+            self.closings[j].impulse, self.closings[j].lost = float(abs(share)), lost
         x[places] = after
         self._halt(x, together)
         if self.system.work_place is not None:
-            x[self.system.work_place] -= met.lost(after)
+            x[self.system.work_place] -= lost
 
     def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
         """Let what latches bear stand exactly still: what rounding leaves would go on."""
@@ -328,8 +253,9 @@ class Latches(ContactStates):
         idle = []
         for k in (k for k in self.closed if self.latches[k].rigid):
             rest = rows[k] - basis.T @ (basis @ rows[k])
-            if np.linalg.norm(rest) > NEW * np.linalg.norm(rows[k]):
-                basis = np.vstack([basis, rest / np.linalg.norm(rest)])
+            length = math.sqrt(rest @ rest)
+            if length > NEW * math.sqrt(rows[k] @ rows[k]):
+                basis = np.concatenate([basis, rest[None] / length])
                 self.bearing.append(k)
             else:
                 idle.append(k)
@@ -347,19 +273,17 @@ class Latches(ContactStates):
                 if not left <= TORN * np.abs(rows[k]).max() * self._brisk:
                     raise torn_open(self.names[k], t)
 
-    def _bear(self, t: float, x: Array, k: int, change: LatchChange) -> None:
-        """Note the load of a compliant latch, and whether it has been left."""
-        latch, it = self.latches[k], self.closings.get(k)
-        s, place, rate = self._direction[k], self._q_of[k], self._v_of[k]
-        assert place is not None and rate is not None
-        delta, speed = s * (x[place] - self._rest[k]), s * x[rate]
-        if change is LatchChange.MEETS:
-            if it is not None:
-                it.rebounds += speed < 0.0
-            delta = 0.0
-        load = float(latch.law(delta, speed)) if delta >= 0.0 else 0.0
-        if it is not None and load > it.peak:
-            it.peak, it.peak_time = load, t
+    def _bear(self, t: float, x: Array, k: int, change: LatchChange) -> Outcome:
+        """Note the load of a compliant latch, and whether it has been left; end a run that went on for its peak."""
+        it, waited = self.closings.get(k), not self._has_peaked(k)
+        if it is None:
+            return GO_ON
+        inwards = self._direction[k] * x[self._v_of[k]] > 0.0
+        it.rebounds += change is LatchChange.MEETS and not inwards
+        it.has_peaked |= change is LatchChange.LARGEST or not inwards
+        if change is LatchChange.LARGEST:
+            self._note_load(t, x, k)
+        return Halt(x, self.p, {}, np.inf) if waited and self._is_met() else GO_ON
 
     # -- contact states -------------------------------------------------------------------------------
     def _settle_speeds(self, x: Array) -> None:
@@ -379,18 +303,6 @@ class Latches(ContactStates):
 
     def _outcome(self, t: float, x: Array) -> Outcome:
         self._look(t, x)
-        jump = self.arm(x)
+        jump, self._just = self.arm(x), None
         assert isinstance(jump, Jump)
         return Halt(jump.state, jump.parameters, jump.sides, jump.step) if self._is_met() else jump
-
-    def _is_met(self) -> bool:
-        """Tell whether the run has come to what it goes on until."""
-        until = self.problem.scene.deploy.until
-        return until != "end" and self.are_closed
-
-    @property
-    def are_closed(self) -> bool:
-        """Whether the latch that is waited for is closed, or all are."""
-        until = self.problem.scene.deploy.until
-        names = {self.names[k] for k in self.closed}
-        return until in names if until not in ("all", "end") else len(names) == len(self.latches)

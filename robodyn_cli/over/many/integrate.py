@@ -157,16 +157,16 @@ def method_of(batch: RunBatch) -> NDArray[np.str_]:
         costs: Array = np.where(runs.arrived, COST[method] * runs.evaluations, np.inf)
         return costs
 
-    rows, _, slow, fast = compare(_decays(batch), batch.ends, cost)
+    rows, _, slow, fast = compare(decays_of(batch), batch.ends, cost)
     methods[rows[fast < slow]] = STIFF
     return methods
 
 
-def _decays(batch: RunBatch) -> Array:
+def decays_of(batch: RunBatch) -> Array:
     """Return the fastest decays at the starts (N,) [1/s]."""
     system, x = batch.structure.motion.system, batch.states
     groups = {"t": [0.0], "q": x.T[: system.nq], "v": x.T[system.nq : system.nq + system.nv],
-              "z": x.T[system.nq + system.nv :], "p": []}  # fmt: skip
+              "z": x.T[system.nq + system.nv :], "p": list(system.parameters)}  # fmt: skip
     J = batch.numbers.evaluate(batch.structure.jacobian, groups).reshape(len(x), system.size, system.size)
     decays: Array = largest_decays(J)
     return decays
@@ -311,7 +311,7 @@ def _trusted(batch: RunBatch, runs: Runs) -> Masks:
     """Tell which runs came to their end, and look as they should."""
     trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
     if is_judged_by_energy(batch.structure.motion):
-        trusted &= _keeps_energy(batch, runs)
+        trusted &= keeps_energy(batch, runs.y, runs.steps)
     return trusted
 
 
@@ -344,25 +344,31 @@ def second_runs(
     return second, done
 
 
-def _keeps_energy(batch: RunBatch, runs: Runs) -> Masks:
+def keeps_energy(batch: RunBatch, y: Array, steps: NDArray[np.int64], p: Array | None = None) -> Masks:
     """Tell in which runs the energy at the end is that at the start and the work, as far as tolerances explain.
 
     A stricter form of ``energy_out_of_balance``, which looks at samples: what it refuses, ``simulate`` judges.
+
+    Parameters
+    ----------
+    y : states (N, nx) at the ends. p : parameters (N, np) there, where they change.
     """
     structure, numbers = batch.structure, batch.numbers
     system = structure.motion.system
 
-    def energies(t: Any, x: Array) -> Array:
+    def energies(t: Any, x: Array, p: Any) -> Array:
         q, v, _ = system.split(x)
-        groups = {"t": [t], "q": q.T, "v": v.T, "p": []}
+        groups = {"t": [t], "q": q.T, "v": v.T, "p": p}
         return numbers.evaluate(structure.energies, groups)
 
+    none = list(system.parameters)
     (kinetic, potential), (kinetic_end, potential_end) = (
-        energies(t, x).T for t, x in ((0.0, batch.states), (batch.ends, runs.y))
+        energies(t, x, p).T
+        for t, x, p in ((0.0, batch.states, none), (batch.ends, y, none if p is None else p.T))
     )
-    work = system.split(runs.y)[2][:, -1] if system.work_done_by else 0.0
+    work = system.split(y)[2][:, -1] if system.work_done_by else 0.0
     risen, level = potential_end - potential, np.abs(potential_end)
     drift = np.abs(kinetic_end - kinetic + risen - work)
     exchanged = kinetic_end + kinetic + np.abs(risen) + np.abs(work) + level * EPS
-    kept: Masks = drift <= allowed_drift(exchanged, level, runs.steps, batch.options.rtol)
+    kept: Masks = drift <= allowed_drift(exchanged, level, steps, batch.options.rtol)
     return kept

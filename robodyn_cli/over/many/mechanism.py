@@ -107,9 +107,10 @@ class Mechanism(ModelFunctions):
         A row for each run: the time of the lock with its estimated error, and the state there. A run that does not lock
         is a row with exit code 1.
         """
+        from robodyn_cli.over.many.latched import command_for
         from robodyn_cli.over.many.simulate import Deploy
 
-        return self._make(Deploy(), values, (q, qd), of, 0, threads)
+        return self._make(command_for(Deploy(), self.scene), values, (q, qd), of, 0, threads)
 
     def inverse_many(
         self, values: Values = None, *, of: Sequence[str] = (), samples: int | None = None

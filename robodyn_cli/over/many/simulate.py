@@ -59,7 +59,12 @@ COUNTERS = ("counters.steps", "counters.rejected", "counters.evaluations")
 
 
 class MotionCommand(BatchCommand[Structure]):
-    """A command that integrates motions."""
+    """A command that integrates motions.
+
+    follows_events : whether runs are handed to the watchers of the motion at events.
+    """
+
+    follows_events = False
 
     @abstractmethod
     def build(self, scene: Scene) -> Motion:
@@ -260,7 +265,6 @@ class Deploy(MotionCommand):
     def obstacle(self, motion: Motion) -> str:
         options = motion.scene.deploy
         reasons = {
-            "several latches are followed from event to event": bool(options.latches),
             "multipliers are judged on samples": options.criterion != "dead_point",
             "the motion goes on as the locked structure": options.after == "continue",
             "loads are judged on samples": bool(options.loads),

@@ -33,6 +33,8 @@ class Buildable(Protocol):
     """What a structure needs of a command."""
 
     def build(self, scene: Scene) -> Motion: ...
+    @property
+    def follows_events(self) -> bool: ...
     def obstacle(self, motion: Motion) -> str: ...
 
 
@@ -54,7 +56,7 @@ class Structure(Built):
             self.motion = command.build(scene)
             choice = self.motion.choice  # a method that may change is that of a run, not of the structure
             tables = methods[DEFAULT if choice.may_change else choice.method].tables(self.motion.system)
-        why = obstacle(self.motion, times_vary(keys)) or command.obstacle(self.motion)
+        why = obstacle(self.motion, times_vary(keys), command.follows_events) or command.obstacle(self.motion)
         super().__init__(keys, row, tables, witnesses, why)
         self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
         self._conditioning: Conditioning | None = None
@@ -129,10 +131,11 @@ def times_vary(keys: Sequence[Key]) -> bool:
     return any(key.sort == OPTION or (key.sort == NUMBER and key.place.startswith(sections)) for key in keys)
 
 
-def obstacle(motion: Motion, times_vary: bool) -> str:
+def obstacle(motion: Motion, times_vary: bool, follows_events: bool = False) -> str:
     """Return why runs of a motion are made one by one, by the driver in Python; nothing where compiled code does.
 
-    times_vary : whether other runs may have functions of time with other features.
+    times_vary : whether other runs may have functions of time with other features. follows_events : whether runs are
+    handed to their watchers at events.
     """
     system, problem = motion.system, motion.problem
     constraints = problem.constraints
@@ -140,7 +143,8 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
     reasons = {
         "a long chain is integrated by loops over its bodies": system.dynamics.any_size,
         "independent coordinates or rows are chosen along the motion": system.partition is not None,
-        "contact states begin and change in Python": begins or bool(system.parameters),
+        "contact states begin and change in Python": not follows_events
+        and (begins or bool(system.parameters)),
         "a controller acts": problem.control is not None,
         "steps have to end at times that formulas or tables give": bool(system.breakpoints)
         or any(times_vary or not corners.resolved for _, corners in problem.switching.time_structures),
@@ -148,7 +152,8 @@ def obstacle(motion: Motion, times_vary: bool) -> str:
         "rows of the loops depend on each other": bool(problem.dependent or motion.assembled.redundant),
         "Baumgarte's gains are found by trial runs": motion.gains is not None,
         "the run goes on from a stored one": motion.scene.initial.source is not None,
-        "fixed steps come close to jumps in Python": motion.options.step is not None
+        "fixed steps come close to jumps in Python": not follows_events
+        and motion.options.step is not None
         and any(event.is_discontinuity for event in system.events),
     }
     return first_of(reasons)

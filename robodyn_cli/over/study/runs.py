@@ -44,7 +44,17 @@ commands: Registry[BatchCommand[Any]] = Registry("robodyn_cli", places("batch"),
 
 def suits(task: Task) -> bool:
     """Tell whether compiled code gives all that a study wants of its runs."""
-    return task.command in commands and not beyond(task)
+    return _command_of(task) is not None and not beyond(task)
+
+
+def _command_of(task: Task) -> BatchCommand[Any] | None:
+    """Return what makes many runs of a study; None where nothing does."""
+    command = commands.get(task.command)
+    if command is None:
+        return None
+    from robodyn_cli.over.many.latched import command_for
+
+    return command_for(command, task.family.own)
 
 
 def beyond(task: Task) -> list[str]:
@@ -55,7 +65,7 @@ def beyond(task: Task) -> list[str]:
         *margins,
         *(key for key in task.family.own.expect if key not in (EXIT_CODE, STATUS)),
     ]
-    command = commands.get(task.command)
+    command = _command_of(task)
     return [key for key in dict.fromkeys(wanted) if command is None or not command.is_plain(key)]
 
 
@@ -76,8 +86,9 @@ class Compiled:
 
     def __init__(self, task: Task, threads: int) -> None:
         self.task, self.threads = task, threads
-        self._mechanism, self._command = Mechanism(task.family, task.keys), commands[task.command]
-        command = self._command
+        command = _command_of(task)
+        assert command is not None
+        self._mechanism, self._command = Mechanism(task.family, task.keys), command
         expected = (
             key for key in task.family.own.expect if command.is_plain(key) and key not in command.words
         )

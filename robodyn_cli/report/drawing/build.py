@@ -5,19 +5,21 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
+from robodyn_cli.model.build import moved_link, parent_link
 from robodyn_cli.report.drawing.parts import Connections, Links, colour_of, payload_parts, put_payloads
 from robodyn_cli.report.drawing.places import STILL, DrawnExpressions, arrows, evenly, loads, moving_paths
-from robodyn_cli.report.drawing.record import Drawing, Pin, Trail
+from robodyn_cli.report.drawing.record import Drawing, Pin, Stretches, Trail
 from robodyn_cli.report.lines import finite
 from robodyn_cli.results.moments import lock_time
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.scene.nested_options import DeployLatch
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 
@@ -106,8 +108,6 @@ def drawing_of(
     parts, masses, bobs = links.parts()
     connections = Connections(scene, model, links, expressions)
     acting = loads(result, expressions, samples)
-    locked = lock_time(result)
-    latch = connections.latch(NEVER if locked is None else locked)
     of_mechanism = expressions.count("vertices")
     payloads = payload_parts(model, expressions) if model.payloads else []
     vertices, axes, forces = expressions.evaluate(t, q, np.zeros((len(t), model.nv)) if v is None else v)
@@ -125,10 +125,35 @@ def drawing_of(
         bobs=tuple(bobs),
         arrows=arrows(acting, axes, forces),
         trails=_trails(result) if samples is not None else (),
-        latch=latch,
+        latches=tuple(
+            drawn
+            for between, closed in _latches(result, scene)
+            if (drawn := connections.latch(between, closed))
+        ),
         gravity=np.array(scene.gravity, dtype=float),
         flat=flat,
     )
+
+
+def _latches(result: Result, scene: Scene) -> Iterator[tuple[Sequence[str], Stretches]]:
+    """Yield the two links of each latch, and when it is closed."""
+    if scene.deploy.latch is not None:
+        locked = lock_time(result)
+        yield scene.deploy.latch.between, () if locked is None else ((locked, NEVER),)
+    for latch in scene.deploy.latches:
+        starts, ends = (
+            [float(e["time"]) for e in result.events if (e["kind"], e["name"]) == (kind, latch.name)]
+            for kind in ("latched", "opened")
+        )
+        yield _held_links(scene, latch), tuple(zip(starts, [*ends, NEVER]))
+
+
+def _held_links(scene: Scene, latch: DeployLatch) -> Sequence[str]:
+    if latch.between is not None:
+        return latch.between
+    names = [joint.name for joint in scene.robot.joints]
+    k = names.index(str(latch.joint).partition(".")[0])
+    return parent_link(scene.robot, k), moved_link(scene.robot, k)
 
 
 def _with_room(pins: Sequence[Pin], vertices: Array) -> tuple[Pin, ...]:

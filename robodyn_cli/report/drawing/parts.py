@@ -14,7 +14,7 @@ from robodyn_cli.model.joints import orientation
 from robodyn_cli.model.model import BASE, Body, FixedFrame, Force, Loop, Model
 from robodyn_cli.model.parts import CarriedMass
 from robodyn_cli.report.drawing.places import DrawnExpressions
-from robodyn_cli.report.drawing.record import DrawnLatch, DrawnPart, Pin
+from robodyn_cli.report.drawing.record import DrawnLatch, DrawnPart, Pin, Stretches
 from robodyn_cli.report.style import COLOURS
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.mesh.surfaces import CORNERS, surface_of
@@ -346,16 +346,14 @@ class Connections:
         sides = (0,) if len(kinds) == 1 else (-1, 1)
         self.parts += [DrawnPart(kind, name, ends, GREY, side) for kind, side in zip(kinds, sides)]
 
-    def latch(self, closes: float) -> DrawnLatch | None:
+    def latch(self, between: Sequence[str], closed: Stretches) -> DrawnLatch | None:
         """Return the latch across the joint or closure that its two links share; None without such."""
-        if self.scene.deploy.latch is None:
-            return None
-        first, second = (self.links.carrier.get(name, name) for name in self.scene.deploy.latch.between)
+        first, second = (self.links.carrier.get(name, name) for name in between)
         joint = self._between(first, second)
         if joint is None:
             return None
         ends = [self._away(link, joint) for link in (first, second)]
-        return DrawnLatch((ends[0], joint, ends[1]), closes)
+        return DrawnLatch((ends[0], joint, ends[1]), closed)
 
     def _between(self, first: str, second: str) -> int | None:
         """Return the vertex of the joint or closure between two links."""

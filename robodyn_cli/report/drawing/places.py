@@ -145,7 +145,7 @@ def drawing_of_paths(paths: list[Array], gravity: Array) -> Drawing:
         Trail(str(k), np.arange(len(path), dtype=float), path, "#000000") for k, path in enumerate(paths)
     )
     nothing = np.zeros((1, 0, 3))
-    drawing = Drawing(np.zeros(1), nothing, nothing, (), (), (), (), (), trails, None, gravity)
+    drawing = Drawing(np.zeros(1), nothing, nothing, (), (), (), (), (), trails, (), gravity)
     extents = np.ptp(drawing.everything, axis=0) if len(drawing.everything) else np.zeros(3)
     thin = [axis for axis in (2, 1, 0) if extents[axis] <= STILL * extents.max()]
     return dataclasses.replace(drawing, flat=thin[0] if thin else None)

@@ -113,12 +113,22 @@ class Trail:
     colour: str
 
 
+Stretches = tuple[tuple[float, float], ...]
+
+
 @record
 class DrawnLatch:
-    """A latch across a joint: vertices on its first link, of the joint, on its second link; it closes at a time [s]."""
+    """A latch across a joint: vertices on its first link, of the joint, on its second link.
+
+    closed : from when to when it is [s], inf: to the end.
+    """
 
     vertices: tuple[int, int, int]
-    closes: float
+    closed: Stretches
+
+    def is_closed(self, time: float) -> bool:
+        """Tell whether it is closed at a time [s]."""
+        return any(start * (1.0 - 1e-12) <= time < end for start, end in self.closed)
 
 
 @record
@@ -139,7 +149,7 @@ class Drawing:
     bobs: tuple[int, ...]
     arrows: tuple[Arrow, ...]
     trails: tuple[Trail, ...]
-    latch: DrawnLatch | None
+    latches: tuple[DrawnLatch, ...]
     gravity: Array
     flat: int | None = None
 

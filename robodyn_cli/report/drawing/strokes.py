@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.report.drawing import symbols
 from robodyn_cli.report.drawing.camera import View
-from robodyn_cli.report.drawing.record import FAINT, INK, PAPER, DrawnPart, Stroke, body, mixed
+from robodyn_cli.report.drawing.record import FAINT, INK, PAPER, DrawnLatch, DrawnPart, Stroke, body, mixed
 from robodyn_cli.report.drawing.record import GRID as LINES
 from robodyn_cli.report.drawing.symbols import pin_strokes
 from robodyn_cli.report.style import ALARM
@@ -45,7 +45,8 @@ def strokes(view: View, k: int, grid: bool = True) -> list[Stroke]:
         drawn += _part(view, k, part, width, place)
     drawn += _masses(view, k, width)
     drawn += pin_strokes(view, k, width, BODY if not view.flat else ON_TOP)
-    drawn += _latch(view, k, width)
+    for latch in view.drawing.latches:
+        drawn += _latch(view, latch, k, width)
     drawn += _arrows(view, k)
     return sorted(drawn, key=lambda stroke: (stroke.layer, stroke.depth))
 
@@ -241,11 +242,8 @@ def _masses(view: View, k: int, width: float) -> list[Stroke]:
     return drawn
 
 
-def _latch(view: View, k: int, width: float) -> list[Stroke]:
-    """Return the latch: a hook on its first link, and once it is closed a plate across the joint."""
-    latch = view.drawing.latch
-    if latch is None:
-        return []
+def _latch(view: View, latch: DrawnLatch, k: int, width: float) -> list[Stroke]:
+    """Return a latch: a hook on its first link, and while it is closed a plate across the joint."""
     a, joint, b = view.corners[k, list(latch.vertices), :2]
     if not np.isfinite([a, joint, b]).all():
         return []
@@ -255,7 +253,7 @@ def _latch(view: View, k: int, width: float) -> list[Stroke]:
         for d in (symbols.direction(a - joint), symbols.direction(b - joint))
         if d is not None
     ]
-    closed = view.drawing.times[k] >= latch.closes * (1.0 - 1e-12)
+    closed = latch.is_closed(view.drawing.times[k])
     colour = ALARM if closed else mixed(INK, PAPER, 0.3)
     plate = symbols.joined([np.array([joint, arm]) for arm in (arms if closed else arms[:1])])
     drawn = [Stroke(plate, colour, max(0.45 * width, 2.0), layer=LATCH)]

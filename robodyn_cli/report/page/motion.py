@@ -11,7 +11,7 @@ import numpy as np
 from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
 from robodyn_cli.report.drawing.places import evenly, nearest
-from robodyn_cli.report.drawing.record import Drawing, DrawnPart, Trail
+from robodyn_cli.report.drawing.record import Drawing, DrawnLatch, DrawnPart, Trail
 from robodyn_cli.report.movie.frames import usual_speed
 from robodyn_cli.report.page.charts import Arrays
 from robodyn_cli.report.style import number
@@ -78,7 +78,7 @@ def _drawing(drawing: Drawing, arrays: Arrays) -> dict[str, Any]:
         "bobs": drawing.bobs,
         "arrows": [{**_fields(arrow), "force": arrays.put(arrow.force)} for arrow in drawing.arrows],
         "trails": [_trail(trail, share, arrays) for trail in drawing.trails],
-        "latch": None if drawing.latch is None else _latch(drawing),
+        "latches": [_latch(latch) for latch in drawing.latches],
         "up": drawing.up.tolist(),
         "size": drawing.size,
         "centre": _centre(drawing),
@@ -101,10 +101,9 @@ def _surface(surface: Surface, arrays: Arrays) -> dict[str, Any]:
     return {**_fields(surface), "points": arrays.put(surface.points)}
 
 
-def _latch(drawing: Drawing) -> dict[str, Any]:
-    assert drawing.latch is not None
-    closes = drawing.latch.closes
-    return {"vertices": drawing.latch.vertices, "closes": closes if math.isfinite(closes) else None}
+def _latch(latch: DrawnLatch) -> dict[str, Any]:
+    closed = [[start, end if math.isfinite(end) else None] for start, end in latch.closed]
+    return {"vertices": latch.vertices, "closed": closed}
 
 
 def _trail(trail: Trail, most: int, arrays: Arrays) -> dict[str, Any]:

@@ -190,7 +190,7 @@ class Strokes {
     if (this.shown.masses) this.masses();
     this.bobs();
     for (const pin of this.drawing.pins) this.pin(pin);
-    this.latch();
+    for (const latch of this.drawing.latches) this.latch(latch);
     if (this.shown.arrows) this.arrows();
     this.found.sort((a, b) => a.layer - b.layer || a.depth - b.depth);
     return this.found;
@@ -365,13 +365,11 @@ class Strokes {
   }
 
   // -- latch and loads --------------------------------------------------------------------------------------------
-  /* A hook on the latch's first link, and once it is closed a plate across the joint. */
-  latch() {
-    const latch = this.drawing.latch;
-    if (!latch) return;
+  /* A hook on the latch's first link, and while it is closed a plate across the joint. */
+  latch(latch) {
     const [a, joint, b] = latch.vertices.map((v) => this.view.at(v));
     if (![a, joint, b].every(isPlace)) return;
-    const closed = latch.closes !== null && this.view.time >= latch.closes * (1 - 1e-12);
+    const time = this.view.time, closed = latch.closed.some(([start, end]) => time >= start * (1 - 1e-12) && (end === null || time < end));
     const reach = 2 * this.width + 4 * PT, colour = closed ? ALARM : mixed(INK, PAPER, 0.3);
     const arms = [ahead(joint, a), ahead(joint, b)].filter((d) => d).map((d) => along(joint, d, reach));
     for (const arm of closed ? arms : arms.slice(0, 1)) {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -27,7 +28,7 @@ from robodyn_cli.summaries.deploy import (
     LockKeys,
 )
 from robodyn_cli.summaries.facts import ABSENT, Termination
-from robodyn_cli.summaries.motion import LatchLockErrors, MotionSummary
+from robodyn_cli.summaries.motion import FinalState, LatchLock, LatchLockErrors, MotionSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch
 from robodyn_cli.works.deploy.recording import first_overload
 
@@ -138,7 +139,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         latches = watcher_of(run.driver.watchers)
         locked = "locked" if latches.are_closed else "no_lock"
         result.status = "overload" if overload is not None else locked
-        summary = dataclasses.replace(summary, termination=Termination(_reason(latches), run.driver.time))
+        summary = dataclasses.replace(summary, termination=Termination(reason_of(latches), run.driver.time))
     if overload is not None:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
         result.events.sort(key=lambda event: float(event["time"]))
@@ -168,7 +169,7 @@ def _often(count: int) -> str:
     return "never" if count == 0 else "once" if count == 1 else f"{count} times"
 
 
-def _reason(latches: Latches) -> str:
+def reason_of(latches: Latches) -> str:
     """Return why the run ended, in words."""
     until = latches.problem.scene.deploy.until
     count = len(latches.latches)
@@ -192,20 +193,33 @@ def _lock(run: Run, summary: MotionSummary, estimate: Estimate | None) -> LockKe
     return dataclasses.replace(with_second(own, other, estimate.factor, ("lock",)), time_error=own.time_error)
 
 
+def time_error(locks: Mapping[str, LatchLock], last: str, end: float) -> float | None:
+    """Return the error of the time of the last closing, and of the end [s] where that is the peak of a load."""
+    errors = [
+        error
+        for name, lock in locks.items()
+        if isinstance(lock.errors, LatchLockErrors)
+        for own, error in ((name == last, lock.errors.time), (lock.peak_time == end, lock.errors.peak_time))
+        if own and isinstance(error, float)
+    ]
+    return max(errors, default=None)
+
+
 def _lock_of(motion: Motion, latches: Latches, summary: MotionSummary) -> LockKeys | None:
     if latches.last is None:
         return None
     time, state, k = latches.last
     model, latch = motion.problem.model, latches.latches[k]
     q, qd, _ = motion.system.split(state)
-    errors = summary.locks[latch.name].errors if isinstance(summary.locks, Mapping) else ABSENT
-    error = errors.time if isinstance(errors, LatchLockErrors) else ABSENT
+    end = summary.final.time if isinstance(summary.final, FinalState) else math.nan
+    locks = summary.locks if isinstance(summary.locks, Mapping) else {}
+    error = time_error(locks, latch.name, end)
     return LockKeys(
         time=time,
-        time_error=error if isinstance(error, float) else None,
-        time_error_method="difference from a second, tighter integration"
-        if isinstance(error, float)
-        else "not asked for",
+        time_error=error,
+        time_error_method="not asked for"
+        if error is None
+        else "difference from a second, tighter integration",
         angles=dict(zip(model.q_names, q.tolist())),
         angles_deg={
             n: float(np.degrees(x)) for n, x, u in zip(model.q_names, q, model.q_units) if u == "rad"

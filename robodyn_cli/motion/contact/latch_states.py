@@ -1,0 +1,155 @@
+"""What is known of latches along a motion: which are closed, what each has done and borne, how near others came."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.latches import refuse_company
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.model import STATE_GROUPS
+from robodyn_cli.motion.contact.events import LatchClosing, contact_functions, latch_functions
+from robodyn_cli.motion.contact.states import ContactStates
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.ready.singularity import passive_determinant
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
+
+INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
+
+
+class LatchStates(ContactStates):
+    """What is known of the latches of one run, beside the contact states of its joints.
+
+    closed : numbers of the latches that are, in their order. bearing : those that hold by their own row; what the
+    others hold is held by these and the loops already. last : time and state x (nx,) before the last closing. turns :
+    times of events, where motions may turn back, and how far latches are from closing there (k,). given : latches that
+    an earlier run has closed, by name, with the event at which it did.
+    """
+
+    functions: tuple[Any, ...]
+
+    def __init__(self, problem: Problem, passive: Sequence[int] = ()) -> None:
+        refuse_company(problem)
+        super().__init__(problem)
+        self.latches, self.passive = problem.latches, passive
+        self.names = [latch.name for latch in self.latches]
+        self.given: Mapping[str, Mapping[str, Any]] = {}
+        self.values = [
+            passive_determinant(problem, passive) if x.closes is None else x.closes for x in self.latches
+        ]
+        self._own = tuple(latch_functions(problem, self.values, self))
+        self.functions = (*self._own, *contact_functions(problem, self))
+
+    def follow(self, motion: Motion) -> None:
+        super().follow(motion)
+        p = self.problem
+        self._rows = SampleKernel(
+            {
+                "rows": [x for latch in self.latches for x in latch.psi],
+                "drift": [latch.gamma for latch in self.latches],
+                "values": self.values,
+            },
+            STATE_GROUPS,
+        )
+        self._q_of = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
+        self._v_of = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
+        self._names = p.model.q_names
+
+    @property
+    def kernels(self) -> dict[str, SampleKernel]:
+        return {**super().kernels, "latches at events": self._rows}
+
+    def _clear(self) -> None:
+        super()._clear()
+        self.closed: list[int] = []
+        self.bearing: list[int] = []
+        self.closings: dict[int, LatchClosing] = {}
+        self.last: tuple[float, Array, int] | None = None
+        self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
+        self._since = np.full(len(self.latches), -np.inf)
+        self._frozen: set[int] = set()
+        self._brisk = 1e-300  # the largest acceleration at a closing so far
+        self._just: int | None = None  # that has closed at this event
+        self._looked_at: tuple[float, bytes] | None = None
+        self._known_place: tuple[float, bytes] | None = None
+        self.turns: list[tuple[float, Array]] = []
+        self._values = np.ones(len(self.latches))
+
+    def facts(self, end: float) -> dict[str, Any]:
+        own = super().facts(end) if self.joints else {}
+        missed = [k for k in range(len(self.names)) if k not in self.closings and k not in self.closed]
+        locks = {self.names[k]: it.described(self.latches[k].rigid) for k, it in self.closings.items()}
+        return {**own, "locks": locks, "missed": {self.names[k]: self._nearest(k) for k in missed}}
+
+    @property
+    def warnings(self) -> list[str]:
+        return [
+            f"the run ends before the load in the spring of latch {self.names[k]!r} has come to its first peak; "
+            "a longer 'simulate.duration' follows it"
+            for k in self.closed
+            if k in self.closings and not self._has_peaked(k)
+        ]
+
+    def _nearest(self, k: int) -> MissedLatch:
+        """Return how near a latch came to its condition: at an event, or at the start or the end."""
+        distance, time = min((float(values[k]), time) for time, values in self.turns)
+        return MissedLatch(distance, time, MissedLatchErrors())
+
+    def _look(self, t: float, x: Array) -> tuple[Array, Array]:
+        """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
+        state = t, x.tobytes()
+        if state != self._looked_at:
+            here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+            self._values = here["values"][0]
+            self.turns.append((t, np.abs(self._values)))
+            self._looked_at, self._seen_rows = (
+                state,
+                (here["rows"].reshape(len(self.latches), -1), here["drift"][0]),
+            )
+        return self._seen_rows
+
+    # -- loads of springs ------------------------------------------------------------------------------
+    def _bear_all(self, t: float, x: Array) -> None:
+        """Note the loads of compliant latches at a state, as before and behind a jump."""
+        for k in self.closed:
+            if k in self.closings and not self.latches[k].rigid:
+                self._note_load(t, x, k)
+
+    def _note_load(self, t: float, x: Array, k: int) -> None:
+        it, s = self.closings[k], self._direction[k]
+        delta, rate = s * (x[self._q_of[k]] - self._rest[k]), s * x[self._v_of[k]]
+        load = float(self.latches[k].law(delta, rate)) if delta >= 0.0 else 0.0
+        if load > it.peak:
+            it.peak, it.peak_time = load, t
+
+    def _growth(self, t: float, x: Array, k: int) -> float:
+        """Return the rate at which the load of a compliant latch that has just been met grows."""
+        latch, s, rest = self.latches[k], self._direction[k], self._rest[k]
+        assert latch.v is not None
+        x = x.copy()
+        x[self._q_of[k]] = rest + s * INSIDE * max(
+            1.0, abs(rest)
+        )  # at its position itself nothing pushes yet
+        return float(latch.law(s * x[self._v_of[k]], s * self.rates(t, x)[0][latch.v]))
+
+    def _has_peaked(self, k: int) -> bool:
+        """Tell whether the load of a latch has come to its first peak, if it is one that grows."""
+        return self.latches[k].rigid or k not in self.closings or self.closings[k].has_peaked
+
+    # -- what is waited for ----------------------------------------------------------------------------
+    def _is_met(self) -> bool:
+        """Tell whether the run has come to what it goes on until."""
+        until = self.problem.scene.deploy.until
+        waited = [k for k in self.closed if until in ("all", self.names[k])]
+        return until != "end" and self.are_closed and all(map(self._has_peaked, waited))
+
+    @property
+    def are_closed(self) -> bool:
+        """Whether the latch that is waited for is closed, or all are."""
+        until = self.problem.scene.deploy.until
+        names = {self.names[k] for k in self.closed}
+        return until in names if until not in ("all", "end") else len(names) == len(self.latches)

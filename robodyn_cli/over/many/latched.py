@@ -1,0 +1,283 @@
+"""Many deployments with latches: each run goes from event to event with the watchers of the command, on equations and
+compiled code that are built once for all of them."""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.errors import OF_STATUS, NumericalError, RobodynError
+from robodyn_cli.formulations.events import Event, EventKind, Outcome, Owner
+from robodyn_cli.integration_methods import DEFAULT
+from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.motion.contact.latches import Latches
+from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.error import Attempt, First, integrate_again, remainder
+from robodyn_cli.motion.method import FAST_DECAYS
+from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.second_run import watched_again
+from robodyn_cli.motion.self_check import is_judged_by_energy
+from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
+from robodyn_cli.over.many.groups import first_of, table_rows
+from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
+from robodyn_cli.over.many.simulate import COUNTERS, LOCK_ERRORS, SECOND_STEPS, Deploy
+from robodyn_cli.over.many.structure import Structure
+from robodyn_cli.record import record
+from robodyn_cli.scene.types import Scene
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import ROUNDED, with_second
+from robodyn_cli.summaries.facts import Fact
+from robodyn_cli.works.deploy.latched import reason_of, time_error, watcher_of
+
+OF_LATCHES = ("locks", "missed")
+ENDS = ("lock.time", "lock.time_error", "termination.time")
+# what the summary says of every run that locks
+WORDS: dict[str, Any] = {"lock.kind": "latched", "lock.criterion": "latches", "lock.driven": False}
+
+
+class DeployLatches(Deploy):
+    """Deployments with latches; ends are the states at the last closings."""
+
+    words = WORDS
+    follows_events = True
+
+    def obstacle(self, motion: Motion) -> str:
+        latches = motion.problem.latches
+        reasons = {
+            "joints stick or meet stops by numbers that the equations do not hold": bool(
+                motion.problem.contact_joints
+            ),
+            "dead points are judged on numbers": any(latch.spec.at_dead_point for latch in latches),
+            "loads are judged on samples": bool(motion.scene.deploy.loads),
+        }
+        return first_of(reasons)
+
+    def gives(self, key: str) -> bool:
+        group, _, rest = key.partition(".")
+        figure = key in LOCK_ERRORS or key.startswith(("lock.angles.", "lock.rates."))
+        return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1)
+
+    def is_plain(self, key: str) -> bool:
+        return key in (*COUNTERS, SECOND_STEPS, *self.words) or self.gives(key)
+
+    def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
+        choice, result = structure.motion.choice, asked.result
+        q, qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
+        batch = RunBatch.of(structure, result.values[rows], q, qd, 1)
+        method = DEFAULT if choice.may_change else choice.method
+        trusted = batch.starts.sound.copy()
+        if choice.may_change:  # those are looked into by the command
+            trusted &= decays_of(batch) * batch.ends < FAST_DECAYS
+        runner = _Runner(batch, method)
+        runs = [runner.make(k) if trusted[k] else None for k in range(len(rows))]
+        made = np.array([k for k, run in enumerate(runs) if run is not None], dtype=np.int64)
+        if is_judged_by_energy(structure.motion) and len(made):
+            came = [run for run in runs if run is not None]
+            y, p = (np.array([getattr(run, name) for run in came]) for name in ("y", "p"))
+            steps = np.array([run.steps for run in came])
+            made = made[keeps_energy(batch.part(made), y, steps, p)]
+        for k in made.tolist():
+            run = runs[k]
+            assert run is not None
+            run.keep(result, int(rows[k]), structure.motion)
+        return np.delete(rows, made).tolist()
+
+
+class _Doubtful:
+    """Owner of events that are judged on numbers of the scene."""
+
+    def handle(self, event: Event) -> Outcome:
+        raise NumericalError(f"{event.name} at t = {event.time:.6g} s", time=event.time)
+
+    def again(self) -> None:
+        return None
+
+
+# what is only noted on the way has no owner
+OTHERS: dict[EventKind, Owner | None] = {EventKind.RANK_LOSS: _Doubtful(), EventKind.MARK: None}
+
+
+def command_for(command: BatchCommand[Any], scene: Scene) -> BatchCommand[Any]:
+    """Return what makes many runs of a scene: a command itself, or with latches one of its own."""
+    return DeployLatches() if isinstance(command, Deploy) and scene.deploy.latches else command
+
+
+@record
+class LatchedRun:
+    """What a run came to: its end, its watcher, that of the second run and times a difference is an error (nan: none).
+
+    y, p : state and parameters at the end at ``time``. counts : by name of ``counters``. locks, missed : with errors.
+    """
+
+    time: float
+    y: Array
+    p: Array
+    counts: dict[str, float]
+    latches: Latches
+    second_steps: float
+    factor: float
+    locks: dict[str, Any]
+    missed: dict[str, Any]
+    last: tuple[float, Array, str] | None
+    other: Array | None
+    reason: str
+    is_locked: bool
+
+    @property
+    def steps(self) -> int:
+        return int(self.counts["steps"])
+
+    def keep(self, result: ManyRuns, row: int, motion: Motion) -> None:
+        """Write it into its row."""
+        result.code[row] = 0 if self.is_locked else OF_STATUS["no_lock"]
+        result.reason[row] = "" if self.is_locked else self.reason
+        result.steps[row] = self.steps
+        if self.last is not None:
+            time, x, name = self.last
+            result.time[row], result.time_error[row] = time, _number(time_error(self.locks, name, self.time))
+            result.q[row], result.qd[row], _ = motion.system.split(x)
+            if self.other is not None:
+                apart = self.factor * np.abs(self.other - x)
+                for errors, own, off in zip(
+                    (result.q_error, result.qd_error), motion.system.split(x), motion.system.split(apart)
+                ):
+                    least = ROUNDED * np.abs(own)
+                    errors[row] = np.max(np.maximum(off + least, least.max()), initial=0.0)
+        for key, column in result.outputs.items():
+            column[row], result.errors[key][row] = self._figure(key, result, row)
+
+    def _figure(self, key: str, result: ManyRuns, row: int) -> tuple[float, float]:
+        """Return a figure of the summary and its error, nan for what there is not."""
+        group, *names = key.split(".")
+        if group in OF_LATCHES:
+            return _of_latch((self.locks if group == "locks" else self.missed).get(names[0]), names[1:])
+        if group == "counters":
+            return float(self.counts[names[0]]), math.nan
+        if key == SECOND_STEPS:
+            return self.second_steps, math.nan
+        if key == "termination.time":
+            return self.time, float(result.time_error[row])
+        if isinstance(WORDS.get(key), bool):
+            return (math.nan if self.last is None else 0.0), math.nan
+        if key in ENDS:
+            time, error = float(result.time[row]), float(result.time_error[row])
+            return (time, error) if key == "lock.time" else (error, math.nan)
+        kind = names[1] if names[0] == "errors" else names[0]
+        values, errors = (result.q, result.q_error) if kind == "angles" else (result.qd, result.qd_error)
+        largest = float(errors[row].max(initial=-math.inf))
+        if names[0] == "errors":
+            return largest, math.nan
+        columns, name = (result.q_names if kind == "angles" else result.qd_names), ".".join(names[1:])
+        if name not in columns:
+            return math.nan, math.nan
+        return float(values[row, columns.index(name)]), largest
+
+
+def _number(x: Any) -> float:
+    return float(x) if isinstance(x, (int, float, np.number)) else math.nan
+
+
+def _of_latch(entry: Any, names: list[str]) -> tuple[float, float]:
+    """Return a figure of the record of a latch, and its error."""
+    value, error = entry, math.nan
+    for name in names:
+        fact: Fact | None = next(
+            (f.metadata["fact"] for f in dataclasses.fields(value) if f.name == name), None
+        ) if dataclasses.is_dataclass(value) else None  # fmt: skip
+        if fact is not None and fact.errors:
+            error = _number(getattr(value.errors, name, None))
+        value = getattr(value, name, None)
+    return _number(value), error
+
+
+class _Runner:
+    """Drives runs of a batch one after another, each with its own numbers, and once more for the errors."""
+
+    def __init__(self, batch: RunBatch, method: str) -> None:
+        motion, options = batch.structure.motion, batch.options
+        if motion.choice.may_change:  # more steps: the command thinks about another method
+            options = dataclasses.replace(options, max_steps=min(options.max_steps, FIRST_LOOK + WORTH))
+        system, watchers = watched_again(motion)
+        self.batch, self.method, self.options, self.motion = batch, method, options, motion
+        own = motion.system.watched_by(lambda e: OTHERS.get(e.kind, e.owner))
+        self.first = Driver(own, method, options, [watcher_of(motion.watchers)])
+        self.second = Driver(system, method, options, watchers)
+        self._tables = [
+            table_rows(driver.integrator.engine.tables, batch.numbers) for driver in self._drivers
+        ]
+        kernels = [kernel for watcher in motion.watchers for kernel in watcher.kernels.values()]
+        self._kernels = [
+            (x, np.ascontiguousarray(batch.numbers.table(x.program.numbers or (0.0,)))) for x in kernels
+        ]
+
+    @property
+    def _drivers(self) -> tuple[Driver, Driver]:
+        return self.first, self.second
+
+    def make(self, k: int) -> LatchedRun | None:
+        """Return what a run came to; None where the command has to look into it."""
+        for kernel, rows in self._kernels:
+            kernel.table = rows[k]
+        for driver, tables in zip(self._drivers, self._tables):
+            driver.integrator.engine.take(tables[k])
+        try:
+            self._drive(self.first, self.options, k)
+            second_steps = self._again(k) if self.motion.scene.simulate.error_estimate else None
+        except RobodynError:
+            return None
+        finally:
+            for kernel, _ in self._kernels:
+                kernel.table = None
+        return self._run(second_steps)
+
+    def _drive(self, driver: Driver, options: Options, k: int) -> None:
+        end = float(self.batch.ends[k])
+        driver.start(0.0, self.batch.states[k], options)
+        driver.run(end, Grid.over(end, self.motion.scene.simulate.samples), lambda t, x: None)
+
+    def _again(self, k: int) -> int:
+        """Make the second run; return its steps."""
+
+        def once(attempt: Attempt) -> tuple[Any, Any]:
+            self._drive(self.second, attempt.alone, k)
+            return np.array([self.second.counters.steps]), np.array([False])
+
+        integrate_again(self._begun, once)
+        return self.second.counters.steps
+
+    @property
+    def _begun(self) -> First:
+        driver = self.first
+        return First(self.options, self.method, np.array([driver.counters.steps]), np.array([driver.time]))
+
+    def _run(self, second_steps: int | None) -> LatchedRun | None:
+        driver, latches, other = self.first, watcher_of(self.first.watchers), watcher_of(self.second.watchers)
+        facts, factor = latches.facts(driver.time), math.nan
+        locks, missed = (facts[name] for name in OF_LATCHES)
+        if second_steps is not None:
+            if {k: it.closings for k, it in latches.closings.items()} != {
+                k: it.closings for k, it in other.closings.items()
+            }:
+                return None  # too sensitive: the command says so
+            factor = float(remainder(self._begun, np.array([second_steps]))[0])
+            again = other.facts(self.second.time)
+            locks, missed = (
+                with_second(one, again[name], factor, (name, "LATCH"))
+                for one, name in zip((locks, missed), OF_LATCHES)
+            )
+        if latches.warnings:
+            return None
+        last = None if latches.last is None else (*latches.last[:2], latches.names[latches.last[2]])
+        same = second_steps is not None and latches.last is not None and other.last is not None
+        same = same and latches.last[2] == other.last[2]  # type: ignore[index]
+        counters = driver.counters
+        return LatchedRun(
+            driver.time, driver.state, driver.parameters, vars(counters).copy(), latches,
+            math.nan if second_steps is None else float(second_steps), factor, locks, missed, last,
+            other.last[1] if same else None,  # type: ignore[index]
+            reason_of(latches), latches.are_closed,
+        )  # fmt: skip
