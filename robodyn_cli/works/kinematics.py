@@ -55,6 +55,7 @@ from robodyn_cli.summaries.mechanism import (
     TransmissionErrors,
 )
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
+from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
 
 AT_SAMPLE = 1e-9  # part of an interval: a time so near to a sample is the sample's
@@ -226,7 +227,7 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
         for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
             result.add(path, data)
     if scene.kinematics.transmission is not None:
-        result.add("transmission_angle", transmission_angle(result, scene.kinematics.transmission))
+        result.add("transmission_angle", transmission_angle(arrays, scene.kinematics.transmission))
     return result
 
 
@@ -236,13 +237,12 @@ def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
     return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
 
 
-def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
-    """Return the angle at the second of three points (T,) [rad], from 0 to pi."""
-    a, b, c = (result[f"points/{name}"] for name in points)
+def transmission_angle(ways: Mapping[str, Array], points: Sequence[str]) -> Array:
+    """Return the angle at the second of three points (...,) [rad], from 0 to pi; ways : of the points (..., 3)."""
+    a, b, c = (ways[f"points/{name}"] for name in points)
     u, w = a - b, c - b
-    across = np.linalg.norm(np.cross(u, w), axis=1)
-    along: Array = np.einsum("ti,ti->t", u, w)
-    angle: Array = np.arctan2(across, along)
+    across = np.linalg.norm(np.cross(u, w), axis=-1)
+    angle: Array = np.arctan2(across, np.einsum("...i,...i->...", u, w))
     return angle
 
 
@@ -292,44 +292,93 @@ def _extremes(
     return chosen_extremes(result, names, breaks, closed)
 
 
+# values and errors (n,) of columns of one run, or of many, by figure
+Figures = dict[str, tuple[Array, Array]]
+
+
+def range_figures(
+    times: Array, motion: tuple[Array, Array, Array], breaks: Sequence[float], closed: float
+) -> Figures:
+    """Return where joints go, and how fast.
+
+    motion : columns of positions, rates and accelerations (T, n). closed : how far positions may be off at the samples
+    [rad or m].
+    """
+    low, high = (extreme(times, motion[0], breaks) for extreme in (smallest, largest))
+    speed, acceleration = (largest_magnitude(times, x, breaks) for x in motion[1:])
+    return {
+        "smallest": (low.value, low.error + closed),
+        "largest": (high.value, high.error + closed),
+        "peak_speed": (speed.value, speed.error),
+        "peak_acceleration": (acceleration.value, acceleration.error),
+    }
+
+
+def path_figures(times: Array, v: Array, a: Array, breaks: Sequence[float]) -> Figures:
+    """Return the figures of paths of points with velocities and accelerations (T, n, 3)."""
+    speed, size = (np.linalg.norm(x, axis=2) for x in (v, a))
+    fastest, most = (largest(times, x, breaks) for x in (speed, size))
+    return {
+        "path_length": integral(times, speed, breaks),
+        "peak_speed": (fastest.value, fastest.error),
+        "peak_acceleration": (most.value, most.error),
+    }
+
+
+def ratio_figures(
+    times: Array, passive: Array, psi: Array, breaks: Sequence[float], closed: float
+) -> Figures:
+    """Return how near dead points are, from singular values (T, n, k) of the passive block and of all of Psi."""
+    least = smallest(times, passive[:, :, -1] / psi[:, :, 0], breaks)
+    # singular values are no less than 0, where they have kinks that a polynomial cuts off
+    return {
+        "smallest": (np.maximum(least.value, 0.0), least.error + closed),
+        "time": (least.time, least.time_error),
+    }
+
+
+def transmission_figures(times: Array, angle: Array, breaks: Sequence[float], closed: float) -> Figures:
+    """Return the extremes of transmission angles (T, n) [rad]."""
+    figures: Figures = {}
+    for name, extreme in (("smallest", smallest), ("largest", largest)):
+        end = extreme(times, np.degrees(angle), breaks)
+        figures[f"{name}_deg"] = end.value, end.error + math.degrees(closed)
+        figures[f"{name}_time"] = end.time, end.time_error
+    return figures
+
+
 def _joint_ranges(result: Result, breaks: Sequence[float], closed: float) -> dict[str, JointRange]:
     """Return where joints go, and how fast; closed : how far positions may be off at the samples [rad or m]."""
-    ranges, positions = {}, result.variables["q"].names
-    q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
-    low, high = (extreme(result.time, q, breaks) for extreme in (smallest, largest))
-    speed, acceleration = (largest_magnitude(result.time, x, breaks) for x in (qd, qdd))
-    rates = units_of(result.variables["qd"])
+    positions = result.variables["q"].names
+    columns = range_figures(result.time, (result["q"], result["qd"], result["qdd"]), breaks, closed)
+    ranges, rates = {}, units_of(result.variables["qd"])
     for k, name in enumerate(result.variables["qd"].names):
         unit = rates[k].removesuffix("/s")
         # quasi-velocities are the rates of no position
         at = positions.index(name) if name in positions else None
-        errors = RangeErrors(
-            smallest=None if at is None else float(low.error[at]) + closed,
-            largest=None if at is None else float(high.error[at]) + closed,
-            peak_speed=float(speed.error[k]),
-            peak_acceleration=float(acceleration.error[k]),
+        places = {"smallest": at, "largest": at, "peak_speed": k, "peak_acceleration": k}
+        own, off = (
+            {x: None if i is None else float(columns[x][part][i]) for x, i in places.items()}
+            for part in (0, 1)
         )
-        ranges[name] = JointRange(
-            smallest=None if at is None else float(low.value[at]),
-            largest=None if at is None else float(high.value[at]),
-            peak_speed=float(speed.value[k]),
-            peak_acceleration=float(acceleration.value[k]),
-            errors=errors,
-            units={"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"},
-        )
+        units = {"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"}
+        ranges[name] = JointRange(**own, errors=RangeErrors(**off), units=units)
     return ranges
 
 
 def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath]:
     paths = {}
     for name, item in result.group("point_velocities").items():
-        speed = np.linalg.norm(item.data, axis=1)
-        size = np.column_stack([speed, np.linalg.norm(result[f"point_accelerations/{name}"], axis=1)])
-        (length,), (off,) = integral(result.time, size[:, :1], breaks)
-        most = largest(result.time, size, breaks)
-        errors = PathErrors(float(off), *most.error.tolist())
-        paths[name] = PointPath(float(length), float(most.value[0]), float(most.value[1]), errors)
+        v, a = (x[:, None] for x in (item.data, result[f"point_accelerations/{name}"]))
+        own, off = _of_one(path_figures(result.time, v, a, breaks))
+        paths[name] = PointPath(**own, errors=PathErrors(**off))
     return paths
+
+
+def _of_one(figures: Figures) -> tuple[dict[str, float], dict[str, float]]:
+    """Return the values and the errors of figures of one column."""
+    own, off = ({name: float(x[part][0]) for name, x in figures.items()} for part in (0, 1))
+    return own, off
 
 
 def between_samples(time: float, times: Array) -> tuple[int, float, float]:
@@ -338,19 +387,6 @@ def between_samples(time: float, times: Array) -> tuple[int, float, float]:
     h = float(times[k + 1] - times[k])
     s = (time - float(times[k])) / h
     return k, h, 1.0 if abs(s - 1.0) < AT_SAMPLE else 0.0 if abs(s) < AT_SAMPLE else s
-
-
-def hermite(ends: Sequence[tuple[Array, Array, Array]], h: float, s: float) -> tuple[Array, Array]:
-    """Return the value at part s of an interval by the quintic through values, rates and accelerations at its ends, and
-    its estimated error: how far the cubic through values and rates alone is away.
-    """
-    (y0, v0, a0), (y1, v1, a1) = ((y, h * v, h * h * a) for y, v, a in ends)
-    rise = y1 - y0
-    cubic = y0 + s * (v0 + s * (3.0 * rise - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * rise)))
-    # what is left of the accelerations at the ends, with 0 of values and rates there
-    c0, c1 = 6.0 * rise - 4.0 * v0 - 2.0 * v1, -6.0 * rise + 2.0 * v0 + 4.0 * v1
-    more = 0.5 * s * s * (1.0 - s) ** 2 * ((a0 - c0) * (1.0 - s) + (a1 - c1) * s)
-    return cubic + more, np.abs(more)
 
 
 def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesAt]:
@@ -376,7 +412,8 @@ def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesA
                 for group in ("point_velocities", "point_accelerations")
             ]
             ways = [item.data, *(still if x is None else x.data for x in rates)]
-            y, off = hermite([(ways[0][j], ways[1][j], ways[2][j]) for j in (k, k + 1)], h, s)
+            first, last = ((ways[0][j], ways[1][j], ways[2][j]) for j in (k, k + 1))
+            y, off = between((first, last), h, s)
             points[name] = PointPlace(float(y[0]), float(y[1]), float(y[2]), float(off.max()) + closed)
         places.append(PlacesAt(time, points))
     return places
@@ -385,24 +422,14 @@ def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesA
 def _singular_ratio(result: Result, breaks: Sequence[float], closed: float) -> SingularRatio | Absent:
     if "singularity/passive" not in result:
         return ABSENT
-    ratio = result["singularity/passive"][:, -1:] / result["singularity/psi"][:, :1]
-    least = smallest(result.time, ratio, breaks)
-    # singular values are no less than 0, where they have kinks that a polynomial cuts off
-    return SingularRatio(
-        max(0.0, float(least.value[0])),
-        *(float(x[0]) for x in (least.error + closed, least.time, least.time_error)),
-    )
+    psi, passive = (result[f"singularity/{name}"][:, None] for name in ("psi", "passive"))
+    own, off = _of_one(ratio_figures(result.time, passive, psi, breaks, closed))
+    return SingularRatio(own["smallest"], off["smallest"], own["time"], off["time"])
 
 
 def _transmission(result: Result, breaks: Sequence[float], closed: float) -> TransmissionAngle | Absent:
     if "transmission_angle" not in result:
         return ABSENT
-    angle = np.degrees(result["transmission_angle"])[:, None]
-    low, high = (extreme(result.time, angle, breaks) for extreme in (smallest, largest))
-    ends = (low, high)
-    off = math.degrees(closed)
-    errors = TransmissionErrors(*(float(x[0]) for end in ends for x in (end.error + off, end.time_error)))
-    smallest_deg, smallest_time, largest_deg, largest_time = (
-        float(x[0]) for end in ends for x in (end.value, end.time)
-    )
-    return TransmissionAngle(smallest_deg, smallest_time, largest_deg, largest_time, errors)
+    angle = result["transmission_angle"][:, None]
+    own, off = _of_one(transmission_figures(result.time, angle, breaks, closed))
+    return TransmissionAngle(**own, errors=TransmissionErrors(**off))

@@ -14,7 +14,8 @@ from robodyn_cli.over.sensitivity.report import sensitivity
 from robodyn_cli.over.study.rows import Points, Task
 from robodyn_cli.over.study.runs import Compiled, make_one, suits
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
-from robodyn_cli.works.kinematics import hermite, kinematics
+from robodyn_cli.trajectories.course import between
+from robodyn_cli.works.kinematics import kinematics
 
 FIVE = Path(__file__).parents[2] / "configs" / "search" / "five_point_four_bar.yaml"
 KEYS = (
@@ -76,9 +77,9 @@ def test_a_place_between_samples_is_within_its_error_whatever_the_samples() -> N
 
 def test_the_quintic_goes_through_values_rates_and_accelerations() -> None:
     f = np.polynomial.Polynomial([0.3, -1.0, 0.7, 0.2, -0.4, 0.1])
-    ends = [tuple(np.array([f.deriv(n)(t) if n else f(t)]) for n in range(3)) for t in (0.5, 1.1)]
+    first, last = (tuple(np.array([f.deriv(n)(t) if n else f(t)]) for n in range(3)) for t in (0.5, 1.1))
     for s in (0.0, 0.25, 0.9, 1.0):
-        value, error = hermite(ends, 0.6, s)  # type: ignore[arg-type]
+        value, error = between((first, last), 0.6, s)
         assert value[0] == pytest.approx(f(0.5 + 0.6 * s), abs=1e-14)
         assert (error[0] > 0.0) == (0.0 < s < 1.0)
 

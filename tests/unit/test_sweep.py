@@ -455,7 +455,8 @@ def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: P
     _, said = process.communicate()
     assert process.returncode == 130
     runs = done()
-    why, first, last = said.splitlines()
+    # a slow machine tells how far it is
+    why, first, last = (x for x in said.splitlines() if not x.startswith("robodyn: after "))
     assert "energy_drift" in why
     assert first.endswith(" of 100000 runs are done and kept; the same command goes on from there")
     # the last rows may be written and not yet counted
