@@ -362,7 +362,7 @@ def _joint_ranges(result: Result, breaks: Sequence[float], closed: float) -> dic
             for part in (0, 1)
         )
         units = {"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"}
-        ranges[name] = JointRange(**own, errors=RangeErrors(**off), units=units)
+        ranges[name] = JointRange(**own, errors=RangeErrors(**off), units=units)  # type: ignore[arg-type]
     return ranges
 
 

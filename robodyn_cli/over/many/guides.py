@@ -7,6 +7,7 @@ followed sample by sample; one that ends before is left to the command.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from typing import Protocol
 
@@ -48,6 +49,11 @@ class ManyMotions:
     def part(self, rows: NDArray[np.int64]) -> ManyMotions:
         """Return those of some runs."""
         return ManyMotions(self.q[rows], self.v[rows], self.a[rows], self.good[rows])
+
+    def put(self, rows: NDArray[np.int64], other: ManyMotions) -> None:
+        """Put others in the place of some of them."""
+        for name in ("q", "v", "a", "good"):
+            getattr(self, name)[rows] = getattr(other, name)
 
 
 class Guided:
@@ -94,19 +100,19 @@ class Guided:
 
     @np.errstate(all="ignore")  # what is not finite does not count
     def _follow(self, values: Array) -> ManyMotions:
-        runs, strides = _Going(self, values), Strides(len(self.times) < FEWEST)
-        last = len(self.times) - 1
+        runs, last = _Going(self, values), len(self.times) - 1
+        strides = Strides(last + 1 < FEWEST)
         while runs.at[-1] < last and runs.good.any():
             strides.go(runs.at[-1], last, runs.go_to)
-        motions = runs.at_all() if runs.good.any() else runs.nowhere()
-        again = np.flatnonzero(runs.good & ~motions.good)
-        if len(again) and len(runs.at) <= last:
-            closer = _Going(self, values[again])
-            for k in range(1, last + 1):
-                closer.go_to(k)
-            own = closer.at_all()
-            for name in ("q", "v", "a", "good"):
-                getattr(motions, name)[again] = getattr(own, name)
+        motions = runs.at_all()
+        while len(runs.at) <= last and len(again := np.flatnonzero(runs.good & ~motions.good)):
+            between = ((a + b) // 2 for a, b in itertools.pairwise(runs.at))
+            closer, there = sorted({*runs.at, *between} - {0}), runs.good
+            runs = _Going(self, values)
+            runs.good &= there & ~motions.good
+            for k in closer:
+                runs.go_to(k)
+            motions.put(again, runs.at_all().part(again))
         return motions
 
 
@@ -139,16 +145,14 @@ class _RunConditions:
         return self._base.moving(self._evaluate(self._guided.rates, q, v), *self._asked[1:])
 
 
-@record
 class _Loops:
-    """The rows of the loops alone, for ``newton_of_many``."""
+    """The first m rows of conditions, those of the loops, for ``newton_of_many``."""
 
-    conditions: _RunConditions
-    lengths: Array
-    sizes: Array
+    def __init__(self, conditions: _RunConditions, m: int) -> None:
+        self._conditions, self.lengths, self.sizes = conditions, conditions.lengths, conditions.sizes[:m]
 
     def at_runs(self, q: Array) -> tuple[Array, Array]:
-        F, J = self.conditions.at_runs(q)
+        F, J = self._conditions.at_runs(q)
         return F[:, : len(self.sizes)], J[:, : len(self.sizes)]
 
 
@@ -166,7 +170,7 @@ class _Going:
         conditions = self._conditions(self.values, float(guided.times[0]))
         lead, m = guided.conditions.lead, len(guided.problem.constraints.rows)
         free = [k for k, name in enumerate(guided.problem.model.q_names) if name not in lead.positions]
-        loops = _Loops(conditions, conditions.lengths, conditions.sizes[:m])
+        loops = _Loops(conditions, m)
         q, left = closure.newton_of_many(loops, np.tile(guided.start, (count, 1)), free)
         places = solve_together(conditions, q, slice(None))
         good = (left <= closure.CLOSED) & places.regular & (places.moved < 1.0)
@@ -210,27 +214,32 @@ class _Going:
             good[on] = second
         return new, good, True
 
-    def nowhere(self) -> ManyMotions:
-        """Return motions of which none came to the end."""
-        nothing = np.full((len(self.values), len(self.guided.times), self.guided.problem.model.nv), np.nan)
-        return ManyMotions(nothing, nothing, nothing, np.zeros(len(self.values), dtype=bool))
-
     def at_all(self) -> ManyMotions:
         """Return the motions at all samples, those between the places solved at once, run by run."""
         times, (count, n) = self.guided.times, self.through[0].q.shape
-        states = [(x.q.ravel(), x.v.ravel(), x.a.ravel()) for x in self.through]
-        shape = (len(times), count, n)
+        q, v, a = np.full((3, count, len(times), n), np.nan)
+        motions = ManyMotions(q, v, a, np.zeros(count, dtype=bool))
+        own = np.flatnonzero(self.good)
+        if len(own):
+            motions.put(own, self._at_all(own))
+        return motions
+
+    def _at_all(self, own: NDArray[np.int64]) -> ManyMotions:
+        times, n = self.guided.times, self.through[0].q.shape[1]
+        states = [(x.q[own].ravel(), x.v[own].ravel(), x.a[own].ravel()) for x in self.through]
+        shape = (len(times), len(own), n)
         if len(self.at) == len(times):
-            q, v, a = (np.array([x[k] for x in states]).reshape(shape).swapaxes(0, 1) for k in range(3))
-            return ManyMotions(q, v, a, self.good.copy())
+            q, v, a = (np.array(x).reshape(shape).swapaxes(0, 1) for x in zip(*states))
+            return ManyMotions(q, v, a, np.ones(len(own), dtype=bool))
         guess = interpolated(times, self.at, states).reshape(shape).swapaxes(0, 1).reshape(-1, n)
-        each = np.repeat(self.values, len(times), axis=0)
-        conditions = _RunConditions(self.guided, each, np.tile(times, count))
-        places = solve_together(conditions, guess, slice(None))
-        counts = (places.regular & (places.moved <= NEAR)).reshape(count, -1)
-        counts[:, 1:] &= same_branch(places.J[:-1], places.J[1:]).reshape(-1)[_within(count, len(times))]
-        q, v, a = (x.reshape(count, len(times), n) for x in (places.q, places.v, places.a))
-        return ManyMotions(q, v, a, self.good & counts.all(axis=1))
+        each = np.repeat(self.values[own], len(times), axis=0)
+        places = solve_together(
+            _RunConditions(self.guided, each, np.tile(times, len(own))), guess, slice(None)
+        )
+        counts = (places.regular & (places.moved <= NEAR)).reshape(len(own), -1)
+        counts[:, 1:] &= same_branch(places.J[:-1], places.J[1:])[_within(len(own), len(times))]
+        q, v, a = (x.reshape(len(own), len(times), n) for x in (places.q, places.v, places.a))
+        return ManyMotions(q, v, a, np.asarray(counts.all(axis=1)))
 
 
 def _within(count: int, samples: int) -> NDArray[np.int64]:

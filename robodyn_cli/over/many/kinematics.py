@@ -57,6 +57,7 @@ SECTIONS = (
     "points",
     "samples",
     "singular_ratio",
+    "termination",
     "transmission_angle",
 )
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
@@ -203,6 +204,9 @@ class ManyFigures:
     def _samples(self, _: str) -> Figures:
         return _exact({"": np.full(len(self.values), float(len(self.structure.samples)))})
 
+    def _termination(self, _: str) -> Figures:
+        return _exact({"time": np.full(len(self.values), self.times[-1])})
+
     def _error_estimate(self, _: str) -> Figures:
         guided = self.structure.guided
         if guided is None or not self.structure.problem.model.closures:
@@ -242,8 +246,10 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
 
     def is_plain(self, key: str) -> bool:
         leaf = leaf_of("kinematics", key)
-        known = leaf is not None and leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
-        return known and not (leaf.key.startswith("at.") and leaf.key.endswith(".time"))  # type: ignore[union-attr]
+        if leaf is None or leaf.key.startswith("termination."):
+            return key == "termination.time"
+        known = leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
+        return known and not (leaf.key.startswith("at.") and leaf.key.endswith(".time"))
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, kinematics=dataclasses.replace(scene.kinematics, samples=samples))
