@@ -17,7 +17,7 @@ from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
-from robodyn_cli.works.deploy.growth import multiplier_norm
+from robodyn_cli.works.deploy.growth import farthest, multiplier_norm, starts_beside
 
 # what the summary says of every run whose lock compiled code has found
 WORDS: dict[str, Any] = {
@@ -77,18 +77,25 @@ def figures_of(locks: Locks, keys: Sequence[str]) -> dict[str, Figure]:
             values, errors = _apart(locks, partial(_singular_values, locks, columns))
             known |= {f"{group}.{k}": (x, errors.max(axis=1)) for k, x in enumerate(values.T)}
     if any(key in NORMS for key in keys):
-        values, errors = _apart(locks, partial(_norms, locks))
+        starts = starts_beside(locks.batch.states, locks.batch.closed_otherwise().states)
+        values, errors = _apart(locks, *(partial(_norms, locks, x) for x in (starts[:1], starts)))
         known |= {key: (values[:, k], errors[:, k]) for k, key in enumerate(NORMS)}
     return {key: known.get(key, (nothing, nothing)) for key in keys}
 
 
-def _apart(locks: Locks, figure: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Return figures (N, k) of states at the lock, and their errors: how far those of the second runs are apart."""
+def _apart(
+    locks: Locks, figure: Callable[[Array], Array], other: Callable[[Array], Array] | None = None
+) -> tuple[Array, Array]:
+    """Return figures (N, k) of states at the lock, and their errors: how far those of the second runs are apart.
+
+    other : gives the figures of the second runs, where that is not ``figure``.
+    """
     values = figure(locks.first)
     if np.isnan(locks.factor).all():
         return values, np.full(values.shape, np.nan)
     # without a second run there is no error: ``factor`` is nan
-    apart = np.abs(figure(np.where(np.isfinite(locks.second), locks.second, locks.first)) - values)
+    again = (other or figure)(np.where(np.isfinite(locks.second), locks.second, locks.first))
+    apart = np.abs(again - values)
     return values, locks.factor[:, None] * apart + ROUNDED * np.abs(values)
 
 
@@ -102,15 +109,17 @@ def _singular_values(locks: Locks, columns: Sequence[int], x: Array) -> Array:
     return values
 
 
-def _norms(locks: Locks, x: Array) -> Array:
-    """Return the norms of the loops' multipliers at the start and at states x (N, nx): (N, 2)."""
+def _norms(locks: Locks, starts: Array, x: Array) -> Array:
+    """Return the norms of the loops' multipliers at starts (S, N, nx), that farthest from the first, and at states x
+    (N, nx): (N, 2)."""
     batch = locks.batch
     rows = batch.structure.motion.problem.constraints.of_loops
     norms = np.empty((len(x), 2))
     for k, observer in enumerate(batch.structure.observers(batch.numbers)):
-        states = np.asfortranarray(np.stack([batch.states[k], x[k]]))
-        lam = observer.multipliers(np.array([0.0, locks.times[k]]), states)
-        norms[k] = multiplier_norm(lam[:, rows])
+        states = np.asfortranarray(np.vstack([starts[:, k], x[k]]))
+        times = np.append(np.zeros(len(starts)), locks.times[k])
+        own = multiplier_norm(observer.multipliers(times, states)[:, rows])
+        norms[k] = farthest(own[:-1]), own[-1]
     return norms
 
 

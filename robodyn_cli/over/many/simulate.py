@@ -296,7 +296,7 @@ class Deploy(MotionCommand):
         if len(rows := np.flatnonzero(trusted)):
             time = runs.time[rows]
             first = First(batch.options, method, runs.steps[rows], time)
-            second, done = second_runs(batch.part(rows), first, locked)
+            second, done = second_runs(batch.part(rows).closed_otherwise(), first, locked)
             pace = time / np.maximum(second.time, 1e-300)
             paced = np.rint(second.steps * pace)
             errors[rows], steps[rows] = (
