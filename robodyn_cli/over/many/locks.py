@@ -13,6 +13,7 @@ import numpy as np
 
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid
+from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -30,6 +31,8 @@ WORDS: dict[str, Any] = {
 }
 TIMES = ("lock.time", "criteria.dead_point", "termination.time")
 RESIDUALS = ("constraint_residual.position", "constraint_residual.velocity")
+ENERGIES = ("energy_drift", "energy_drift_relative")
+ALONG = (*RESIDUALS, *ENERGIES)  # the samples of the scene
 NORMS = ("lock.multipliers.start", "lock.multipliers.at_lock")
 ENTRIES = 4_000_000  # of sampled states at a time: 32 MB
 DEGREES = "lock.angles_deg"
@@ -123,11 +126,12 @@ def _norms(locks: Locks, starts: Array, x: Array) -> Array:
     return norms
 
 
-def residuals_of(batch: RunBatch, method: str, times: Array) -> dict[str, Figure]:
-    """Return the largest residuals of position and velocity over the samples of the scene up to the ends of the runs at
-    times (N,) [s], which have no error."""
+def figures_along(batch: RunBatch, method: str, times: Array, keys: Sequence[str]) -> dict[str, Figure]:
+    """Return figures of the samples of the scene up to the ends of the runs at times (N,) [s], which have no error:
+    largest residuals of position and velocity, and those of ``ENERGIES`` where they are among the keys."""
     count, asked = len(batch.values), max(batch.structure.motion.scene.simulate.samples - 1, 1)
-    step, largest = batch.ends / asked, np.zeros((len(times), len(RESIDUALS)))
+    step, largest = batch.ends / asked, np.full((len(times), len(ALONG)), np.nan)
+    constrained, wanted = bool(batch.structure.motion.problem.constraints.rows), set(keys) & set(ENERGIES)
     taken = np.array([Grid(0.0, h, asked + 1).first_at(t) for h, t in zip(step, times)])
     size = max(1, ENTRIES // (asked * batch.states.shape[1]))
     for first in range(0, count, size):
@@ -138,5 +142,15 @@ def residuals_of(batch: RunBatch, method: str, times: Array) -> dict[str, Figure
             own = min(taken[k], int(runs.n[k - first, IntegerSlot.NEXT_SAMPLE]) - 1)
             states = np.vstack([part.states[k - first], runs.out[k - first, :, :own].T, runs.y[k - first]])
             at = np.append(step[k] * np.arange(own + 1), times[k])
-            largest[k] = observer.largest_residuals(at, np.asfortranarray(states))
-    return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(RESIDUALS)}
+            states = np.asfortranarray(states)
+            if wanted:
+                recorder = Recorder(observer)
+                recorder.emit(at, states, observer.parameters)
+                largest[k] = (
+                    recorder.position_residual, recorder.velocity_residual, recorder.drift, recorder.relative_drift,
+                )  # fmt: skip
+            elif constrained:
+                largest[k, : len(RESIDUALS)] = observer.largest_residuals(at, states)
+            if not constrained:
+                largest[k, : len(RESIDUALS)] = np.nan
+    return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(ALONG)}
