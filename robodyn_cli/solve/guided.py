@@ -118,15 +118,10 @@ def solve_together(conditions: SampledConditions, guess: Array, samples: slice) 
     J = np.where(regular[:, None, None], J, 0.0)
     regular &= np.abs(F / sizes).max(axis=1, initial=0.0) < SAME
     scaled = J * lengths / sizes[:, None]
-    U, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)
+    sigma = np.linalg.svd(scaled, compute_uv=False)
     regular &= (sigma[:, -1] > SINGULAR * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
-
-    def solution(F: Array) -> Array:
-        parts = (F / sizes)[:, None] @ U / sigma[:, None]
-        return np.asarray((parts @ Vt)[:, 0] * lengths)
-
-    v = solution(conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
-    a = solution(conditions.rates_at_samples(q, v, samples)[1])
+    v = least_steps(J, conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
+    a = least_steps(J, conditions.rates_at_samples(q, v, samples)[1])
     moved = (np.abs(q - guess)[:, position] / lengths).max(axis=1, initial=0.0)
     return Places(q, v, a, scaled, regular, moved, rounds)
 

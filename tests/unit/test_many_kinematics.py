@@ -16,6 +16,7 @@ from robodyn_cli.over.study.runs import Compiled, make_one, suits
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
 from robodyn_cli.trajectories.course import between
 from robodyn_cli.works.kinematics import kinematics
+from tests.many import compare_all
 
 FIVE = Path(__file__).parents[2] / "configs" / "search" / "five_point_four_bar.yaml"
 KEYS = (
@@ -46,6 +47,27 @@ def test_compiled_runs_say_what_the_command_says(changes: tuple[str, ...]) -> No
         assert row["code"] == one["code"] == 0
     for run in set(range(24)) - set(made.runs.tolist()):  # what is left fails as a command
         assert make_one(asked, run, values[run])[0].rows["code"][0] in (4, 5)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "keys"),
+    [
+        (
+            "four_bar_kinematics",
+            ("kinematics.at=[0.3, 1.7]",),
+            ("robot.joints.crank.a", "robot.joints.coupler.a"),
+        ),
+        ("four_bar_kinematics", ("kinematics.samples=21",), ("robot.joints.rocker.a",)),
+        ("five_bar_circle", ("outputs={}",), ("robot.joints.left.a", "robot.joints.bend_right.a")),
+    ],
+)
+def test_every_figure_is_that_of_the_command(
+    name: str, changes: tuple[str, ...], keys: tuple[str, ...]
+) -> None:
+    path = FIVE.parents[1] / "mechanisms" / f"{name}.yaml"
+    keys_of = compare_all(Task(Family(path, ("expect={}", *changes)), "kinematics", keys, ()), 3)
+    groups = {"joints", "mobility", "error_estimate", "samples", "termination"}
+    assert groups <= {key.partition(".")[0] for key in keys_of}
 
 
 def test_runs_that_meet_a_dead_point_are_left_to_the_command() -> None:

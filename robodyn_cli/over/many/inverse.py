@@ -258,6 +258,9 @@ class Figures:
 
 
 # sections of the summary beside figures of joints that are found for many runs; counters are those of single runs
+UNIQUE = "unique"
+# what the summary says of every run that is made here where a scene expects one of them
+WORDS: Mapping[str, str] = {"mechanism.torques": UNIQUE, "mechanism.multipliers": UNIQUE}
 SECTIONS = (
     "constraint_residual",
     "error_estimate",
@@ -274,6 +277,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
 
     name = "inverse"
     sampled = ("q", "qd", "qdd", "tau")
+    words = WORDS
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> InverseStructure:
         return InverseStructure(family, keys, row)
@@ -281,7 +285,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
     def is_plain(self, key: str) -> bool:
         leaf = leaf_of("inverse", key)
         known = leaf is not None and leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
-        return known or figure_of(key) is not None
+        return known or key in self.words or figure_of(key) is not None
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, inverse=dataclasses.replace(scene.inverse, samples=samples))
@@ -333,20 +337,16 @@ class InverseRuns(BatchCommand[InverseStructure]):
         """The same for runs whose motions, or whose summaries, are their own."""
         result, values = asked.result, asked.result.values[rows]
         alike = structure.numbers(values).decided_alike(structure.forward)
+        worded = bool(set(self.words) & set(structure.program.problem.scene.expect))
         made: list[_MadeRun] = []
         for k, planned in enumerate(structure.motions(values, times)):
             if planned is None or not alike[k]:
                 continue
             with contextlib.suppress(RobodynError):  # the command names it
-                made.append(
-                    _MadeRun(
-                        structure,
-                        values[k : k + 1],
-                        int(rows[k]),
-                        planned,
-                        structure.sampled(planned, tables[k]),
-                    )
-                )
+                sampled = structure.sampled(planned, tables[k])
+                loops = sampled.loops
+                if not worded or loops is None or set(loops.shared.uniqueness) == {UNIQUE}:
+                    made.append(_MadeRun(structure, values[k : k + 1], int(rows[k]), planned, sampled))
         for runs in _with_equal_breaks(made):
             _keep_figures(structure, runs, result)
         for run in made:

@@ -251,6 +251,9 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
         known = leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
         return known and not (leaf.key.startswith("at.") and leaf.key.endswith(".time"))
 
+    def is_smooth(self, key: str) -> bool:
+        return key.startswith("at.")
+
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, kinematics=dataclasses.replace(scene.kinematics, samples=samples))
 

@@ -192,6 +192,7 @@ def column_of(result: ManyRuns, group: str, name: str, rows: Rows) -> Array:
     return column
 
 
+ENDS = ("final.time", "termination.time")
 ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
 
 
@@ -204,7 +205,8 @@ class Simulate(MotionCommand):
         return build_motion(integrable(scene))
 
     def gives(self, key: str) -> bool:
-        return key == "final.time" or key.startswith(("final.q.", "final.qd.")) or key in ERRORS
+        ends = key in ENDS or key.startswith(("final.q.", "final.qd."))
+        return ends or key in ERRORS
 
     def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
         return integrate(batch, method, max(0, asked.samples - 1))
@@ -212,7 +214,7 @@ class Simulate(MotionCommand):
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
         if key in ERRORS:
             return _largest_error(result, ERRORS[key], rows)
-        if key == "final.time":
+        if key in ENDS:
             return result.time[rows]
         _, group, name = key.split(".", 2)
         return column_of(result, group, name, rows)

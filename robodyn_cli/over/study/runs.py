@@ -47,6 +47,11 @@ def suits(task: Task) -> bool:
     return task.command in commands and not beyond(task)
 
 
+def is_smooth(task: Task) -> bool:
+    """Tell whether differences of compiled runs serve as derivatives of all outputs."""
+    return suits(task) and all(commands[task.command].is_smooth(key) for key in task.outputs)
+
+
 def beyond(task: Task) -> list[str]:
     """Return the outputs and expectations of a study that compiled code does not give."""
     margins = ["motorisation"] if task.family.own.motorisation is not None else []  # decide the exit code
