@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -34,7 +33,6 @@ from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.results.result import Result, units_of
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest
 from robodyn_cli.solve.guided import CLOSED
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
@@ -57,8 +55,16 @@ from robodyn_cli.summaries.mechanism import (
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
-
-AT_SAMPLE = 1e-9  # part of an interval: a time so near to a sample is the sample's
+from robodyn_cli.works.kinematic_figures import (
+    AT_SAMPLE,
+    between_samples,
+    of_one,
+    path_figures,
+    range_figures,
+    ratio_figures,
+    transmission_angle,
+    transmission_figures,
+)
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -237,15 +243,6 @@ def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
     return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
 
 
-def transmission_angle(ways: Mapping[str, Array], points: Sequence[str]) -> Array:
-    """Return the angle at the second of three points (...,) [rad], from 0 to pi; ways : of the points (..., 3)."""
-    a, b, c = (ways[f"points/{name}"] for name in points)
-    u, w = a - b, c - b
-    across = np.linalg.norm(np.cross(u, w), axis=-1)
-    angle: Array = np.arctan2(across, np.einsum("...i,...i->...", u, w))
-    return angle
-
-
 def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:
     """Return a warning for each limit of a joint that the motion is beyond."""
     if not problem.scene.robot.limited:
@@ -292,61 +289,6 @@ def _extremes(
     return chosen_extremes(result, names, breaks, closed)
 
 
-# values and errors (n,) of columns of one run, or of many, by figure
-Figures = dict[str, tuple[Array, Array]]
-
-
-def range_figures(
-    times: Array, motion: tuple[Array, Array, Array], breaks: Sequence[float], closed: float
-) -> Figures:
-    """Return where joints go, and how fast.
-
-    motion : columns of positions, rates and accelerations (T, n). closed : how far positions may be off at the samples
-    [rad or m].
-    """
-    low, high = (extreme(times, motion[0], breaks) for extreme in (smallest, largest))
-    speed, acceleration = (largest_magnitude(times, x, breaks) for x in motion[1:])
-    return {
-        "smallest": (low.value, low.error + closed),
-        "largest": (high.value, high.error + closed),
-        "peak_speed": (speed.value, speed.error),
-        "peak_acceleration": (acceleration.value, acceleration.error),
-    }
-
-
-def path_figures(times: Array, v: Array, a: Array, breaks: Sequence[float]) -> Figures:
-    """Return the figures of paths of points with velocities and accelerations (T, n, 3)."""
-    speed, size = (np.linalg.norm(x, axis=2) for x in (v, a))
-    fastest, most = (largest(times, x, breaks) for x in (speed, size))
-    return {
-        "path_length": integral(times, speed, breaks),
-        "peak_speed": (fastest.value, fastest.error),
-        "peak_acceleration": (most.value, most.error),
-    }
-
-
-def ratio_figures(
-    times: Array, passive: Array, psi: Array, breaks: Sequence[float], closed: float
-) -> Figures:
-    """Return how near dead points are, from singular values (T, n, k) of the passive block and of all of Psi."""
-    least = smallest(times, passive[:, :, -1] / psi[:, :, 0], breaks)
-    # singular values are no less than 0, where they have kinks that a polynomial cuts off
-    return {
-        "smallest": (np.maximum(least.value, 0.0), least.error + closed),
-        "time": (least.time, least.time_error),
-    }
-
-
-def transmission_figures(times: Array, angle: Array, breaks: Sequence[float], closed: float) -> Figures:
-    """Return the extremes of transmission angles (T, n) [rad]."""
-    figures: Figures = {}
-    for name, extreme in (("smallest", smallest), ("largest", largest)):
-        end = extreme(times, np.degrees(angle), breaks)
-        figures[f"{name}_deg"] = end.value, end.error + math.degrees(closed)
-        figures[f"{name}_time"] = end.time, end.time_error
-    return figures
-
-
 def _joint_ranges(result: Result, breaks: Sequence[float], closed: float) -> dict[str, JointRange]:
     """Return where joints go, and how fast; closed : how far positions may be off at the samples [rad or m]."""
     positions = result.variables["q"].names
@@ -370,23 +312,9 @@ def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath
     paths = {}
     for name, item in result.group("point_velocities").items():
         v, a = (x[:, None] for x in (item.data, result[f"point_accelerations/{name}"]))
-        own, off = _of_one(path_figures(result.time, v, a, breaks))
+        own, off = of_one(path_figures(result.time, v, a, breaks))
         paths[name] = PointPath(**own, errors=PathErrors(**off))
     return paths
-
-
-def _of_one(figures: Figures) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the values and the errors of figures of one column."""
-    own, off = ({name: float(x[part][0]) for name, x in figures.items()} for part in (0, 1))
-    return own, off
-
-
-def between_samples(time: float, times: Array) -> tuple[int, float, float]:
-    """Return between which samples a time is: the number of the first one, the interval [s], the part of it."""
-    k = int(np.clip(np.searchsorted(times, time) - 1, 0, len(times) - 2))
-    h = float(times[k + 1] - times[k])
-    s = (time - float(times[k])) / h
-    return k, h, 1.0 if abs(s - 1.0) < AT_SAMPLE else 0.0 if abs(s) < AT_SAMPLE else s
 
 
 def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesAt]:
@@ -423,7 +351,7 @@ def _singular_ratio(result: Result, breaks: Sequence[float], closed: float) -> S
     if "singularity/passive" not in result:
         return ABSENT
     psi, passive = (result[f"singularity/{name}"][:, None] for name in ("psi", "passive"))
-    own, off = _of_one(ratio_figures(result.time, passive, psi, breaks, closed))
+    own, off = of_one(ratio_figures(result.time, passive, psi, breaks, closed))
     return SingularRatio(own["smallest"], off["smallest"], own["time"], off["time"])
 
 
@@ -431,5 +359,5 @@ def _transmission(result: Result, breaks: Sequence[float], closed: float) -> Tra
     if "transmission_angle" not in result:
         return ABSENT
     angle = result["transmission_angle"][:, None]
-    own, off = _of_one(transmission_figures(result.time, angle, breaks, closed))
+    own, off = of_one(transmission_figures(result.time, angle, breaks, closed))
     return TransmissionAngle(**own, errors=TransmissionErrors(**off))

@@ -31,21 +31,17 @@ from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
-from robodyn_cli.works.kinematics import (
+from robodyn_cli.works.kinematic_figures import (
     AT_SAMPLE,
     Figures,
     between_samples,
-    closer_times,
-    kinematics,
-    leading,
-    outputs,
     path_figures,
-    problem_of,
     range_figures,
     ratio_figures,
     transmission_angle,
     transmission_figures,
 )
+from robodyn_cli.works.kinematics import closer_times, kinematics, leading, outputs, problem_of
 
 PLACES = ("points", "point_velocities", "point_accelerations")
 # sections of the summary whose numbers are found for many runs; counters are those of single runs
