@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.expr.many import Expressions, ManyNumbers
+from robodyn_cli.expr.many import Expressions, ManyNumbers, Recipe
 from robodyn_cli.given.loop_conditions import Lead, LoopConditions
 from robodyn_cli.over.many.keys import NUMBER, Key
 from robodyn_cli.record import record
@@ -33,6 +34,8 @@ Chosen = NDArray[np.bool_]
 
 class Numbered(Protocol):
     """What has numbers for rows of values (N, keys): a structure."""
+
+    recipe: Recipe
 
     def numbers(self, values: Array) -> ManyNumbers: ...
 
@@ -79,6 +82,12 @@ class Guided:
         given = {**scene.initial.q, **guess, **led}
         return np.array([given[name] for name in self.problem.model.q_names])
 
+    @cached_property
+    def _varies(self) -> bool:
+        """Whether other runs have other motions."""
+        parts = (self.here, self.rates)
+        return any(self.built.recipe.varies(x) for part in parts for x in (*part.constants, *part.outputs))
+
     def residuals(self, values: Array, motions: ManyMotions) -> dict[str, Array]:
         """Return the largest residuals (N,) of positions, rates and accelerations of motions."""
         count, samples, n = motions.q.shape
@@ -93,6 +102,8 @@ class Guided:
 
     def follow(self, values: Array) -> ManyMotions:
         """Return the motions of runs with rows of values (N, keys)."""
+        if not self._varies and len(values) > 1:
+            return self.follow(values[:1]).part(np.zeros(len(values), dtype=np.int64))
         size = max(1, AT_ONCE // len(self.times))
         parts = [self._follow(values[k : k + size]) for k in range(0, len(values), size)]
         names = ("q", "v", "a", "good")
