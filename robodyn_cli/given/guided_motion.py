@@ -55,10 +55,16 @@ def guided_motion(problem: Problem, lead: Lead, times: Array) -> Planned:
     counters = {"iterations": guide.iterations, "steps": guide.steps}
     reached = times[: len(places)]
     residuals = _residuals(conditions, places) if problem.model.closures else {}
-    planned = Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
+    return with_target(
+        problem, lead, Planned(reached, motion, residuals=residuals, counters=counters, stopped=stopped)
+    )
+
+
+def with_target(problem: Problem, lead: Lead, planned: Planned) -> Planned:
+    """Return the motion that a lead gave with where the point that leads, if one does, is asked to be."""
     if lead.led is None:
         return planned
-    wanted = lead.asked(reached)[0]
+    motion, wanted = planned.motion, lead.asked(planned.times)[0]
     R = wanted[:, 3:].reshape(-1, 3, 3) if lead.led.oriented else None
     target, axes = in_world(
         problem.model, lead.led.relative_to, wanted[:, : lead.led.components], R, motion.q

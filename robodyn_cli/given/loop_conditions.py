@@ -168,14 +168,14 @@ class LoopConditions:
                 lengths.append(len(axis) == 1)
         self.names = tuple(names)
         self.led = len(names) - len(rows)
-        self._expressions = problem, values, J, [*(row.eta_t for row in rows), *bias]
+        self._problem, self._values_of, self._J = problem, values, J
+        self._bias = [*(row.eta_t for row in rows), *bias]
         self._values = len(values)  # none of led joints; of a pose its axes, in the place of three rows
         self.prescribed = problem.constraints.prescribed
         self.sizes = np.where(lengths, self.size, 1.0)
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in model.v_units])
         # a sample takes about four evaluations
-        self._here = _Entries(model, [*values, *J], 4 * len(times))
-        self._rates = _Entries(model, [*(row.eta_t for row in rows), *bias], 4 * len(times))
+        self._here, self._rates = (_Entries(model, x, 4 * len(times)) for x in self.entries())
         self._asked: dict[float, tuple[Array, Array, Array]] = {}
         self._times, self._at_times = times, lead.asked(times)
         wanted = self._at_times
@@ -219,7 +219,11 @@ class LoopConditions:
     def at_samples(self, q: Array, samples: slice) -> tuple[Array, Array]:
         """Return F (T, m) and J (T, m, nv) at positions q (T, nq) of some of the motion's samples."""
         outputs = self._here.at_samples(q, np.zeros((len(q), self.model.nv)), self._times[samples])
-        m, values, wanted = len(self.names), self._values, self._at_times[0][samples]
+        return self.lacking(outputs, q, self._at_times[0][samples])
+
+    def lacking(self, outputs: Array, q: Array, wanted: Array) -> tuple[Array, Array]:
+        """Return F (T, m) and J (T, m, nv) from the first of ``entries`` at positions q, and values asked (T, k)."""
+        m, values = len(self.names), self._values
         rows = m - self.led
         if self.lead.led is not None:
             left = what_is_left(wanted, outputs[:, rows:values], self.lead.led.oriented)
@@ -230,11 +234,18 @@ class LoopConditions:
     def rates_at_samples(self, q: Array, v: Array, samples: slice) -> tuple[Array, Array]:
         """Return c and b (T, m) at positions q (T, nq) and rates v (T, nv) of some of the motion's samples."""
         outputs = self._rates.at_samples(q, v, self._times[samples])
-        _, rate, acceleration = (x[samples] for x in self._at_times)
+        return self.moving(outputs, *(x[samples] for x in self._at_times[1:]))
+
+    def moving(self, outputs: Array, rate: Array, acceleration: Array) -> tuple[Array, Array]:
+        """Return c and b (T, m) from the second of ``entries``, and rates and accelerations asked (T, k)."""
         rows = len(self.names) - self.led
         b = -outputs[:, rows:]
         b[:, rows:] += acceleration
         return np.hstack([-outputs[:, :rows], rate]), b
+
+    def entries(self) -> tuple[list[Scalar], list[Scalar]]:
+        """Return the expressions that decide: values and J row by row; of rates and accelerations, eta_t and bias."""
+        return [*self._values_of, *self._J], self._bias
 
     def levels(self) -> tuple[list[Scalar], list[Scalar], list[Scalar], list[Scalar]]:
         """Return expressions of the loops' rows, which are zero, and of what is led.
@@ -242,7 +253,7 @@ class LoopConditions:
         Values (none of led joints; of a pose its axes, in the place of three rows), rates J v + eta_t (m,),
         accelerations J v-dot + gamma (m,), and J (m nv,).
         """
-        problem, values, J, others = self._expressions
+        problem, values, J, others = self._problem, self._values_of, self._J, self._bias
         m, nv = len(self.names), self.model.nv
         eta_t, bias = [*others[: m - self.led], *[0.0] * self.led], others[m - self.led :]
         rows = [J[i * nv : (i + 1) * nv] for i in range(m)]

@@ -150,7 +150,18 @@ class SampleKernel:
         return {name: r[:samples] for name, r in results.items()}
 
     def of_tables(self, tables: Array, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
-        """Evaluate so many samples with each row of tables (N, numbers) in place of its own: {output: (N, n, T)}."""
+        """Evaluate so many samples with each row of tables (N, numbers) in place of its own: {output: (N, n, T)}.
+
+        Groups of shape (N, T, n) are those of each row.
+        """
+        own = {group: array for group, array in groups.items() if np.ndim(array) == 3}
+        if own:
+            shared = {group: array for group, array in groups.items() if group not in own}
+            each = [
+                self.of_tables(table[None], samples, {**shared, **{name: x[k] for name, x in own.items()}})
+                for k, table in enumerate(tables)
+            ]
+            return {name: np.concatenate([x[name] for x in each]) for name in self.program.outputs}
         if _varies(groups):
             parts = [self.of_tables(tables, n, part) for n, part in _pieces(groups)]
             return {name: np.concatenate([part[name] for part in parts], axis=2) for name in parts[0]}

@@ -72,17 +72,41 @@ def _closing(problem: Problem, held: Sequence[int], inputs: dict[str, Array]) ->
     nearly depend on each other hardly determine the joints that they close. 0 where there are no constraints or their
     number makes it dear.
     """
-    rows = problem.constraints.rows
+    return float(np.linalg.norm(closing_steps(*rounded_rows(problem, inputs), held), axis=1).max(initial=0.0))
+
+
+def rounded_rows(problem: Problem, inputs: dict[str, Array]) -> tuple[Array, Array]:
+    """Return Psi (T, m, nv), and how far rounding may have put eta off (T,), at samples (T, n) by group; none (T = 0)
+    where there are no constraints or their number makes it dear."""
+    rows, nv = problem.constraints.rows, problem.model.nv
     program = Rounded([*(row.eta for row in rows), *problem.psi.ravel()])
     if not rows or len(program.nodes) > LARGE:
-        return 0.0
+        return np.zeros((0, 0, nv)), np.zeros(0)
     draws = program(inputs)
     eta = draws[:, :, : len(rows)]
     off = np.sqrt((np.abs(eta[1:] - eta[0]).max(axis=0) ** 2).sum(axis=1)) / ENLARGED
-    psi = draws[0, :, len(rows) :].reshape(draws.shape[1], len(rows), -1)
-    psi = np.delete(psi, list(held), axis=2)
-    if not psi.size or not (np.all(np.isfinite(psi)) and np.all(np.isfinite(off))):
-        return 0.0
-    sigma = np.linalg.svd(psi, compute_uv=False)
-    least = np.where(sigma > VANISHED * sigma[:, :1], sigma, np.inf).min(axis=1)
-    return float((off / least).max())
+    return draws[0, :, len(rows) :].reshape(draws.shape[1], len(rows), nv), off
+
+
+def closing_steps(psi: Array, off: Array, held: Sequence[int]) -> Array:
+    """Return the steps (T, nv) by which rounding may have put closed positions off [rad, m].
+
+    They are along the motion that the rows hold least of those that they hold, delta(eta) / sigma long; 0 where
+    something is not finite.
+
+    Parameters
+    ----------
+    psi : (T, m, nv). off : delta(eta) (T,). held : columns of rates that are held.
+    """
+    steps, free = np.zeros((len(psi), psi.shape[2])), np.delete(psi, list(held), axis=2)
+    good = np.isfinite(off) & np.isfinite(free).all(axis=(1, 2))
+    if not free.size or not good.any():
+        return steps
+    _, sigma, Vt = np.linalg.svd(free[good], full_matrices=False)
+    least = (sigma > VANISHED * sigma[:, :1]).sum(axis=1) - 1
+    each = np.arange(len(least))
+    with np.errstate(all="ignore"):
+        own = Vt[each, least] * (off[good] / sigma[each, least])[:, None]
+    columns = np.delete(np.arange(psi.shape[2]), list(held))
+    steps[np.ix_(good, columns)] = np.where(np.isfinite(own), own, 0.0)
+    return steps

@@ -15,6 +15,7 @@ from robodyn_cli.formulations.events import GO_ON, Event, EventFunction, Outcome
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.observe import Observer, all_missing_data
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -172,11 +173,33 @@ class Motion:
     def conditioning(self, times: Array, x: Array) -> Conditioning:
         """Return what rounding of the equations does along states x (T, nx) at times (T,)."""
         from robodyn_cli.motion.conditioning import Conditioning
+
+        return Conditioning.of(self.problem, self.held, times, self.system.split(x))
+
+    @cached_property
+    def held(self) -> list[int]:
+        """Columns of rates that are held while the loops are closed at the start."""
         from robodyn_cli.ready.prepare import held_columns
 
         names = held_columns(self.scene, self.problem)
-        held = [k for k, name in enumerate(self.problem.model.v_names) if name in names]
-        return Conditioning.of(self.problem, held, times, self.system.split(x))
+        return [k for k, name in enumerate(self.problem.model.v_names) if name in names]
+
+    @cached_property
+    def start_rounding(self) -> tuple[Array, Array]:
+        """Psi (1, m, nv) at the start, and how far rounding may have put the rows off there (1,); empty without any."""
+        from robodyn_cli.motion.conditioning import rounded_rows
+
+        q, v = self.assembled.q[None], self.assembled.v[None]
+        return rounded_rows(self.problem, {"t": np.zeros((1, 1)), "q": q, "v": v})
+
+    def closed_otherwise(self) -> Motion:
+        """Return the motion from another start that closes the loops as well: as far away as rounding leaves open."""
+        from robodyn_cli.motion.conditioning import closing_steps
+
+        q = self.assembled.q
+        for step in closing_steps(*self.start_rounding, self.held):
+            q = Manifold(self.problem.model).integrate(q, step)
+        return dataclasses.replace(self, assembled=dataclasses.replace(self.assembled, q=q))
 
     @cached_property
     def observer(self) -> Observer:

@@ -267,7 +267,7 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         samples=recorder.samples,
         error_estimate=errors,
         energy_drift=recorder.drift,
-        energy_drift_relative=recorder.drift / recorder.energy_scale if recorder.energy_scale else 0.0,
+        energy_drift_relative=recorder.relative_drift,
         energy_balance="kinetic + potential - work" if motion.system.work_done_by else "kinetic + potential",
         constraint_residual=residual_of(recorder, judgement.redundant) if constrained else ABSENT,
         assembly=_assembly(motion) if constrained else ABSENT,

@@ -111,6 +111,11 @@ class Recorder:
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
+    @property
+    def relative_drift(self) -> float:
+        """The drift of the energy over the energy exchanged."""
+        return self.drift / self.energy_scale if self.energy_scale else 0.0
+
     def keep_last_state(self, time: float, state: Array, p: Array) -> None:
         """Record the last state (nx,) that a run came to, with its parameters, if it lies beyond the last sample."""
         if time > self.last_time and np.all(np.isfinite(state)):

@@ -26,6 +26,9 @@ from robodyn_cli.spatial.algebra import Array, vector
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 ITERATIONS = 60
+HALVINGS = 12  # of a step that does not lessen the residual
+PATIENT = 3  # steps in a row that may fail to halve the residual
+TINY = 1e-300
 CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
 
@@ -146,7 +149,9 @@ class Numbers:
         return self._evaluate(self._eta_t, q, t)
 
 
-def newton(conditions: Conditions, q: Array, free: Sequence[int], patience: int = 3) -> tuple[Array, float]:
+def newton(
+    conditions: Conditions, q: Array, free: Sequence[int], patience: int = PATIENT
+) -> tuple[Array, float]:
     """Return q moved onto F = 0 at t = 0 by damped Gauss-Newton steps, and the largest relative residual.
 
     Steps are of least norm in coordinates divided by ``lengths``, which makes rad and m comparable.
@@ -160,13 +165,13 @@ def newton(conditions: Conditions, q: Array, free: Sequence[int], patience: int 
     size = float(np.abs(F / sizes).max(initial=0.0))
     slow = 0
     for _ in range(ITERATIONS):
-        if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < 1e-300 or slow > patience:
+        if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < TINY or slow > patience:
             break
         scaled = J[:, columns] * lengths[columns] / sizes[:, None]
         step, *_ = np.linalg.lstsq(scaled, -F / sizes, rcond=1e-12)
-        step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), 1e-300))
+        step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), TINY))
         dq = np.zeros(len(lengths))
-        for _ in range(12):
+        for _ in range(HALVINGS):
             dq[columns] = step * lengths[columns]
             trial = conditions.step(q, dq)
             F_new, J_new = conditions.at(trial, 0.0)
@@ -179,6 +184,74 @@ def newton(conditions: Conditions, q: Array, free: Sequence[int], patience: int 
         slow = slow + 1 if new > 0.5 * size else 0
         q, F, J, size = trial, F_new, J_new, new
     return q, size
+
+
+class ManyConditions(Protocol):
+    """``Conditions`` of many runs side by side, on positions (N, nq) that are sums of steps."""
+
+    lengths: Array
+    sizes: Array
+
+    def at_runs(self, q: Array) -> tuple[Array, Array]:
+        """Return F (N, m) and J (N, m, nv)."""
+        ...
+
+
+def newton_of_many(conditions: ManyConditions, q: Array, free: Sequence[int]) -> tuple[Array, Array]:
+    """Return positions q (N, nq) moved by the steps of ``newton`` in many runs, and the relative residuals (N,)."""
+    columns, q = list(free), q.copy()
+    lengths, sizes = conditions.lengths[columns], conditions.sizes
+
+    def at(q: Array) -> tuple[Array, Array, Array]:
+        F, J = conditions.at_runs(q)
+        F = F / sizes
+        return F, J[:, :, columns] * lengths / sizes[:, None], np.abs(F).max(axis=1, initial=0.0)
+
+    F, J, size = at(q)
+    active, slow = np.isfinite(size), np.zeros(len(q))
+    for _ in range(ITERATIONS):
+        active &= np.isfinite(J).all(axis=(1, 2)) & (size > TINY) & (slow <= PATIENT)
+        if not active.any():
+            break
+        step = np.zeros((len(q), len(columns)))
+        step[active] = least_steps(J[active], -F[active])
+        step *= np.minimum(1.0, MOST_STEP / np.maximum(np.abs(step).max(axis=1, initial=0.0), TINY))[:, None]
+        waiting, before = active.copy(), size.copy()
+        for _ in range(HALVINGS):
+            trial = q.copy()
+            trial[:, columns] += step * lengths
+            others = at(trial)
+            taken = waiting & (others[2] < size)
+            for own, other in zip((q, F, J, size), (trial, *others)):
+                own[taken] = other[taken]
+            waiting &= ~taken
+            # what rounding is left of is as close as it gets
+            if not (waiting & (size > CLOSED)).any():
+                break
+            step = 0.5 * step
+        slow = np.where(size > 0.5 * before, slow + 1, 0)
+        active &= ~waiting
+    return q, size
+
+
+def least_steps(J: Array, F: Array) -> Array:
+    """Return the least steps x (N, n) with J x = F for J (N, m, n); in the sense of least squares where there is none.
+
+    Singular values, which only steps without rank or with more rows than columns need, take five times as long.
+    """
+    right, m, n = F[..., None], *J.shape[1:]
+    steps: Array
+    try:
+        if m == n:
+            steps = np.linalg.solve(J, right)
+        elif m < n:
+            transposed = np.swapaxes(J, 1, 2)
+            steps = transposed @ np.linalg.solve(J @ transposed, right)
+        else:
+            steps = np.linalg.pinv(J, rcond=1e-12) @ right
+    except np.linalg.LinAlgError:
+        steps = np.linalg.pinv(J, rcond=1e-12) @ right
+    return steps[..., 0]
 
 
 SAME = 1e-6  # rad, or part of the size of the mechanism, for configurations that count as one

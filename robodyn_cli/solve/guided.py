@@ -7,14 +7,15 @@ on others.
 
 from __future__ import annotations
 
-from typing import Protocol
+import dataclasses
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import Conditions
+from robodyn_cli.solve.closure import Conditions, least_steps
 from robodyn_cli.solve.sparse import FEWEST, NEAR, Strides, counted, interpolated, together
 from robodyn_cli.spatial.algebra import Array
 
@@ -26,11 +27,26 @@ ITERATIONS = 12
 HALVINGS = 40
 
 
-class MotionConditions(Conditions, Protocol):
+class SampledConditions(Protocol):
+    """Conditions at samples side by side: of one motion, or of many runs."""
+
+    lengths: Array
+    sizes: Array
+    manifold: Manifold
+
+    def at_samples(self, q: Array, samples: slice) -> tuple[Array, Array]:
+        """Return F (T, m) and J (T, m, nv) at positions q (T, nq) of some of the motion's samples."""
+        ...
+
+    def rates_at_samples(self, q: Array, v: Array, samples: slice) -> tuple[Array, Array]:
+        """Return c and b (T, m) of J v = c and J v-dot = b, at q (T, nq) and v (T, nv) of some samples."""
+        ...
+
+
+class MotionConditions(Conditions, SampledConditions, Protocol):
     """Conditions along a motion: their names, and their rates."""
 
     names: tuple[str, ...]
-    manifold: Manifold
 
     @property
     def together(self) -> bool:
@@ -41,13 +57,73 @@ class MotionConditions(Conditions, Protocol):
         """Return c and b (m,) of J v = c and J v-dot = b; b depends on v."""
         ...
 
-    def at_samples(self, q: Array, samples: slice) -> tuple[Array, Array]:
-        """Return F (T, m) and J (T, m, nv) at positions q (T, nq) of some of the motion's samples."""
-        ...
 
-    def rates_at_samples(self, q: Array, v: Array, samples: slice) -> tuple[Array, Array]:
-        """Return c and b (T, m) at q (T, nq) and v (T, nv) of some of the motion's samples."""
-        ...
+@record
+class Places:
+    """Places side by side: positions q (T, nq), rates v and accelerations a (T, nv), J (T, m, nv) scaled.
+
+    regular : where the conditions hold and determine the motion. moved : how far Newton's method went (T,).
+    rounds : that it took.
+    """
+
+    q: Array
+    v: Array
+    a: Array
+    J: Array
+    regular: NDArray[np.bool_]
+    moved: Array
+    rounds: int
+
+    def part(self, rows: NDArray[Any]) -> Places:
+        """Return some of them."""
+        return dataclasses.replace(self, **{name: getattr(self, name)[rows] for name in PER_PLACE})
+
+    def put(self, rows: NDArray[Any], other: Places) -> None:
+        """Put others in the place of some of them."""
+        for name in PER_PLACE:
+            getattr(self, name)[rows] = getattr(other, name)
+
+
+PER_PLACE = ("q", "v", "a", "J", "regular", "moved")
+
+
+def same_branch(before: Array, after: Array) -> NDArray[np.bool_]:
+    """Tell where places with scaled J (T, m, nv) are on the branch of others.
+
+    Where branches meet, a singular value passes zero, which changes the sign of det (J_0^T J).
+    """
+    sign: Array = np.asarray(np.linalg.slogdet(np.swapaxes(before, 1, 2) @ after)[0])
+    return sign > 0.0
+
+
+@np.errstate(all="ignore")
+def solve_together(conditions: SampledConditions, guess: Array, samples: slice) -> Places:
+    """Return the places at samples near a guess (T, nq), by Newton's method on all of them at once."""
+    position, lengths, sizes = conditions.manifold.position, conditions.lengths, conditions.sizes
+    rounds = 0
+
+    def step(q: Array) -> Array:
+        nonlocal rounds
+        F, J = conditions.at_samples(q, samples)
+        rounds += 1
+        moves = np.zeros_like(q)
+        scaled = np.where(np.isfinite(J), J, 0.0) * lengths / sizes[:, None]
+        steps = least_steps(scaled, -F / sizes)
+        moves[:, position] = np.where(np.isfinite(steps), np.clip(steps, -1.0, 1.0), 0.0) * lengths
+        return moves
+
+    q = together(guess, step)
+    F, J = conditions.at_samples(q, samples)
+    regular = np.array(np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1), dtype=bool)
+    J = np.where(regular[:, None, None], J, 0.0)
+    regular &= np.abs(F / sizes).max(axis=1, initial=0.0) < SAME
+    scaled = J * lengths / sizes[:, None]
+    sigma = np.linalg.svd(scaled, compute_uv=False)
+    regular &= (sigma[:, -1] > SINGULAR * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
+    v = least_steps(J, conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
+    a = least_steps(J, conditions.rates_at_samples(q, v, samples)[1])
+    moved = (np.abs(q - guess)[:, position] / lengths).max(axis=1, initial=0.0)
+    return Places(q, v, a, scaled, regular, moved, rounds)
 
 
 @record
@@ -195,35 +271,11 @@ class Guide:
         self, guess: Array, times: Array, samples: slice
     ) -> tuple[list[GuidedPlace], NDArray[np.bool_]]:
         """Return the places at samples near a guess (T, nq), and which of them count."""
-        conditions = self.conditions
-        position = conditions.manifold.position
-
-        def step(q: Array) -> Array:
-            F, J = conditions.at_samples(q, samples)
-            self.iterations += len(q)
-            moves = np.zeros_like(q)
-            scaled = np.where(np.isfinite(J), J, 0.0) * conditions.lengths / conditions.sizes[:, None]
-            steps = _least(scaled, -F / conditions.sizes)
-            moves[:, position] = (
-                np.where(np.isfinite(steps), np.clip(steps, -1.0, 1.0), 0.0) * conditions.lengths
-            )
-            return moves
-
-        with np.errstate(all="ignore"):
-            q = together(guess, step)
-            F, J = conditions.at_samples(q, samples)
-            good = np.array(np.isfinite(J).all(axis=(1, 2)) & np.isfinite(F).all(axis=1), dtype=bool)
-            J = np.where(good[:, None, None], J, 0.0)
-            good &= np.abs(F / conditions.sizes).max(axis=1, initial=0.0) < SAME
-            good &= (np.abs(q - guess)[:, position] / conditions.lengths).max(axis=1) <= NEAR
-            v = _least(J, conditions.rates_at_samples(q, np.zeros((len(q), J.shape[2])), samples)[0])
-            a = _least(J, conditions.rates_at_samples(q, v, samples)[1])
-            scaled = J * conditions.lengths / conditions.sizes[:, None]
-            sigma = np.linalg.svd(scaled, compute_uv=False)
-            good &= (sigma[:, -1] > SINGULAR * sigma[:, 0]) & (sigma.shape[1] == J.shape[2])
-            sign: Array = np.asarray(np.linalg.slogdet(np.swapaxes(scaled[:-1], 1, 2) @ scaled[1:])[0])
-            good[1:] &= sign > 0.0
-        rows = zip(times.tolist(), q, v, a, scaled)
+        here = solve_together(self.conditions, guess, samples)
+        self.iterations += here.rounds * len(guess)
+        good = here.regular & (here.moved <= NEAR)
+        good[1:] &= same_branch(here.J[:-1], here.J[1:])
+        rows = zip(times.tolist(), here.q, here.v, here.a, here.J)
         return [GuidedPlace(*row) for row in rows], good
 
     def advance(self, now: GuidedPlace, end: float) -> GuidedPlace:
@@ -260,13 +312,8 @@ class Guide:
         if not residual < SAME or not missed < MISS:
             return None
         new = self.place(q, J, t)
-        # branches meet where a singular value passes zero, which changes this sign
-        sign, _ = np.linalg.slogdet(now.J.T @ new.J)
-        if not sign > 0.0:
-            return None
-        if not new.measure > SINGULAR:
-            return None
-        return new
+        on_branch = bool(same_branch(now.J[None], new.J[None])[0])
+        return new if on_branch and new.measure > SINGULAR else None
 
     def _stuck(self, last: GuidedPlace | None, q: Array, J: Array, t: float, residual: float) -> Stuck:
         U, _, Vt = np.linalg.svd(self.scaled(J) if last is None or residual else last.J)
@@ -277,9 +324,3 @@ class Guide:
             worst = int(np.abs(F / self.conditions.sizes).argmax())
             row = (self.conditions.names[worst], float(F[worst]))
         return Stuck(last, t, row, (weights, np.abs(Vt[-1])))
-
-
-def _least(J: Array, F: Array) -> Array:
-    """Return x (T, n) of least norm with J x = F in the sense of least squares, J (T, m, n) and F (T, m)."""
-    x: Array = (np.linalg.pinv(J) @ F[..., None])[..., 0]
-    return x

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.motion import Planned, motion_duration, plan_motion
 from robodyn_cli.model.consistency import refuse_immovable
 from robodyn_cli.model.model import Model
@@ -17,7 +20,10 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.program import InverseProgram, Sampled, expressions_of
+from robodyn_cli.torques.program import AlongMotion, InverseProgram, Sampled, expressions_of
+
+if TYPE_CHECKING:
+    from robodyn_cli.kernels.samples import SampleKernel
 
 
 def build_inverse(scene: sc.Ready) -> InverseProgram:
@@ -56,26 +62,43 @@ class OpenChain(InverseProgram):
     def plan(self, times: Array) -> Planned:
         return plan_motion(self.problem, times)
 
-    def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
+    def evaluate(self, planned: Planned, function: AlongMotion) -> Sampled:
         p = self.parameters(planned.times)
         arrays = function.along(planned.times, planned.motion, p)
         counters = {"operations": function.operations, "compiled": function.compiled, **planned.counters}
         return Sampled(planned.times, planned.motion, p, self.loads(arrays), arrays, counters)
 
-    def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
-        problem = self.problem
+    def forward(self, sampled: Sampled, numbers: ManyNumbers | None = None) -> tuple[Array, Array] | None:
         bias, q = sampled.arrays["bias"], np.concatenate([sampled.motion.q] * 2)
-        forces = problem.graph.symbols(problem.model.v_names, "f")
+        a = self.free_accelerations
+        if a is None:
+            return None
+        p, f = np.tile(sampled.p, (2, 1)), np.concatenate([sampled.applied - bias, -bias])
+        if numbers is None:
+            there = SampleFunction({"a": a}, ("q", "f", "p"), len(q))(q=q, f=f, p=p)["a"]
+        else:
+            kernel = self._kernel
+            kernel.table = np.ascontiguousarray(numbers.table(kernel.program.numbers or (0.0,))[0])
+            there = kernel(q=q, f=f, p=p)["a"]
+        driven, free = np.split(there, 2)
+        return driven, free
+
+    @cached_property
+    def free_accelerations(self) -> list[Scalar] | None:
+        """The accelerations (nv,) that generalised forces f give; None where the mass matrix is singular."""
+        problem = self.problem
         try:
-            a = list(problem.free_accelerations(forces))
+            a = list(problem.free_accelerations(problem.graph.symbols(problem.model.v_names, "f")))
         except ZeroDivisionError:
             return None
         # unknown data that cancels in M may stand in articulated inertias
-        a = without_idle_unknowns(a, _entries_of_mass_matrix(problem))
-        function = SampleFunction({"a": a}, ("q", "f", "p"), len(q))
-        p, f = np.tile(sampled.p, (2, 1)), np.concatenate([sampled.applied - bias, -bias])
-        driven, free = np.split(function(q=q, f=f, p=p)["a"], 2)
-        return driven, free
+        return without_idle_unknowns(a, _entries_of_mass_matrix(problem))
+
+    @cached_property
+    def _kernel(self) -> SampleKernel:
+        from robodyn_cli.kernels.samples import SampleKernel
+
+        return SampleKernel({"a": self.free_accelerations or []}, ("q", "f", "p"))
 
     def row_multipliers(self, sampled: Sampled) -> None:
         return None

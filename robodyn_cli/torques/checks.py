@@ -9,6 +9,7 @@ from functools import cached_property, lru_cache
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.motion import Planned, knot_places
 from robodyn_cli.model.model import TORQUE
 from robodyn_cli.observe.rounding import largest_difference
@@ -113,12 +114,12 @@ def _turns(times: Array, motion: JointMotion, columns: set[int]) -> list[float]:
 
 
 def crowded_turns(
-    problem: Problem, times: Array, motion: JointMotion, at: Callable[[Array], JointMotion]
+    problem: Problem, times: Array, motion: JointMotion, at: Callable[[Array], JointMotion] | None = None
 ) -> list[float]:
     """Return when joints that lose energy, or whose drives do, turn back [s], where one does so near to a knot or to
     another that it is no break; else none.
 
-    at : the motion at other times (T,), by a step of Newton's method.
+    at : the motion at other times (T,), for a step of Newton's method; without it they are told less exactly.
     """
     losing = {place for place, _ in problem.losses(smooth=False)}
     columns = sorted(losing | {problem.model.v_names.index(name) for name in problem.scene.drives})
@@ -136,6 +137,8 @@ def crowded_turns(
         return []
     free = np.flatnonzero(away(_breaks(problem, times, ())) > apart)
     free = free[np.argsort(turns[free])]
+    if at is None:
+        return turns[free].tolist()
     there = at(np.concatenate([times[:1], turns[free], times[-1:]]))
     rows = np.arange(1, 1 + len(free))
     exact = turns[free] - there.qd[rows, own[free]] / there.qdd[rows, own[free]]
@@ -258,9 +261,13 @@ def attitude_error(problem: Problem, planned: Planned) -> float | Absent:
 
 
 def error_estimate(
-    program: InverseProgram, planned: Planned, sampled: Sampled, loaded: Loaded
+    program: InverseProgram,
+    planned: Planned,
+    sampled: Sampled,
+    loaded: Loaded,
+    numbers: ManyNumbers | None = None,
 ) -> InverseErrors:
-    """Return the errors of an inverse run.
+    """Return the errors of an inverse run; numbers : those of a run with others than the program was built with.
 
     ik_residual, attitude_residual : see ``path_error`` and ``attitude_error``. round_trip, torque_rounding : see there.
     energy_balance : work of actuators and losses, less the change of kinetic and potential energy [J]; it is as
@@ -278,8 +285,8 @@ def error_estimate(
     return InverseErrors(
         ik_residual=path_error(planned, sampled) if loops is None else ABSENT,
         attitude_residual=attitude_error(program.problem, planned),
-        torque_rounding=torque_rounding(program, sampled),
-        round_trip=round_trip(program, sampled),
+        torque_rounding=torque_rounding(program, sampled, numbers),
+        round_trip=round_trip(program, sampled, numbers),
         energy_balance=balance,
         energy_balance_relative=balance / turned if balance else 0.0,
         energy_quadrature=float(integral(sampled.times, power, loaded.breaks)[1].max()),
@@ -302,21 +309,25 @@ def cuts(p: Array) -> list[int]:
     return [int(k) + 1 for k in np.flatnonzero(np.any(np.diff(p, axis=0), axis=1))]
 
 
-def torque_rounding(program: InverseProgram, sampled: Sampled) -> float | None:
+def torque_rounding(
+    program: InverseProgram, sampled: Sampled, numbers: ManyNumbers | None = None
+) -> float | None:
     """Return how far rounding may have put the torque of any actuator off [N m or N], at a few samples.
 
     None where that cannot be told.
     """
-    draws = program.torques_by_draw(sampled)
-    return None if draws is None else largest_difference(draws)
+    draws = program.torques_by_draw(sampled, numbers)
+    if draws is None:
+        return None
+    return largest_difference(draws if numbers is None else draws[0])
 
 
-def round_trip(program: InverseProgram, sampled: Sampled) -> float | None:
+def round_trip(program: InverseProgram, sampled: Sampled, numbers: ManyNumbers | None = None) -> float | None:
     """Return the relative difference between the accelerations of forward dynamics under the computed torques and
     those of the motion. Relative to the largest acceleration of the given and of a free motion. None where the mass
     matrix is singular.
     """
-    accelerations = program.forward(sampled)
+    accelerations = program.forward(sampled, numbers)
     if accelerations is None:
         return None
     qdd, (again, free) = sampled.motion.qdd, accelerations

@@ -14,11 +14,11 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Outputs
 from robodyn_cli.errors import CapabilityError, SceneError, SingularConfigurationError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.guided_motion import guided_motion
 from robodyn_cli.given.loop_conditions import Lead, lead_of, leads_apart, velocity_places
 from robodyn_cli.given.motion import Planned, motion_duration
 from robodyn_cli.loops.base import Row
-from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.observe import add_rows
 from robodyn_cli.observe.rounding import few
 from robodyn_cli.observe.singular_values import singular_values
@@ -27,7 +27,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import LostRank, Shared, TooFewActuators, accelerations, share
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.program import InverseProgram, LoopSamples, Sampled, expressions_of
+from robodyn_cli.torques.program import AlongMotion, InverseProgram, LoopSamples, Sampled, expressions_of
 from robodyn_cli.trajectories.led import led_joints
 from robodyn_cli.trajectories.registry import trajectory_types
 
@@ -150,7 +150,7 @@ class ClosedLoops(InverseProgram):
             raise guided.stopped
         return guided
 
-    def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
+    def evaluate(self, planned: Planned, function: AlongMotion) -> Sampled:
         motion, times = planned.motion, planned.times
         p = self.parameters(times)
         arrays = function.along(times, motion, p)
@@ -191,7 +191,7 @@ class ClosedLoops(InverseProgram):
         )
         return tau - self._losses(loads, tau, a, v)
 
-    def forward(self, sampled: Sampled) -> tuple[Array, Array]:
+    def forward(self, sampled: Sampled, numbers: ManyNumbers | None = None) -> tuple[Array, Array]:
         # solves for the free motion with M and h, which the torques did not use
         assert sampled.loops is not None
         psi, arrays = sampled.loops.psi, sampled.arrays

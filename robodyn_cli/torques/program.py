@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -94,6 +94,15 @@ class Sampled:
         }
 
 
+class AlongMotion(Protocol):
+    """Evaluates outputs along a motion: ``SampleFunction``, or code with the numbers of another run."""
+
+    operations: int
+    compiled: bool
+
+    def along(self, times: Array, motion: JointMotion, p: Array | None = None) -> dict[str, Array]: ...
+
+
 @record
 class InverseProgram(ABC):
     """The equations of an inverse run, and the expressions evaluated along its motion.
@@ -159,14 +168,14 @@ class InverseProgram(ABC):
         """Return the motion of all joints at times (T,)."""
 
     @abstractmethod
-    def evaluate(self, planned: Planned, function: SampleFunction) -> Sampled:
+    def evaluate(self, planned: Planned, function: AlongMotion) -> Sampled:
         """Return the torques of a planned motion, and all other arrays, at its samples."""
 
     @abstractmethod
-    def forward(self, sampled: Sampled) -> tuple[Array, Array] | None:
+    def forward(self, sampled: Sampled, numbers: ManyNumbers | None = None) -> tuple[Array, Array] | None:
         """Return accelerations (T, nv) by forward dynamics: under the computed torques, and under zero torques.
 
-        None where the mass matrix is singular.
+        None where the mass matrix is singular. numbers : see ``error_estimate``.
         """
 
     def torques_by_draw(self, sampled: Sampled, runs: ManyNumbers | None = None) -> Array | None:

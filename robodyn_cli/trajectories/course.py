@@ -164,6 +164,15 @@ def hermite(h: Any, start: Ends, end: Ends) -> Array:
     return np.array([q0, ends[0], 0.5 * ends[1], *np.tensordot(_BY_ENDS, ends, 1)])
 
 
+def between(ends: tuple[Ends, Ends], h: float, s: float) -> tuple[Array, Array]:
+    """Return the value at part s of an interval by the quintic with (q, v, a) at its ends, and its estimated error: how
+    far the cubic with the same positions and rates is away, s^2 (1 - s)^2 (c4 + (s + 2) c5).
+    """
+    c = hermite(h, *ends)
+    value = ends[1][0] if s == 1.0 else _horner(c, np.asarray(s))
+    return value, np.abs((s * (1.0 - s)) ** 2 * (c[4] + (s + 2.0) * c[5]))
+
+
 def course_through(t: Array, q: Array, v: Array, a: tuple[Array, Array]) -> Course:
     """Return the quintics through positions and rates (N, n) at the times ``t`` (N,).
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,6 +30,7 @@ from robodyn_cli.summaries.inverse import (
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.build import build_inverse
 from robodyn_cli.torques.checks import (
+    FIGURES,
     Loaded,
     breaks_of,
     crowded_turns,
@@ -282,8 +283,9 @@ def summarise(
     loaded: Loaded,
     errors: InverseErrors,
     loads: Loads | None,
+    wanted: Collection[str] = FIGURES,
 ) -> InverseSummary:
-    """Return the summary of a run."""
+    """Return the summary of a run; wanted : the figures of joints that are."""
     problem, loops = program.problem, sampled.loops
     fastest: FastestFigures | Absent = ABSENT
     inexact: list[str] = []
@@ -312,7 +314,7 @@ def summarise(
         constraint_residual=ABSENT
         if loops is None
         else LoopResidual(loops.residual["position"], loops.residual["velocity"]),
-        joints=joint_figures(problem, sampled, loaded),
+        joints=joint_figures(problem, sampled, loaded, wanted),
         definitions=definitions_of(loops is not None),
         counters=dict(sampled.counters),
         reactions=ABSENT if loads is None else loads.summary(loaded.breaks),

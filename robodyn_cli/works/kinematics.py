@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -34,7 +33,6 @@ from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.results.result import Result, units_of
 from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest
 from robodyn_cli.solve.guided import CLOSED
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
@@ -55,9 +53,18 @@ from robodyn_cli.summaries.mechanism import (
     TransmissionErrors,
 )
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
+from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
-
-AT_SAMPLE = 1e-9  # part of an interval: a time so near to a sample is the sample's
+from robodyn_cli.works.kinematic_figures import (
+    AT_SAMPLE,
+    between_samples,
+    of_one,
+    path_figures,
+    range_figures,
+    ratio_figures,
+    transmission_angle,
+    transmission_figures,
+)
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -226,7 +233,7 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
         for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
             result.add(path, data)
     if scene.kinematics.transmission is not None:
-        result.add("transmission_angle", transmission_angle(result, scene.kinematics.transmission))
+        result.add("transmission_angle", transmission_angle(arrays, scene.kinematics.transmission))
     return result
 
 
@@ -234,16 +241,6 @@ def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:
     """Return Psi of the loops (T, m, nv)."""
     psi = arrays["psi"]
     return psi.reshape(len(psi), len(problem.constraints.of_loops), problem.model.nv)
-
-
-def transmission_angle(result: Result, points: tuple[str, ...]) -> Array:
-    """Return the angle at the second of three points (T,) [rad], from 0 to pi."""
-    a, b, c = (result[f"points/{name}"] for name in points)
-    u, w = a - b, c - b
-    across = np.linalg.norm(np.cross(u, w), axis=1)
-    along: Array = np.einsum("ti,ti->t", u, w)
-    angle: Array = np.arctan2(across, along)
-    return angle
 
 
 def _beyond_limits(problem: Problem, planned: Planned) -> list[str]:
@@ -294,63 +291,30 @@ def _extremes(
 
 def _joint_ranges(result: Result, breaks: Sequence[float], closed: float) -> dict[str, JointRange]:
     """Return where joints go, and how fast; closed : how far positions may be off at the samples [rad or m]."""
-    ranges, positions = {}, result.variables["q"].names
-    q, qd, qdd = (result[name] for name in ("q", "qd", "qdd"))
-    low, high = (extreme(result.time, q, breaks) for extreme in (smallest, largest))
-    speed, acceleration = (largest_magnitude(result.time, x, breaks) for x in (qd, qdd))
-    rates = units_of(result.variables["qd"])
+    positions = result.variables["q"].names
+    columns = range_figures(result.time, (result["q"], result["qd"], result["qdd"]), breaks, closed)
+    ranges, rates = {}, units_of(result.variables["qd"])
     for k, name in enumerate(result.variables["qd"].names):
         unit = rates[k].removesuffix("/s")
         # quasi-velocities are the rates of no position
         at = positions.index(name) if name in positions else None
-        errors = RangeErrors(
-            smallest=None if at is None else float(low.error[at]) + closed,
-            largest=None if at is None else float(high.error[at]) + closed,
-            peak_speed=float(speed.error[k]),
-            peak_acceleration=float(acceleration.error[k]),
+        places = {"smallest": at, "largest": at, "peak_speed": k, "peak_acceleration": k}
+        own, off = (
+            {x: None if i is None else float(columns[x][part][i]) for x, i in places.items()}
+            for part in (0, 1)
         )
-        ranges[name] = JointRange(
-            smallest=None if at is None else float(low.value[at]),
-            largest=None if at is None else float(high.value[at]),
-            peak_speed=float(speed.value[k]),
-            peak_acceleration=float(acceleration.value[k]),
-            errors=errors,
-            units={"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"},
-        )
+        units = {"position": unit, "speed": rates[k], "acceleration": f"{unit}/s^2"}
+        ranges[name] = JointRange(**own, errors=RangeErrors(**off), units=units)  # type: ignore[arg-type]
     return ranges
 
 
 def _point_paths(result: Result, breaks: Sequence[float]) -> dict[str, PointPath]:
     paths = {}
     for name, item in result.group("point_velocities").items():
-        speed = np.linalg.norm(item.data, axis=1)
-        size = np.column_stack([speed, np.linalg.norm(result[f"point_accelerations/{name}"], axis=1)])
-        (length,), (off,) = integral(result.time, size[:, :1], breaks)
-        most = largest(result.time, size, breaks)
-        errors = PathErrors(float(off), *most.error.tolist())
-        paths[name] = PointPath(float(length), float(most.value[0]), float(most.value[1]), errors)
+        v, a = (x[:, None] for x in (item.data, result[f"point_accelerations/{name}"]))
+        own, off = of_one(path_figures(result.time, v, a, breaks))
+        paths[name] = PointPath(**own, errors=PathErrors(**off))
     return paths
-
-
-def between_samples(time: float, times: Array) -> tuple[int, float, float]:
-    """Return between which samples a time is: the number of the first one, the interval [s], the part of it."""
-    k = int(np.clip(np.searchsorted(times, time) - 1, 0, len(times) - 2))
-    h = float(times[k + 1] - times[k])
-    s = (time - float(times[k])) / h
-    return k, h, 1.0 if abs(s - 1.0) < AT_SAMPLE else 0.0 if abs(s) < AT_SAMPLE else s
-
-
-def hermite(ends: Sequence[tuple[Array, Array, Array]], h: float, s: float) -> tuple[Array, Array]:
-    """Return the value at part s of an interval by the quintic through values, rates and accelerations at its ends, and
-    its estimated error: how far the cubic through values and rates alone is away.
-    """
-    (y0, v0, a0), (y1, v1, a1) = ((y, h * v, h * h * a) for y, v, a in ends)
-    rise = y1 - y0
-    cubic = y0 + s * (v0 + s * (3.0 * rise - 2.0 * v0 - v1 + s * (v0 + v1 - 2.0 * rise)))
-    # what is left of the accelerations at the ends, with 0 of values and rates there
-    c0, c1 = 6.0 * rise - 4.0 * v0 - 2.0 * v1, -6.0 * rise + 2.0 * v0 + 4.0 * v1
-    more = 0.5 * s * s * (1.0 - s) ** 2 * ((a0 - c0) * (1.0 - s) + (a1 - c1) * s)
-    return cubic + more, np.abs(more)
 
 
 def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesAt]:
@@ -376,7 +340,8 @@ def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesA
                 for group in ("point_velocities", "point_accelerations")
             ]
             ways = [item.data, *(still if x is None else x.data for x in rates)]
-            y, off = hermite([(ways[0][j], ways[1][j], ways[2][j]) for j in (k, k + 1)], h, s)
+            first, last = ((ways[0][j], ways[1][j], ways[2][j]) for j in (k, k + 1))
+            y, off = between((first, last), h, s)
             points[name] = PointPlace(float(y[0]), float(y[1]), float(y[2]), float(off.max()) + closed)
         places.append(PlacesAt(time, points))
     return places
@@ -385,24 +350,14 @@ def places_at(scene: Scene, result: Result, closed: float = 0.0) -> list[PlacesA
 def _singular_ratio(result: Result, breaks: Sequence[float], closed: float) -> SingularRatio | Absent:
     if "singularity/passive" not in result:
         return ABSENT
-    ratio = result["singularity/passive"][:, -1:] / result["singularity/psi"][:, :1]
-    least = smallest(result.time, ratio, breaks)
-    # singular values are no less than 0, where they have kinks that a polynomial cuts off
-    return SingularRatio(
-        max(0.0, float(least.value[0])),
-        *(float(x[0]) for x in (least.error + closed, least.time, least.time_error)),
-    )
+    psi, passive = (result[f"singularity/{name}"][:, None] for name in ("psi", "passive"))
+    own, off = of_one(ratio_figures(result.time, passive, psi, breaks, closed))
+    return SingularRatio(own["smallest"], off["smallest"], own["time"], off["time"])
 
 
 def _transmission(result: Result, breaks: Sequence[float], closed: float) -> TransmissionAngle | Absent:
     if "transmission_angle" not in result:
         return ABSENT
-    angle = np.degrees(result["transmission_angle"])[:, None]
-    low, high = (extreme(result.time, angle, breaks) for extreme in (smallest, largest))
-    ends = (low, high)
-    off = math.degrees(closed)
-    errors = TransmissionErrors(*(float(x[0]) for end in ends for x in (end.error + off, end.time_error)))
-    smallest_deg, smallest_time, largest_deg, largest_time = (
-        float(x[0]) for end in ends for x in (end.value, end.time)
-    )
-    return TransmissionAngle(smallest_deg, smallest_time, largest_deg, largest_time, errors)
+    angle = result["transmission_angle"][:, None]
+    own, off = of_one(transmission_figures(result.time, angle, breaks, closed))
+    return TransmissionAngle(**own, errors=TransmissionErrors(**off))

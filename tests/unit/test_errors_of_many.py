@@ -16,6 +16,7 @@ from robodyn_cli.over.study.runs import Compiled, beyond, make_alone
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from tests.many import compare_all
 from tests.unit.test_mechanism import PENDULUM, SCENES, around, own_scene, varied
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -185,6 +186,32 @@ def test_figures_of_locks_are_those_of_the_command(key: str, values: list[float]
             assert np.isnan(found.errors[name][k]) == np.isnan(error), name
             # at rounding the two errors are draws of it
             assert np.isnan(error) or 0.02 < found.errors[name][k] / error < 50.0, name
+
+
+def test_figures_of_locks_cover_what_rounding_leaves_of_closed_starts() -> None:
+    """Runs and commands close their loops in other steps: at rounding, which a start folded together magnifies."""
+    scene, key = load_scene(CONFIGS / "four_bar_deploy.yaml", ["expect={}"]), "robot.joints.theta1.a"
+    values = np.random.default_rng(0).uniform(1.235, 1.2437, 6)
+    names = ("lock.time", "lock.multipliers.start")
+    found = Mechanism(scene, [key]).deploy_many({key: values}, of=names)
+    for k, value in enumerate(values.tolist()):
+        alone = deploy(Family.of(scene).scene([f"{key}={value!r}"])).summary
+        for name in names:
+            off = abs(found.outputs[name][k] - number_of(alone, name))
+            assert off <= 2.0 * min(found.errors[name][k], error_of(alone, name)) + 1e-15, (name, value)
+    assert found.errors["lock.time"].max() < 1e-11
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("double_pendulum", ("robot.links.link1.mass", "initial.q.theta2")),
+        ("benchmarks/slider_crank", ("robot.links.crank.mass", "robot.joints.psi.origin.xyz#1")),
+    ],
+)
+def test_energies_and_residuals_are_those_of_the_command(name: str, keys: tuple[str, ...]) -> None:
+    task = Task(Family(CONFIGS / f"{name}.yaml", ("expect={}",)), "simulate", keys, ())
+    assert {"energy_drift", "energy_drift_relative", "final.time"} <= set(compare_all(task, 3))
 
 
 def test_expectations_of_the_example_are_judged_in_compiled_runs() -> None:

@@ -14,7 +14,9 @@ from robodyn_cli.over.sensitivity.report import sensitivity
 from robodyn_cli.over.study.rows import Points, Task
 from robodyn_cli.over.study.runs import Compiled, make_one, suits
 from robodyn_cli.scene.load import Family, load_scene, load_scene_text
-from robodyn_cli.works.kinematics import hermite, kinematics
+from robodyn_cli.trajectories.course import between
+from robodyn_cli.works.kinematics import kinematics
+from tests.many import compare_all
 
 FIVE = Path(__file__).parents[2] / "configs" / "search" / "five_point_four_bar.yaml"
 KEYS = (
@@ -47,6 +49,27 @@ def test_compiled_runs_say_what_the_command_says(changes: tuple[str, ...]) -> No
         assert make_one(asked, run, values[run])[0].rows["code"][0] in (4, 5)
 
 
+@pytest.mark.parametrize(
+    ("name", "changes", "keys"),
+    [
+        (
+            "four_bar_kinematics",
+            ("kinematics.at=[0.3, 1.7]",),
+            ("robot.joints.crank.a", "robot.joints.coupler.a"),
+        ),
+        ("four_bar_kinematics", ("kinematics.samples=21",), ("robot.joints.rocker.a",)),
+        ("five_bar_circle", ("outputs={}",), ("robot.joints.left.a", "robot.joints.bend_right.a")),
+    ],
+)
+def test_every_figure_is_that_of_the_command(
+    name: str, changes: tuple[str, ...], keys: tuple[str, ...]
+) -> None:
+    path = FIVE.parents[1] / "mechanisms" / f"{name}.yaml"
+    keys_of = compare_all(Task(Family(path, ("expect={}", *changes)), "kinematics", keys, ()), 3)
+    groups = {"joints", "mobility", "error_estimate", "samples", "termination"}
+    assert groups <= {key.partition(".")[0] for key in keys_of}
+
+
 def test_runs_that_meet_a_dead_point_are_left_to_the_command() -> None:
     asked = task("kinematics.sweep.stop=200 deg", "kinematics.samples=21")
     values = np.array([[0.35, 1.05, 0.8, 0.4], [0.5, 1.3, 0.3, 0.4], [0.5, 0.8, 0.35, 0.4]])
@@ -76,9 +99,9 @@ def test_a_place_between_samples_is_within_its_error_whatever_the_samples() -> N
 
 def test_the_quintic_goes_through_values_rates_and_accelerations() -> None:
     f = np.polynomial.Polynomial([0.3, -1.0, 0.7, 0.2, -0.4, 0.1])
-    ends = [tuple(np.array([f.deriv(n)(t) if n else f(t)]) for n in range(3)) for t in (0.5, 1.1)]
+    first, last = (tuple(np.array([f.deriv(n)(t) if n else f(t)]) for n in range(3)) for t in (0.5, 1.1))
     for s in (0.0, 0.25, 0.9, 1.0):
-        value, error = hermite(ends, 0.6, s)  # type: ignore[arg-type]
+        value, error = between((first, last), 0.6, s)
         assert value[0] == pytest.approx(f(0.5 + 0.6 * s), abs=1e-14)
         assert (error[0] > 0.0) == (0.0 < s < 1.0)
 

@@ -23,11 +23,11 @@ from robodyn_cli.over.many.groups import Built, Structures
 from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, _parts, settings, understand
 from robodyn_cli.over.many.simulate import Simulate
-from robodyn_cli.over.many.start import _least_steps
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import least_steps
 from tests.numeric import assert_close
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -167,7 +167,7 @@ def test_steps_of_many_newtons_are_the_least_ones(shape: tuple[int, int, int], s
     if singular:
         J[3] = 0.0
     wanted = (np.linalg.pinv(J) @ F[..., None])[..., 0]
-    np.testing.assert_allclose(_least_steps(J, F), wanted, rtol=1e-7, atol=1e-9)
+    np.testing.assert_allclose(least_steps(J, F), wanted, rtol=1e-7, atol=1e-9)
 
 
 # -- runs ---------------------------------------------------------------------------------------------------

@@ -10,9 +10,12 @@ import pytest
 from robodyn_cli import Mechanism, inverse, load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.over.many.command import number_of
+from robodyn_cli.over.study.rows import Points, Task
+from robodyn_cli.over.study.runs import Compiled, beyond
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.torques.checks import FIGURES
+from tests.many import compare_all
 from tests.unit.test_mechanism import around, own_scene, varied
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -52,7 +55,7 @@ def agree(scene: Scene, values: dict[str, np.ndarray], compiled: bool) -> None:
         for name in ("time", "q", "qd", "qdd", "tau"):
             bound = 1e-12 * np.abs(single[name]).max()
             np.testing.assert_allclose(found.samples[name][run], single[name], rtol=0, atol=bound)
-        np.testing.assert_array_equal(found.q[run], single["q"][-1])
+        np.testing.assert_allclose(found.q[run], single["q"][-1], rtol=1e-13 if mechanism.scene.loops else 0)
         assert found.time[run] == single.time[-1]
         for key, column in found.outputs.items():
             own = number_of(single.summary, key)
@@ -68,6 +71,38 @@ def test_torques_are_those_of_their_own_scenes(name: str, seed: int) -> None:
 
 def test_forces_in_joints_and_asymmetric_inertias() -> None:
     agree(load_scene_text(CHAIN), {key: np.array(x) for key, x in VALUES.items()}, True)
+
+
+LOOPS = [
+    ("mechanisms/five_bar_circle", ["outputs={}"], ("robot.joints.left.a", "robot.links.arm_left.mass")),
+    ("search/counterweights", [], ("robot.joints.coupler.origin.xyz#1", "robot.links.bar.inertia.zz")),
+]
+
+
+@pytest.mark.parametrize(("name", "changes", "keys"), LOOPS)
+def test_torques_of_mechanisms_are_those_of_their_own_scenes(
+    name: str, changes: list[str], keys: tuple[str, ...]
+) -> None:
+    scene = load_scene(str(CONFIGS / f"{name}.yaml"), ["inverse.samples=41", *changes])
+    agree(scene, around(scene, [keys[1]], 3, 1), True)
+
+
+@pytest.mark.parametrize(("name", "changes", "keys"), LOOPS)
+def test_every_figure_of_a_mechanism_is_that_of_the_command(
+    name: str, changes: list[str], keys: tuple[str, ...]
+) -> None:
+    """Lengths and masses differ; errors are those of the command too."""
+    compare_all(Task(Family(CONFIGS / f"{name}.yaml", ("expect={}", *changes)), "inverse", keys, ()), 4)
+
+
+def test_what_a_mechanism_is_expected_to_be_is_judged_in_batched_runs() -> None:
+    path = CONFIGS / "mechanisms" / "five_bar_circle.yaml"
+    for changes, made in (((), 2), (("actuated=[left, right, bend_left]",), 0)):
+        family = Family(path, ("outputs={}", *changes))
+        task = Task(family, "inverse", ("robot.joints.left.a",), ("peak_torque.left",))
+        rows = Compiled(task, 1).make(Points(np.arange(2), np.array([[0.5], [0.51]])))
+        assert not beyond(task) and len(rows) == made
+        assert rows.rows["holds"].all()
 
 
 @pytest.mark.parametrize("name", ["2r_circle", "mechanisms/five_bar_circle", "trajectories/fastest_2r"])

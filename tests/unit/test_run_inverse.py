@@ -314,7 +314,10 @@ def test_quadrature_of_functions_that_jump(seed: int) -> None:
     edges = [0.0, *(h * places), 3.0]
     # 100 stretches of 20 nodes: as many nodes in one stretch are the eigenvalues of a matrix of that size
     nodes, parts = np.polynomial.legendre.leggauss(20)
-    x, whole = ((2.0 * np.arange(100)[:, None] + 1.0 + nodes) / 100.0 - 1.0).ravel(), np.tile(parts / 100.0, 100)
+    x, whole = (
+        ((2.0 * np.arange(100)[:, None] + 1.0 + nodes) / 100.0 - 1.0).ravel(),
+        np.tile(parts / 100.0, 100),
+    )
     waves = [(rng.normal(), rng.uniform(1, 4), rng.uniform(0, 6), 0.4 * rng.normal()) for _ in range(4)]
     y, exact, positive, square = np.empty(481), 0.0, 0.0, 0.0
     for (A, w, phase, c), (a, b) in zip(waves, itertools.pairwise(edges)):

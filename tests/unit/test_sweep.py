@@ -6,6 +6,7 @@ import dataclasses
 import json
 import math
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -336,7 +337,7 @@ def test_compiled_runs_give_the_rows_of_whole_commands(fall: Path, tmp_path: Pat
         "12",
     ]
     found = []
-    for name, more in (("compiled", []), ("whole", ["--of", "energy_drift"])):
+    for name, more in (("compiled", []), ("whole", ["--of", "error_estimate.q_max"])):
         out = tmp_path / name
         of = ["--of", "final.q.theta", "--of", "error_estimate.q_end", *more]
         assert sweep(pendulum, *vary, *of, "--no-plots", "--out", out).exit_code == 0
@@ -353,7 +354,7 @@ def test_compiled_runs_give_the_rows_of_whole_commands(fall: Path, tmp_path: Pat
 def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path, tmp_path: Path) -> None:
     family = Family(fall, ["gravity.2=-1"])
     fall.unlink()
-    of = ("final.q.z", "energy_drift")  # a whole command gives the second
+    of = ("final.q.z", "error_estimate.q_max")  # a whole command gives the second
     options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=of)
     study = prepare(AskedStudy(family, options))
     with RowFile(tmp_path, study.task, study.design, study.rows_head) as file:
@@ -372,7 +373,7 @@ def test_a_study_grows_and_keeps_the_runs_that_are_there(
     count = []
     one = runs.make_one
     monkeypatch.setattr(runs, "make_one", lambda *of: (count.append(of), one(*of))[1])
-    of = ["--of", "final.q.z", "--of", "energy_drift"]  # a whole command gives the second
+    of = ["--of", "final.q.z", "--of", "error_estimate.q_max"]  # a whole command gives the second
     words = [fall, "--vary", "initial.qd.z=normal(1, 0.1)", *of, "--out", tmp_path / "out"]
     assert sweep(*words, "-n", 4).exit_code == 0 and len(count) == 4
     first = stored(tmp_path / "out")[0]["outputs/final.q.z"]
@@ -388,7 +389,7 @@ def test_processes_end_with_the_one_that_began_them_and_leave_no_word(
     fall: Path, tmp_path: Path, kind: str
 ) -> None:
     command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
-               "-n", "5000", "--of", "energy_drift", "--out", str(tmp_path / "out"), "--jobs", "2", "--no-plots"]  # fmt: skip
+               "-n", "5000", "--of", "error_estimate.q_max", "--out", str(tmp_path / "out"), "--jobs", "2", "--no-plots"]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
     wait_for(lambda: len(children.read_text().split()) >= 3)  # the tracker of the library and two of ours
@@ -442,10 +443,10 @@ def wait_for(what: Callable[[], bool]) -> None:
 def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
-               "-n", "100000", "--of", "energy_drift", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
+               "-n", "100000", "--of", "error_estimate.q_max", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     file = out / ROWS_NAME
-    size = Task(Family(fall), "simulate", ("initial.qd.z",), ("energy_drift",)).layout.itemsize
+    size = Task(Family(fall), "simulate", ("initial.qd.z",), ("error_estimate.q_max",)).layout.itemsize
 
     def done() -> int:
         return file.read_bytes()[size - 1 :: size].count(1) if file.exists() else 0
@@ -455,8 +456,9 @@ def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: P
     _, said = process.communicate()
     assert process.returncode == 130
     runs = done()
-    why, first, last = said.splitlines()
-    assert "energy_drift" in why
+    # a slow machine tells how far it is
+    why, first, last = (x for x in said.splitlines() if not x.startswith("robodyn: after "))
+    assert "error_estimate.q_max" in why
     assert first.endswith(" of 100000 runs are done and kept; the same command goes on from there")
     # the last rows may be written and not yet counted
     assert 0 < int(first.split()[1]) <= runs
@@ -678,12 +680,61 @@ def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
         *("--set", "simulate.duration=0.02", "--vary", "robot.links.crank.mass=[20]", "--no-plots"),
     ]
     slow = sweep(
-        *words, "--of", "lock.time", "--set", "expect={energy_drift: < 1}", "--out", tmp_path / "slow"
+        *words, "--of", "lock.time", "--set", "expect={error_estimate.q_max: < 1}", "--out", tmp_path / "slow"
     )
-    assert "each run is a whole command: compiled code does not give energy_drift of expect" in slow.output
+    assert (
+        "each run is a whole command: compiled code does not give error_estimate.q_max of expect"
+        in slow.output
+    )
     assert "of expect (--set expect={} leaves it out)" in slow.output
     assert "1 of 1 runs were whole commands, " in slow.output
     fast = sweep(*words, "--out", tmp_path / "fast")
     assert "whole command" not in fast.output
-    other = sweep(*words, "--of", "energy_drift", "--set", "expect={}", "--out", tmp_path / "other")
-    assert "compiled code does not give energy_drift\n" in other.output
+    other = sweep(*words, "--of", "error_estimate.q_max", "--set", "expect={}", "--out", tmp_path / "other")
+    assert "compiled code does not give error_estimate.q_max\n" in other.output
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "key", "why"),
+    [
+        (
+            "mechanisms/balanced_four_bar",
+            (),
+            "robot.links.bar.mass",
+            "there is no compiled code of statics for many runs",
+        ),
+        (
+            "search/counterweights",
+            ("outputs.reactions=true",),
+            "robot.links.bar.mass",
+            "forces in the joints' bearings are wanted",
+        ),
+        (
+            "2r_circle",
+            (),
+            "robot.links.link2.mass",
+            "a point of an open chain is led, so lengths change the motion",
+        ),
+    ],
+)
+def test_runs_that_take_a_whole_command_say_why_and_what_each_costs(
+    name: str, changes: tuple[str, ...], key: str, why: str, tmp_path: Path
+) -> None:
+    sets = [word for change in ("expect={}", *changes) for word in ("--set", change)]
+    of = {"statics": "equilibrium.residual", "inverse": "mechanism.degrees_of_freedom"}
+    scene = Family(CONFIGS / f"{name}.yaml").own
+    output = of[scene.command] if scene.loops else "peak_torque.theta1"
+    done = sweep(
+        CONFIGS / f"{name}.yaml",
+        *sets,
+        "--vary",
+        f"{key}=[2, 3]",
+        "--of",
+        output,
+        "--out",
+        tmp_path,
+        "--no-plots",
+    )
+    said = " ".join(done.output.split())
+    assert why in said
+    assert re.search(r"2 of 2 runs were whole commands, \S+ s each", said), said

@@ -61,6 +61,11 @@ class BatchCommand(ABC, Generic[Own]):
     def is_plain(self, key: str) -> bool:
         """Tell whether compiled code gives this key of the summary."""
 
+    def is_smooth(self, key: str) -> bool:
+        """Tell whether differences of a key in neighbouring runs are derivatives to rounding: runs take so little, and
+        the key is no extreme."""
+        return False
+
     @abstractmethod
     def make(self, structure: Own, rows: Rows, asked: AskedRuns) -> list[int]:
         """Make runs of one structure in compiled code; return those that are left to be made one by one."""

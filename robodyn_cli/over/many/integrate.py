@@ -20,6 +20,8 @@ from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import JUDGED, Options, stride_of
+from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.motion.conditioning import closing_steps
 from robodyn_cli.motion.error import Attempt, Courses, First, Masks, difference, integrate_again, remainder
 from robodyn_cli.motion.method import compare
 from robodyn_cli.motion.self_check import EPS, allowed_drift, is_judged_by_energy
@@ -81,6 +83,22 @@ class RunBatch:
             self.structure, self.values[rows], numbers, starts, self.states[rows], self.ends[rows], self.options,
             self.threads, tables, self.through,
         )  # fmt: skip
+
+    def closed_otherwise(self) -> RunBatch:
+        """Return the runs from other starts that close the loops as well: as far away as rounding leaves open."""
+        motion, (nominal, off) = self.structure.motion, self.structure.motion.start_rounding
+        if not len(off):
+            return self
+        values = self.numbers.evaluate(
+            self.structure.psi_of_loops, {"q": list(self.starts.q.T), "t": [0.0], "p": []}
+        )
+        psi = values.reshape(len(self.values), -1, nominal.shape[2])
+        steps = closing_steps(psi, np.full(len(psi), off[0]), motion.held)
+        manifold = Manifold(motion.problem.model)
+        q = np.array([manifold.integrate(x, step) for x, step in zip(self.starts.q, steps)])
+        states = self.states.copy()
+        states[:, list(motion.system.q_places)] = q
+        return dataclasses.replace(self, states=states)
 
     def drive(
         self,

@@ -1,114 +1,32 @@
-"""``inverse`` for many runs: one motion, whose torques are evaluated with the numbers of each run."""
+"""``inverse`` for many runs: torques along one motion, or along those of mechanisms, with the numbers of each run."""
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robodyn_cli.expr.fixed import witnessed
+from robodyn_cli.errors import RobodynError
 from robodyn_cli.given.motion import Planned
-from robodyn_cli.integrators.stepping.writer import Tables
-from robodyn_cli.kernels.samples import SampleKernel
-from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.observe.rounding import largest_differences
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
-from robodyn_cli.over.many.groups import Built, first_of, table_rows
-from robodyn_cli.over.many.keys import NUMBER, Key, settings
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
+from robodyn_cli.over.many.groups import table_rows
+from robodyn_cli.over.many.keys import Key
+from robodyn_cli.over.many.torques import ENTRIES, InverseStructure
+from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.inverse import ROUNDING
 from robodyn_cli.summaries.keys import leaf_of
-from robodyn_cli.torques.build import OpenChain
-from robodyn_cli.torques.checks import FIGURES, Loaded, breaks_of
-from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.trajectories.base import TaskSpaceTrajectory
-from robodyn_cli.works.inverse import inverse, looked_at, planned_at, program_of
-
-ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
-
-
-class InverseStructure(Built):
-    """The equations of a scene with one row of values, compiled once.
-
-    Raises
-    ------
-    RobodynError : there are no inverse dynamics with these values.
-    """
-
-    def __init__(self, family: Family, keys: Sequence[Key], row: Array) -> None:
-        scene = family.scene(settings([key.name for key in keys], row))
-        with witnessed() as witnesses:
-            self.program = program_of(scene)
-            outputs = list(self.program.outputs.values())
-            # without names from the scene, scenes with equal equations share their code
-            self.kernel = SampleKernel({f"o{k}": x for k, x in enumerate(outputs)}, MOTION_GROUPS)
-        names = list(self.program.outputs)
-        self.terms = [f"o{names.index(f'torque_terms/{name}')}" for name in self.program.terms]
-        self.size = sum(len(x) for x in outputs)
-        super().__init__(
-            keys, row, Tables([self.kernel.program]), witnesses, obstacle(self.program, scene, keys)
-        )
-        self._planned: dict[bytes, Planned] = {}
-
-    def planned(self, times: Array) -> Planned:
-        """Return the motion at times (T,), which is the same in all runs."""
-        key = times.tobytes()
-        if key not in self._planned:
-            self._planned[key] = planned_at(self.program, times)
-        return self._planned[key]
-
-    def torques(self, planned: Planned, tables: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the torques (N, nv, T) along a motion with rows of tables, and where all of a run is finite (N,)."""
-        motion, times = planned.motion, planned.times
-        groups = {"t": times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
-        arrays = self.kernel.of_tables(tables, len(times), groups)
-        tau = np.sum([arrays[name] for name in self.terms], axis=0)
-        good = np.isfinite(tau).all(axis=(1, 2))
-        for array in arrays.values():
-            good &= np.isfinite(array).all(axis=(1, 2))
-        return tau, good
-
-    def rounding(self, planned: Planned, values: Array) -> Array:
-        """Return how far rounding may have put any torque off in runs with rows of values (N, keys)."""
-        program, times = self.program, planned.times
-        sampled = Sampled(times, planned.motion, program.parameters(times), {}, {}, {})
-        off = np.empty(len(values))
-        runs = max(1, ENTRIES // program.rounded_size)
-        for first in range(0, len(values), runs):
-            part = slice(first, first + runs)
-            draws = program.torques_by_draw(sampled, self.numbers(values[part]))
-            off[part] = np.nan if draws is None else largest_differences(draws)
-        return np.where(np.isfinite(off), off, np.nan)
-
-
-def obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
-    """Return why runs are made one by one; nothing where their torques are evaluated at once."""
-    if isinstance(scene.trajectory, TaskSpaceTrajectory):
-        return "a point is led, so lengths change the motion"
-    return motion_obstacle(program, scene, keys)
-
-
-def motion_obstacle(program: InverseProgram, scene: Scene, keys: Sequence[Key]) -> str:
-    """Return why torques do not depend on the keys directly, whether a point is led or not; nothing where they do."""
-    reasons = {
-        "closed loops share the load": not isinstance(program, OpenChain),
-        "limits of torques or paths decide the motion": scene.trajectory is not None
-        and not scene.trajectory.in_time,
-        "parameters may change the motion": any(
-            key.sort == NUMBER and key.place.startswith("parameters.") for key in keys
-        ),
-        "a prescribed motion changes": any(key.place.startswith("prescribed.") for key in keys),
-        "payloads are gripped or released": bool(program.problem.model.switched),
-        "forces in the joints' bearings are wanted": bool(scene.outputs.reactions),
-    }
-    return first_of(reasons)
+from robodyn_cli.torques.checks import FIGURES, Loaded, breaks_of, error_estimate
+from robodyn_cli.torques.program import Sampled
+from robodyn_cli.works.inverse import inverse, looked_at, summarise
 
 
 def figure_of(key: str) -> tuple[str, str] | None:
@@ -116,7 +34,8 @@ def figure_of(key: str) -> tuple[str, str] | None:
     leaf = leaf_of("inverse", key)
     joint = leaf.names[0] if leaf is not None and leaf.names else ""
     section, _, figure = leaf.key.partition(f".{joint}.") if leaf is not None else ("", "", "")
-    return (joint, figure) if section == "joints" and figure in FIGURES else None
+    known = figure in FIGURES or figure.startswith("errors.")
+    return (joint, figure) if section == "joints" and known else None
 
 
 class Figures:
@@ -142,6 +61,9 @@ class Figures:
         if leaf is None or joint not in self._joints:
             nothing = np.full(self._loaded.tau.shape[1] // max(len(self._joints), 1), np.nan)
             return nothing, nothing
+        if figure not in FIGURES:
+            error = self._error(joint, key)
+            return error, np.full_like(error, np.nan)
         errors = [self._error(joint, error) for error in leaf.errors]
         return self._columns(figure, joint)[0], np.fmax.reduce(errors)
 
@@ -164,17 +86,35 @@ class Figures:
         return np.max([self._columns(x, joint)[1] for x in FIGURES if x.partition(".")[0] == name], axis=0)
 
 
+# sections of the summary beside figures of joints that are found for many runs; counters are those of single runs
+UNIQUE = "unique"
+# what the summary says of every run that is made here where a scene expects one of them
+WORDS: Mapping[str, str] = {"mechanism.torques": UNIQUE, "mechanism.multipliers": UNIQUE}
+SECTIONS = (
+    "constraint_residual",
+    "error_estimate",
+    "ik_residual",
+    "mechanism",
+    "round_trip",
+    "samples",
+    "termination",
+)
+
+
 class InverseRuns(BatchCommand[InverseStructure]):
     """Torques of the scene's trajectory; ends are the ends of the motion."""
 
     name = "inverse"
     sampled = ("q", "qd", "qdd", "tau")
+    words = WORDS
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> InverseStructure:
         return InverseStructure(family, keys, row)
 
     def is_plain(self, key: str) -> bool:
-        return figure_of(key) is not None
+        leaf = leaf_of("inverse", key)
+        known = leaf is not None and leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
+        return known or key in self.words or figure_of(key) is not None
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, inverse=dataclasses.replace(scene.inverse, samples=samples))
@@ -184,37 +124,75 @@ class InverseRuns(BatchCommand[InverseStructure]):
     )  # runs with numbers that are not finite are left to ``inverse``, which names them
     def make(self, structure: InverseStructure, rows: Rows, asked: AskedRuns) -> list[int]:
         samples = asked.samples or structure.program.problem.scene.inverse.samples
-        planned = looked_at(structure.program, samples, structure.planned)
+        times = structure.program.looked_at(samples)
+        if structure.lead is None:  # one motion
+            times = looked_at(structure.program, samples, structure.planned).times
         tables = table_rows(structure.tables, structure.numbers(asked.result.values[rows]))
+        beside = [key for key in asked.result.outputs if figure_of(key) is None]
+        one_motion = structure.lead is None and not beside
         left: list[int] = []
-        runs = max(1, ENTRIES // (structure.size * len(planned.times)))
+        runs = max(1, ENTRIES // (structure.size * len(times)))
         for first in range(0, len(rows), runs):
             part = slice(first, first + runs)
-            left += self._evaluate(structure, planned, tables[part], rows[part], asked)
+            evaluate = self._evaluate if one_motion else self._evaluate_each
+            left += evaluate(structure, times, tables[part], rows[part], asked)
         return left
 
     def _evaluate(
-        self, structure: InverseStructure, planned: Planned, tables: Array, rows: Rows, asked: AskedRuns
+        self, structure: InverseStructure, times: Array, tables: Array, rows: Rows, asked: AskedRuns
     ) -> list[int]:
-        """Keep the runs with rows of tables; return those that are left to be made one by one."""
-        result, motion, times = asked.result, planned.motion, planned.times
+        """Keep the runs of one motion with rows of tables; return those that are left to be made one by one."""
+        result, planned, program = asked.result, structure.planned(times), structure.program
+        motion = planned.motion
         tau, good = structure.torques(planned, tables)
         tau, to = tau[good], rows[good]
         loaded = Loaded(
             times, tau.reshape(-1, len(times)).T, np.tile(motion.qd, (1, len(tau))),
-            breaks_of(structure.program.problem, times, motion),
+            breaks_of(program.problem, times, motion),
         )  # fmt: skip
-        figures = Figures(loaded, result.qd_names, lambda: structure.rounding(planned, result.values[to]))
+        sampled = Sampled(times, motion, program.parameters(times), {}, {}, {})
+        figures = Figures(loaded, result.qd_names, lambda: structure.rounding(sampled, result.values[to]))
         for key, column in result.outputs.items():
             column[to], result.errors[key][to] = figures[key]
         result.code[to], result.time[to] = 0, times[-1]
         result.q[to], result.qd[to] = motion.q[-1], motion.qd[-1]
         if asked.samples:
-            kept, own = result.samples, structure.planned(structure.program.times(asked.samples))
-            kept["tau"][to] = structure.torques(own, tables[good])[0].transpose(0, 2, 1)
-            kept["time"][to], kept["q"][to] = own.times, own.motion.q
-            kept["qd"][to], kept["qdd"][to] = own.motion.qd, own.motion.qdd
+            own = structure.planned(program.times(asked.samples))
+            tau = structure.torques(own, tables[good])[0].transpose(0, 2, 1)
+            _keep_samples(result, to, own, tau)
         return [int(row) for row in rows[~good]]
+
+    def _evaluate_each(
+        self, structure: InverseStructure, times: Array, tables: Array, rows: Rows, asked: AskedRuns
+    ) -> list[int]:
+        """The same for runs whose motions, or whose summaries, are their own."""
+        result, values = asked.result, asked.result.values[rows]
+        alike = structure.numbers(values).decided_alike(structure.forward)
+        worded = bool(set(self.words) & set(structure.program.problem.scene.expect))
+        made: list[_MadeRun] = []
+        for k, planned in enumerate(structure.motions(values, times)):
+            if planned is None or not alike[k] or structure.turns_in_crowds(planned):
+                continue
+            with contextlib.suppress(RobodynError):  # the command names it
+                sampled = structure.sampled(planned, tables[k])
+                loops = sampled.loops
+                if not worded or loops is None or set(loops.shared.uniqueness) == {UNIQUE}:
+                    made.append(_MadeRun(structure, values[k : k + 1], int(rows[k]), planned, sampled))
+        for runs in _with_equal_breaks(made):
+            _keep_figures(structure, runs, result)
+        for run in made:
+            row, motion = run.row, run.planned.motion
+            result.code[row], result.time[row] = 0, times[-1]
+            result.q[row], result.qd[row] = motion.q[-1], motion.qd[-1]
+        kept = {run.row for run in made}
+        if asked.samples:
+            own = structure.motions(values, structure.program.times(asked.samples))
+            for k, planned in enumerate(own):
+                if planned is not None and rows[k] in kept:
+                    _keep_samples(
+                        result, rows[k : k + 1], planned, structure.sampled(planned, tables[k]).tau[None]
+                    )
+        return [row for row in rows.tolist() if row not in kept]
 
     def single(self, scene: Scene) -> Result:
         return inverse(scene)
@@ -224,3 +202,62 @@ class InverseRuns(BatchCommand[InverseStructure]):
             result.time[row] = termination["time"]
         if result.samples:
             result.q[row], result.qd[row] = (result.samples[name][row, -1] for name in ("q", "qd"))
+
+
+def _keep_samples(result: ManyRuns, rows: Rows, planned: Planned, tau: Array) -> None:
+    """Write the samples of runs that have one motion, with their torques (N, T, nv)."""
+    kept, motion = result.samples, planned.motion
+    kept["tau"][rows], kept["time"][rows] = tau, planned.times
+    kept["q"][rows], kept["qd"][rows], kept["qdd"][rows] = motion.q, motion.qd, motion.qdd
+
+
+@record
+class _MadeRun:
+    """A run: its values (1, keys), its row of the result, its motion, and what is evaluated along it."""
+
+    structure: InverseStructure
+    values: Array
+    row: int
+    planned: Planned
+    sampled: Sampled
+
+    @cached_property
+    def loaded(self) -> Loaded:
+        return Loaded.of(self.structure.program.problem, self.sampled)
+
+    @cached_property
+    def rounding(self) -> float:
+        return float(self.structure.rounding(self.sampled, self.values)[0])
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The summary of the run but for the figures of its joints."""
+        program, numbers = self.structure.program, self.structure.numbers(self.values)
+        errors = error_estimate(program, self.planned, self.sampled, self.loaded, numbers)
+        own = summarise(program, self.planned, self.sampled, self.loaded, errors, None, ())
+        return {**as_keys(own), "samples": program.problem.scene.inverse.samples}
+
+
+def _with_equal_breaks(runs: Sequence[_MadeRun]) -> list[list[_MadeRun]]:
+    """Return runs in groups whose torques jump or bend at the same times."""
+    groups: dict[tuple[float, ...], list[_MadeRun]] = {}
+    for run in runs:
+        groups.setdefault(tuple(run.loaded.breaks), []).append(run)
+    return list(groups.values())
+
+
+def _keep_figures(structure: InverseStructure, runs: Sequence[_MadeRun], result: ManyRuns) -> None:
+    """Write the outputs of runs whose torques jump or bend at the same times."""
+    rows, driven = np.array([run.row for run in runs]), structure.driven
+    tau, qd = (
+        np.hstack([x[:, driven] for x in own])
+        for own in zip(*((r.sampled.tau, r.planned.motion.qd) for r in runs))
+    )
+    loaded = Loaded(runs[0].planned.times, tau, qd, runs[0].loaded.breaks)
+    names = [structure.program.problem.model.v_names[k] for k in driven]
+    figures = Figures(loaded, names, lambda: np.array([run.rounding for run in runs]))
+    for key, column in result.outputs.items():
+        if figure_of(key) is not None:
+            column[rows], result.errors[key][rows] = figures[key]
+        else:
+            column[rows] = [number_of(run.summary, key) for run in runs]

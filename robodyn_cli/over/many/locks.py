@@ -13,11 +13,12 @@ import numpy as np
 
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid
+from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
-from robodyn_cli.works.deploy.growth import multiplier_norm
+from robodyn_cli.works.deploy.growth import farthest, multiplier_norm, starts_beside
 
 # what the summary says of every run whose lock compiled code has found
 WORDS: dict[str, Any] = {
@@ -30,6 +31,8 @@ WORDS: dict[str, Any] = {
 }
 TIMES = ("lock.time", "criteria.dead_point", "termination.time")
 RESIDUALS = ("constraint_residual.position", "constraint_residual.velocity")
+ENERGIES = ("energy_drift", "energy_drift_relative")
+ALONG = (*RESIDUALS, *ENERGIES)  # the samples of the scene
 NORMS = ("lock.multipliers.start", "lock.multipliers.at_lock")
 ENTRIES = 4_000_000  # of sampled states at a time: 32 MB
 DEGREES = "lock.angles_deg"
@@ -77,18 +80,25 @@ def figures_of(locks: Locks, keys: Sequence[str]) -> dict[str, Figure]:
             values, errors = _apart(locks, partial(_singular_values, locks, columns))
             known |= {f"{group}.{k}": (x, errors.max(axis=1)) for k, x in enumerate(values.T)}
     if any(key in NORMS for key in keys):
-        values, errors = _apart(locks, partial(_norms, locks))
+        starts = starts_beside(locks.batch.states, locks.batch.closed_otherwise().states)
+        values, errors = _apart(locks, *(partial(_norms, locks, x) for x in (starts[:1], starts)))
         known |= {key: (values[:, k], errors[:, k]) for k, key in enumerate(NORMS)}
     return {key: known.get(key, (nothing, nothing)) for key in keys}
 
 
-def _apart(locks: Locks, figure: Callable[[Array], Array]) -> tuple[Array, Array]:
-    """Return figures (N, k) of states at the lock, and their errors: how far those of the second runs are apart."""
+def _apart(
+    locks: Locks, figure: Callable[[Array], Array], other: Callable[[Array], Array] | None = None
+) -> tuple[Array, Array]:
+    """Return figures (N, k) of states at the lock, and their errors: how far those of the second runs are apart.
+
+    other : gives the figures of the second runs, where that is not ``figure``.
+    """
     values = figure(locks.first)
     if np.isnan(locks.factor).all():
         return values, np.full(values.shape, np.nan)
     # without a second run there is no error: ``factor`` is nan
-    apart = np.abs(figure(np.where(np.isfinite(locks.second), locks.second, locks.first)) - values)
+    again = (other or figure)(np.where(np.isfinite(locks.second), locks.second, locks.first))
+    apart = np.abs(again - values)
     return values, locks.factor[:, None] * apart + ROUNDED * np.abs(values)
 
 
@@ -102,23 +112,26 @@ def _singular_values(locks: Locks, columns: Sequence[int], x: Array) -> Array:
     return values
 
 
-def _norms(locks: Locks, x: Array) -> Array:
-    """Return the norms of the loops' multipliers at the start and at states x (N, nx): (N, 2)."""
+def _norms(locks: Locks, starts: Array, x: Array) -> Array:
+    """Return the norms of the loops' multipliers at starts (S, N, nx), that farthest from the first, and at states x
+    (N, nx): (N, 2)."""
     batch = locks.batch
     rows = batch.structure.motion.problem.constraints.of_loops
     norms = np.empty((len(x), 2))
     for k, observer in enumerate(batch.structure.observers(batch.numbers)):
-        states = np.asfortranarray(np.stack([batch.states[k], x[k]]))
-        lam = observer.multipliers(np.array([0.0, locks.times[k]]), states)
-        norms[k] = multiplier_norm(lam[:, rows])
+        states = np.asfortranarray(np.vstack([starts[:, k], x[k]]))
+        times = np.append(np.zeros(len(starts)), locks.times[k])
+        own = multiplier_norm(observer.multipliers(times, states)[:, rows])
+        norms[k] = farthest(own[:-1]), own[-1]
     return norms
 
 
-def residuals_of(batch: RunBatch, method: str, times: Array) -> dict[str, Figure]:
-    """Return the largest residuals of position and velocity over the samples of the scene up to the ends of the runs at
-    times (N,) [s], which have no error."""
+def figures_along(batch: RunBatch, method: str, times: Array, keys: Sequence[str]) -> dict[str, Figure]:
+    """Return figures of the samples of the scene up to the ends of the runs at times (N,) [s], which have no error:
+    largest residuals of position and velocity, and those of ``ENERGIES`` where they are among the keys."""
     count, asked = len(batch.values), max(batch.structure.motion.scene.simulate.samples - 1, 1)
-    step, largest = batch.ends / asked, np.zeros((len(times), len(RESIDUALS)))
+    step, largest = batch.ends / asked, np.full((len(times), len(ALONG)), np.nan)
+    constrained, wanted = bool(batch.structure.motion.problem.constraints.rows), set(keys) & set(ENERGIES)
     taken = np.array([Grid(0.0, h, asked + 1).first_at(t) for h, t in zip(step, times)])
     size = max(1, ENTRIES // (asked * batch.states.shape[1]))
     for first in range(0, count, size):
@@ -129,5 +142,15 @@ def residuals_of(batch: RunBatch, method: str, times: Array) -> dict[str, Figure
             own = min(taken[k], int(runs.n[k - first, IntegerSlot.NEXT_SAMPLE]) - 1)
             states = np.vstack([part.states[k - first], runs.out[k - first, :, :own].T, runs.y[k - first]])
             at = np.append(step[k] * np.arange(own + 1), times[k])
-            largest[k] = observer.largest_residuals(at, np.asfortranarray(states))
-    return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(RESIDUALS)}
+            states = np.asfortranarray(states)
+            if wanted:
+                recorder = Recorder(observer)
+                recorder.emit(at, states, observer.parameters)
+                largest[k] = (
+                    recorder.position_residual, recorder.velocity_residual, recorder.drift, recorder.relative_drift,
+                )  # fmt: skip
+            elif constrained:
+                largest[k, : len(RESIDUALS)] = observer.largest_residuals(at, states)
+            if not constrained:
+                largest[k, : len(RESIDUALS)] = np.nan
+    return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(ALONG)}

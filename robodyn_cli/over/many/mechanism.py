@@ -125,7 +125,8 @@ class Mechanism(ModelFunctions):
         Returns
         -------
         A row for each run. ``samples`` has times (N, M), q (N, M, nq), and qd, qdd and tau (N, M, nv) [N m or N];
-        ``q`` and ``qd`` are those at the end. Mechanisms with loops, and paths of points, are computed run by run.
+        ``q`` and ``qd`` are those at the end. What changes the motion in other ways than lengths in loops do (paths of
+        points of open chains, fastest motions) is computed run by run.
 
         Raises
         ------

@@ -33,14 +33,14 @@ from robodyn_cli.over.many.integrate import (
 )  # fmt: skip
 from robodyn_cli.over.many.keys import Key
 from robodyn_cli.over.many.locks import (
-    RESIDUALS,
+    ALONG,
     TIMES,
     WORDS,
     Figure,
     Locks,
+    figures_along,
     figures_of,
     is_figure,
-    residuals_of,
 )  # fmt: skip
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
@@ -94,7 +94,7 @@ class MotionCommand(BatchCommand[Structure]):
         return Structure(family, keys, row, self)
 
     def is_plain(self, key: str) -> bool:
-        return key in (*COUNTERS, SECOND_STEPS, *RESIDUALS, *self.words) or self.gives(key)
+        return key in (*COUNTERS, SECOND_STEPS, *ALONG, *self.words) or self.gives(key)
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
@@ -113,8 +113,8 @@ class MotionCommand(BatchCommand[Structure]):
     def _make(self, batch: RunBatch, method: str, rows: Rows, asked: AskedRuns) -> list[int]:
         """Make the runs of a batch by one method, which are these rows; return those that are left."""
         driven = self.drive(batch, method, asked)
-        if any(key in RESIDUALS for key in asked.result.outputs):
-            driven = driven.with_figures(batch, partial(_residuals, batch, method, driven.runs.time))
+        if along := [key for key in asked.result.outputs if key in ALONG]:
+            driven = driven.with_figures(batch, partial(_along, batch, method, driven.runs.time, along))
         if batch.through and len(good := np.flatnonzero(driven.trusted)):
             driven.trusted[good] = keep_rank(batch.part(good), method, driven.runs.time[good])
         self._keep(batch, driven, rows, asked)
@@ -157,7 +157,7 @@ class MotionCommand(BatchCommand[Structure]):
         for array in (result.time, result.time_error, result.q, result.qd, result.q_error, result.qd_error):
             array[rows] = np.nan
         for key in result.outputs:
-            if key not in (*COUNTERS, *RESIDUALS, "termination.time"):
+            if key not in (*COUNTERS, *ALONG, "termination.time"):
                 result.outputs[key][rows] = result.errors[key][rows] = np.nan
 
     def _output(self, key: str, result: ManyRuns, driven: Driven, rows: Rows) -> Array:
@@ -176,8 +176,8 @@ class MotionCommand(BatchCommand[Structure]):
         return self.output(key, result, rows)
 
 
-def _residuals(batch: RunBatch, method: str, times: Array, rows: Rows) -> dict[str, Figure]:
-    return residuals_of(batch.part(rows), method, times[rows])
+def _along(batch: RunBatch, method: str, times: Array, keys: Sequence[str], rows: Rows) -> dict[str, Figure]:
+    return figures_along(batch.part(rows), method, times[rows], keys)
 
 
 def _keep_samples(batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns) -> None:
@@ -197,6 +197,7 @@ def column_of(result: ManyRuns, group: str, name: str, rows: Rows) -> Array:
     return column
 
 
+ENDS = ("final.time", "termination.time")
 ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
 
 
@@ -209,7 +210,8 @@ class Simulate(MotionCommand):
         return build_motion(integrable(scene))
 
     def gives(self, key: str) -> bool:
-        return key == "final.time" or key.startswith(("final.q.", "final.qd.")) or key in ERRORS
+        ends = key in ENDS or key.startswith(("final.q.", "final.qd."))
+        return ends or key in ERRORS
 
     def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
         return integrate(batch, method, max(0, asked.samples - 1))
@@ -217,7 +219,7 @@ class Simulate(MotionCommand):
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
         if key in ERRORS:
             return _largest_error(result, ERRORS[key], rows)
-        if key == "final.time":
+        if key in ENDS:
             return result.time[rows]
         _, group, name = key.split(".", 2)
         return column_of(result, group, name, rows)
@@ -300,7 +302,7 @@ class Deploy(MotionCommand):
         if len(rows := np.flatnonzero(trusted)):
             time = runs.time[rows]
             first = First(batch.options, method, runs.steps[rows], time)
-            second, done = second_runs(batch.part(rows), first, locked)
+            second, done = second_runs(batch.part(rows).closed_otherwise(), first, locked)
             pace = time / np.maximum(second.time, 1e-300)
             paced = np.rint(second.steps * pace)
             errors[rows], steps[rows] = (

@@ -17,13 +17,11 @@ from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
 from robodyn_cli.solve.assembly import starts_around
-from robodyn_cli.solve.closure import CLOSED, MOST_STEP, SAME, Numbers, has_full_rank
+from robodyn_cli.solve.closure import CLOSED, SAME, Numbers, has_full_rank, least_steps, newton_of_many
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
-HALVINGS = 12  # of a step that does not lessen the residual
 EQUAL = 1e-6  # relative difference of distances by which the nearest pose is not sure
-ROUNDS = 30  # Newton steps; from a pose nearby five do
 REGULAR = (
     1e-3  # ratio of singular values of the unknown coordinates below which branches are near to each other
 )
@@ -122,6 +120,7 @@ class _ManyClosing:
         self._psi = Expressions([x for row in rows for x in row.psi])
         self._cosines = Expressions([row.cosine for row in rows])
         self.one = Numbers(problem, ())
+        self.lengths, self.sizes = self.one.lengths, self.one.sizes
         equations = (self._eta, self._psi, self._cosines)
         numbers_there = [x for part in equations for x in (*part.constants, *part.outputs)]
         # whether runs have other loops, or other initial values
@@ -169,37 +168,12 @@ class _ManyClosing:
         v, agrees = self._rates(psi, v)
         return Starts(q, v, sound & sure & agrees)
 
+    def at_runs(self, q: Array) -> tuple[Array, Array]:
+        """Return eta (N, m) and Psi (N, m, nv)."""
+        return self.eta(q), self.psi(q)
+
     def _newton(self, q: Array, columns: Sequence[int]) -> Array:
-        """Return positions moved towards F = 0 by Gauss-Newton steps, each as long as it lessens the residual."""
-        lengths, sizes = self.one.lengths[list(columns)], self.one.sizes
-        q = q.copy()
-        F = self.eta(q) / sizes
-        size = np.abs(F).max(axis=1)
-        active = np.isfinite(size)
-        for _ in range(ROUNDS):
-            J = self.psi(q)[:, :, list(columns)] * lengths / sizes[:, None]
-            active &= np.isfinite(J).all(axis=(1, 2)) & (size > 1e-300)
-            if not active.any():
-                break
-            step = np.zeros((len(q), len(columns)))
-            step[active] = _least_steps(J[active], -F[active])
-            largest = np.maximum(np.abs(step).max(axis=1, initial=0.0), 1e-300)
-            step *= np.minimum(1.0, MOST_STEP / largest)[:, None]
-            waiting = active
-            for _ in range(HALVINGS):
-                trial = q.copy()
-                trial[:, list(columns)] += step * lengths
-                F_new = self.eta(trial) / sizes
-                new = np.abs(F_new).max(axis=1)
-                taken = waiting & (new < size)
-                q[taken], F[taken], size[taken] = trial[taken], F_new[taken], new[taken]
-                waiting = waiting & ~taken
-                # what rounding is left of is as close as it gets
-                if not (waiting & (size > CLOSED)).any():
-                    break
-                step = 0.5 * step
-            active = active & ~waiting
-        return q
+        return newton_of_many(self, q, columns)[0]
 
     def _as_alone(self, q: Array) -> tuple[Array, Rows]:
         """Return the closed positions that ``assemble`` takes from q (N, nq), and where they are sure: those nearest to
@@ -250,25 +224,7 @@ class _ManyClosing:
         for _ in range(3):
             if free:
                 residual = psi @ v[..., None]
-                v[:, free] += _least_steps(psi[:, :, free], -residual[..., 0])
+                v[:, free] += least_steps(psi[:, :, free], -residual[..., 0])
         left = np.abs(psi @ v[..., None]).max(axis=(1, 2))
         scale = np.abs(psi).max(axis=(1, 2)) * np.maximum(np.abs(v).max(axis=1), 1.0)
         return v, left <= AGREES * scale
-
-
-def _least_steps(J: Array, F: Array) -> Array:
-    """Return the least steps x (N, n) with J x = F for J (N, m, n); in the sense of least squares where there is none.
-
-    Normal equations take a fifth of the time of singular values, which only steps without rank need.
-    """
-    transposed, right = J.transpose(0, 2, 1), F[..., None]
-    wide = J.shape[1] <= J.shape[2]
-    try:
-        if wide:
-            solved = transposed @ np.linalg.solve(J @ transposed, right)
-        else:
-            solved = np.linalg.solve(transposed @ J, transposed @ right)
-    except np.linalg.LinAlgError:
-        solved = np.linalg.pinv(J, rcond=1e-12) @ right
-    steps: Array = solved[..., 0]
-    return steps

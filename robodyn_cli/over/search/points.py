@@ -15,9 +15,9 @@ from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.search.asked import EDGE, Search
 from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
-from robodyn_cli.over.sensitivity.report import exact_slopes, works
+from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.over.study.rows import Points, RunRows, joined
-from robodyn_cli.over.study.runs import Compiled, Waiting, one_by_one, suits
+from robodyn_cli.over.study.runs import Compiled, Waiting, is_smooth, one_by_one, suits
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 
@@ -137,11 +137,9 @@ class PointMaker:
     # -- derivatives ----------------------------------------------------------------------------------------
     @cached_property
     def _by_runs(self) -> bool:
-        """Whether derivatives on the way are differences of runs: in compiled code, without an integration, these are
-        exact to rounding, and a thousand take as long as an exact derivative."""
-        return any(point.compiled for point in self.points) and isinstance(
-            works.get(self.search.task.command), type
-        )
+        """Whether derivatives on the way are differences of runs: of smooth outputs in compiled code these are exact to
+        rounding, and a thousand take as long as an exact derivative."""
+        return any(point.compiled for point in self.points) and is_smooth(self.search.task)
 
     def slopes(self, points: Sequence[DesignPoint], exact: bool = False) -> list[OutputSlopes]:
         """Return the derivatives at points by the keys that lie between bounds; others are zero.

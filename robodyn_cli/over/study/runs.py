@@ -57,6 +57,11 @@ def _command_of(task: Task) -> BatchCommand[Any] | None:
     return command_for(command, task.family.own)
 
 
+def is_smooth(task: Task) -> bool:
+    """Tell whether differences of compiled runs serve as derivatives of all outputs."""
+    return suits(task) and all(commands[task.command].is_smooth(key) for key in task.outputs)
+
+
 def beyond(task: Task) -> list[str]:
     """Return the outputs and expectations of a study that compiled code does not give."""
     margins = ["motorisation"] if task.family.own.motorisation is not None else []  # decide the exit code

@@ -50,6 +50,7 @@ from robodyn_cli.works.deploy.lock import (
     find_lock,
     relocate,
     rescan,
+    with_start_elsewhere,
 )  # fmt: skip
 from robodyn_cli.works.deploy.recording import (
     FollowedLock,
@@ -331,6 +332,7 @@ def _lock_keys(done: Deployment) -> LockKeys | None:
                 np.array([relocated.lock.time]), relocated.lock.state[None, :].copy(), done.driver.parameters
             )
     other = describe_lock(done.motion, relocated.scanned, relocated.lock, relocated.latch, error, recorder)
+    other = with_start_elsewhere(other, done.motion)
     # the error of the time is known already
     return dataclasses.replace(with_second(keys, other, relocated.factor, ("lock",)), time_error=error)
 

@@ -87,6 +87,26 @@ def levels_with(growth: float) -> tuple[float, ...]:
     return tuple(sorted({*LEVELS, float(growth)}))
 
 
+SHARES = (
+    0.0,
+    1.0,
+    -1.0,
+    0.5,
+    -0.5,
+)  # of the way from a start to another one: draws of what rounding makes of it
+
+
+def starts_beside(own: Array, other: Array) -> Array:
+    """Return starts (5, ..., nx) around one's ``own``, the first of them, as far away as another is."""
+    return np.array([own + share * (other - own) for share in SHARES])
+
+
+def farthest(values: Array) -> Array:
+    """Return the value (...,) that is farthest from the first of values (S, ...)."""
+    place = np.argmax(np.abs(values - values[0]), axis=0)
+    return np.take_along_axis(values, place[None], axis=0)[0]
+
+
 def multiplier_norm(lam: Array) -> Array:
     """Return the Euclidean norm over the rows of multipliers lam (T, m): (T,)."""
     return np.asarray(np.sqrt((lam**2).sum(axis=1)))

@@ -28,7 +28,16 @@ from robodyn_cli.summaries.deploy import (
     SingularValues,
 )  # fmt: skip
 from robodyn_cli.summaries.facts import ABSENT, Absent, rounded_up
-from robodyn_cli.works.deploy.growth import GRID, LatchImpact, Locked, close_latch, locked, multiplier_norm
+from robodyn_cli.works.deploy.growth import (
+    GRID,
+    LatchImpact,
+    Locked,
+    close_latch,
+    farthest,
+    locked,
+    multiplier_norm,
+    starts_beside,
+)
 from robodyn_cli.works.deploy.scan import Pose, Scan, ScanEnd, fired, scan
 
 TRUSTED = 0.01  # relative error of a lock's time beyond which it is not reported as a lock
@@ -136,7 +145,9 @@ def rescan(motion: Motion, scanned: Scan) -> Rescan:
 
     def once(attempt: Attempt) -> tuple[Any, Any]:
         nonlocal other, steps
-        other = scan(motion.with_own_watchers(), attempt.alone, multipliers=scanned.growth is not None)
+        # what rounding leaves open of the start moves the lock, too
+        again = motion.with_own_watchers().closed_otherwise()
+        other = scan(again, attempt.alone, multipliers=scanned.growth is not None)
         # the scans may end at different times, so it is steps per second that count
         steps = round(other.steps * scanned.end / max(other.end, 1e-300))
         given_up = other.stopped is not None and other.stopped.details.get("status") == "max_steps"
@@ -297,6 +308,16 @@ def describe_lock(
         latch=keys,
         latch_note=note,
     )
+
+
+def with_start_elsewhere(keys: LockKeys, motion: Motion) -> LockKeys:
+    """Return the keys of a lock with the multipliers farthest off of starts that close the loops as well."""
+    if keys.multipliers is None or not isinstance(keys.multipliers, MultiplierKeys):
+        return keys
+    starts = starts_beside(motion.start, motion.closed_otherwise().start)
+    lam = motion.observer.multipliers(np.zeros(len(starts)), np.asfortranarray(starts))
+    start = float(farthest(multiplier_norm(lam[:, motion.problem.constraints.of_loops])))
+    return dataclasses.replace(keys, multipliers=dataclasses.replace(keys.multipliers, start=start))
 
 
 def _multiplier_keys(motion: Motion, scanned: Scan, recorder: Recorder) -> MultiplierKeys:
