@@ -14,11 +14,13 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver
+from robodyn_cli.observe.columns import chosen
 from robodyn_cli.over.commands import execute
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.export import tables
-from robodyn_cli.scene.checks.columns import column_names
+from robodyn_cli.scene.checks.columns import column_names, units_of_columns
+from robodyn_cli.scene.checks.scene import places_of
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.solve.peaks import Windows
 from robodyn_cli.summaries.keys import leaf_of
@@ -285,7 +287,7 @@ def test_the_columns_of_a_scene_are_those_of_its_runs(name: str, given: list[str
     """Names that are known before the run are those of its table of samples, but for lengths and what is left out."""
     scene = load_scene(CONFIGS / f"{name}.yaml", [*given, "expect={}"])
     result = execute(scene.command or "", scene, no_progress, Stopwatch())
-    known = set(column_names(scene, (*scene.robot.points, *(scene.kinematics.transmission or ()))))
+    known = set(column_names(scene, places_of(scene)))
     real = {column.label for column in tables(result)["samples"]}
     left_out = (
         "time",
@@ -301,6 +303,35 @@ def test_the_columns_of_a_scene_are_those_of_its_runs(name: str, given: list[str
     assert not {x for x in known - real if not x.startswith(("reactions/", "loop_reactions/", "base_wrench"))
                 and x.rpartition(".")[2] != "length"
                 and x not in ("energy/work",) and not x.startswith("control/")}  # fmt: skip
+    for column, unit in units_of_columns(scene, places_of(scene)).items():
+        made = chosen(result.variables, column)
+        assert made is None or made.unit == unit or column.startswith("signals/"), column
+
+
+@pytest.mark.parametrize(
+    ("key", "bound", "words"),
+    [
+        ("extremes.q.swing.largest", "< 5 mm", "angle in rad expected"),
+        ("extremes.qd.swing.final", "< 5 mm/s", "angular rate in rad/s expected"),
+        ("extremes.tau.swing.smallest", "-5 N .. 5 N", "torque in N m expected"),
+        ("extremes.reactions/swing.fx.largest", "< 5 N m", "force in N expected"),
+        ("extremes.energy/kinetic.largest", "< 5 W", "in J expected"),
+        ("extremes.q.swing.largest_time", "1 m", "time in s expected"),
+        ("extremes.q.swing.errors.largest", "< 1 mm", "angle in rad expected"),
+        ("extremes.signals/height.largest", "< 5 deg", "length in m expected"),
+    ],
+)
+def test_bounds_of_another_kind_than_their_column_are_refused(key: str, bound: str, words: str) -> None:
+    signals = "outputs: {signals: {height: {value: 0.3*q.swing, unit: m}, bare: 2*q.swing}}"
+    head = f"{PENDULUM}command: simulate\n{signals}\n"
+    for section in (
+        f'expect: {{{key}: "{bound}"}}',
+        f'search: {{reach: {{{key}: "{bound.partition("..")[0].strip("< ")}"}}}}',
+    ):
+        with pytest.raises(SceneError) as refused:
+            load_scene_text(f"{head}{section}\n")
+        assert key in refused.value.message and words in refused.value.message
+    load_scene_text(f'{head}expect: {{extremes.signals/bare.largest: "< 5 kg", {key}: < 3}}\n')
 
 
 def test_the_key_of_a_column_has_its_unit() -> None:

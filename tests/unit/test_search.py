@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.statements import parse_expectation, parse_variation
+from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.over.search.asked import options_of, prepare
 from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.search.lanes import Lanes
@@ -433,6 +435,31 @@ def test_a_scene_says_where_its_search_is_wrong(text: str, message: str) -> None
     section = f"search: {text}\n" if text.startswith("{") else f"search: {{{text}}}\n"
     with pytest.raises(SceneError, match=message):
         load_scene_text(ARM + section)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("vary: {forces.spring.stiffnes: 'uniform(1, 2)'}", "search.vary.forces.spring.stiffnes: .*stiffness"),
+        ("vary: {robot.links.beam.mass: '[-1, 2]'}", "search.vary.robot.links.beam.mass: .*is too small"),
+        ("vary: {robot.links.beam.mass: 'uniform(1 mm, 2 mm)'}", "mass in kg expected"),
+        ("{vary: {robot.links.beam.mass: 'uniform(-1, 2)'}, minimise: energy.arm}", "robot.links.beam.mass.*is too small"),
+        ("{vary: {robot.links.beam.mass: 'uniform(1, 2)'}, minimise: title}", "search: title: is not a number|search.minimise: is not a number"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("section", ["search", "study"])
+def test_validate_says_which_key_cannot_vary(section: str, text: str, message: str, tmp_path: Path) -> None:
+    if section == "study" and text.startswith("{"):
+        return
+    (tmp_path / "arm.yaml").write_text(
+        ARM + (f"{section}: {text}\n" if text.startswith("{") else f"{section}: {{{text}}}\n")
+    )
+    errors = [x for x in findings(tmp_path / "arm.yaml") if x.severity == "error"]
+    assert (
+        len(errors) == 1
+        and errors[0].line
+        and re.search(message.replace("search", section), errors[0].message)
+    )
 
 
 def test_the_same_from_python() -> None:
