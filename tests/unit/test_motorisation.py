@@ -372,7 +372,9 @@ def test_a_drive_at_rest_is_judged_against_what_acts_on_its_joint() -> None:
 
 @pytest.mark.parametrize("command", ["inverse", "simulate"])
 def test_many_runs_have_the_exit_code_of_the_verdict(command: str) -> None:
-    mechanism = Mechanism(load_scene_text(hinge().replace("duration: 0.8", "duration: 0.2")), ["motorisation.required"])
+    mechanism = Mechanism(
+        load_scene_text(hinge().replace("duration: 0.8", "duration: 0.2")), ["motorisation.required"]
+    )
     runs = getattr(mechanism, f"{command}_many")([[0.1], [500.0]])
     assert runs.code.tolist() == [0, 1] and runs.reason[0] == "" and runs.reason[1]
     assert sum(runs.left.values()) == 2 and "margins of motorisation" in next(iter(runs.left))
