@@ -96,6 +96,13 @@ RUN: tuple[Entry, ...] = (
         by_column=WRENCH,
     ),
     Entry(
+        "force_wrenches/FORCE",
+        ("time", "wrench"),
+        "N, N m",
+        "force and moment of an entry of `forces` on its last place",
+        by_column=WRENCH,
+    ),
+    Entry(
         "base_wrench",
         ("time", "wrench"),
         "N, N m",

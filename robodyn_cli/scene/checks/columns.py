@@ -20,7 +20,7 @@ from robodyn_cli.summaries.facts import ACCELERATION, LOAD, RATE
 LENGTH, FORCE, MOMENT = "length", "force", "moment"
 VECTOR = ("x", "y", "z", LENGTH)
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz", FORCE, MOMENT)
-LOADS = ("reactions/", "loop_reactions/", "base_wrench")
+LOADS = ("reactions/", "loop_reactions/", "force_wrenches/", "base_wrench")
 WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle")
 
 
@@ -75,6 +75,7 @@ def _datasets(scene: Scene, points: tuple[str, ...]) -> Mapping[str, Mapping[str
         "forces/potential": dict.fromkeys(elements, "J"), "forces/power": dict.fromkeys(elements, "W"),
         **{f"reactions/{joint.name}": wrench for joint in robot.joints},
         **{f"loop_reactions/{loop.name}": wrench for loop in scene.loops},
+        **{f"force_wrenches/{name}": wrench for name in elements},
         "base_wrench": wrench,
         **{f"energy/{x}": {"": "J"} for x in ("kinetic", "potential", "total", "work")},
         "transmission_angle": {"": "rad"},
