@@ -243,6 +243,31 @@ def test_expectations_ask_for_what_they_name() -> None:
     assert simulate(scene).summary["extremes"]["reactions/swing.force"]["unit"] == "N"
 
 
+def test_signals_that_count_from_a_time_on_are_cut_there() -> None:
+    """What is left of an oscillation after a time, for settling: x = 0.1 - 0.1 e^(-2 t) (cos(w t) + 2/w sin(w t))."""
+    text = """
+schema: 1
+command: simulate
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: slide, type: prismatic, axis: [1, 0, 0], spring: {stiffness: 100, rest: 0.1}, damper: {damping: 4}}]
+  links: [{name: block, mass: 1}]
+initial: {q: {slide: 0}}
+simulate: {duration: 4, samples: 11}
+outputs:
+  signals: {late: "if(t < START s, 0, abs(slide - 100 mm))", band: "step(t - START)*(slide - 0.1)"}
+  extremes: [signals/late, signals/band]
+"""
+    for start in (0.7, 1.6, 2.345):
+        result = simulate(load_scene_text(text.replace("START", str(start))))
+        w, t = math.sqrt(96.0), np.linspace(start, 4.0, 2_000_001)
+        left = -0.1 * np.exp(-2 * t) * (np.cos(w * t) + 2 / w * np.sin(w * t))
+        late, band = (result.summary["extremes"][f"signals/{name}"] for name in ("late", "band"))
+        for own, most, least in ((late, np.abs(left).max(), 0.0), (band, left.max(), min(left.min(), 0.0))):
+            assert abs(own["largest"] - most) <= own["errors"]["largest"] + 1e-10 <= 1e-4
+            assert abs(own["smallest"] - least) <= own["errors"]["smallest"] + 1e-10 <= 1e-4
+
+
 def test_a_plain_run_has_no_extremes() -> None:
     scene = load_scene_text(PENDULUM)
     assert scene.outputs.extremes == () and "extremes" not in simulate(scene).summary

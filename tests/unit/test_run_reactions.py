@@ -147,7 +147,9 @@ def test_wrenches_of_forces_are_those_of_their_laws() -> None:
     back = eye - tip
     length = np.linalg.norm(back, axis=1)
     v_eye = qd[:, :1] * np.column_stack([-eye[:, 1], eye[:, 0]])
-    v_tip = qd[:, :1] * np.column_stack([-s, c]) + qd.sum(axis=1)[:, None] * np.column_stack([-np.sin(turn), np.cos(turn)])
+    v_tip = qd[:, :1] * np.column_stack([-s, c]) + qd.sum(axis=1)[:, None] * np.column_stack(
+        [-np.sin(turn), np.cos(turn)]
+    )
     tension = 5 * (length - 0.4) + 0.3 * np.einsum("ij,ij->i", back, v_eye - v_tip) / length
     up = np.array([0.4, 2.0]) - tip
     ct, st = np.cos(turn), np.sin(turn)
