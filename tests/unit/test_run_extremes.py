@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from robodyn_cli.over.commands import execute
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.export import tables
+from robodyn_cli.results.hdf5 import write
 from robodyn_cli.scene.checks.columns import column_names, units_of_columns
 from robodyn_cli.scene.checks.scene import places_of
 from robodyn_cli.scene.load import load_scene, load_scene_text
@@ -264,8 +266,8 @@ outputs:
         left = -0.1 * np.exp(-2 * t) * (np.cos(w * t) + 2 / w * np.sin(w * t))
         late, band = (result.summary["extremes"][f"signals/{name}"] for name in ("late", "band"))
         for own, most, least in ((late, np.abs(left).max(), 0.0), (band, left.max(), min(left.min(), 0.0))):
-            assert abs(own["largest"] - most) <= own["errors"]["largest"] + 1e-10 <= 1e-4
-            assert abs(own["smallest"] - least) <= own["errors"]["smallest"] + 1e-10 <= 1e-4
+            assert abs(own["largest"] - most) <= own["errors"]["largest"] + 1e-10 <= 1e-3
+            assert abs(own["smallest"] - least) <= own["errors"]["smallest"] + 1e-10 <= 1e-3
 
 
 def test_a_plain_run_has_no_extremes() -> None:
@@ -325,7 +327,7 @@ def test_the_columns_of_a_scene_are_those_of_its_runs(name: str, given: list[str
         "targets/",
     )
     assert not {x for x in real - known if not x.startswith(left_out)}
-    assert not {x for x in known - real if not x.startswith(("reactions/", "loop_reactions/", "base_wrench"))
+    assert not {x for x in known - real if not x.startswith(("reactions/", "loop_reactions/", "force_wrenches/", "base_wrench"))
                 and x.rpartition(".")[2] != "length"
                 and x not in ("energy/work",) and not x.startswith("control/")}  # fmt: skip
     for column, unit in units_of_columns(scene, places_of(scene)).items():
@@ -371,3 +373,51 @@ def test_many_runs_ask_the_command_for_extremes() -> None:
     runs = mechanism.simulate_many([[1.0], [2.0]], of=["extremes.q.swing.smallest"])
     np.testing.assert_allclose(runs.outputs["extremes.q.swing.smallest"], [-1.0, -2.0], atol=1e-9)
     assert runs.one_by_one.all() and np.all(runs.errors["extremes.q.swing.smallest"] < 1e-9)
+
+
+NAMES = (
+    "q.swing",
+    "qd.swing",
+    "qdd.swing",
+    "point_accelerations/tip.length",
+    "reactions/swing.force",
+    "energy/kinetic",
+)
+
+
+def test_a_run_that_goes_on_has_the_extremes_of_its_own_part(tmp_path: Path) -> None:
+    """Of both parts together they are those of the whole run; each states its own, within the errors of both."""
+    whole = extremes(PENDULUM, *NAMES, reactions=True)
+    text = PENDULUM.replace("duration: 1.9", "duration: 0.8")
+    asked = dataclasses.replace(load_scene_text(text).outputs, extremes=NAMES)
+    first = simulate(
+        dataclasses.replace(load_scene_text(text), outputs=dataclasses.replace(asked, reactions=True))
+    )
+    write(first, tmp_path / "first.h5")
+    later = PENDULUM.replace("{q: {swing: 2.0}}", f"{{from: {tmp_path / 'first.h5'}}}")
+    second = extremes(later, *NAMES, reactions=True)
+    for name in NAMES:
+        one, two, both = first.summary["extremes"][name], second[name], whole[name]
+        for side, better in (("smallest", min), ("largest", max)):
+            of = better(one, two, key=lambda x, side=side: x[side])
+            off = of["errors"][side] + both["errors"][side] + 1e-9 * (1 + abs(both[side]))
+            assert abs(of[side] - both[side]) <= off, (name, side)
+        assert (
+            abs(two["final"] - both["final"]) <= two["errors"]["final"] + both["errors"]["final"] + 1e-9 * 20
+        )
+
+
+def test_rows_of_many_runs_and_sweeps_are_those_of_single_runs() -> None:
+    keys = [f"extremes.{name}.{side}" for name in NAMES for side in ("smallest", "largest_time", "final")]
+    starts = [1.0, 2.0, 2.9]
+    runs = Mechanism(load_scene_text(PENDULUM), ["initial.q.swing"]).simulate_many(
+        [[x] for x in starts], of=keys
+    )
+    for row, start in enumerate(starts):
+        own = extremes(PENDULUM.replace("swing: 2.0", f"swing: {start}"), *NAMES, reactions=True)
+        for key in keys:
+            name, _, side = key.removeprefix("extremes.").rpartition(".")
+            error = own[name]["errors"][side]
+            off = (error or 0.0) + runs.errors[key][row]
+            assert abs(runs.outputs[key][row] - own[name][side]) <= off, (key, start)
+            assert runs.errors[key][row] == pytest.approx(error, rel=1e-6, abs=1e-15)
