@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver
@@ -421,3 +421,20 @@ def test_rows_of_many_runs_and_sweeps_are_those_of_single_runs() -> None:
             off = (error or 0.0) + runs.errors[key][row]
             assert abs(runs.outputs[key][row] - own[name][side]) <= off, (key, start)
             assert runs.errors[key][row] == pytest.approx(error, rel=1e-6, abs=1e-15)
+
+
+def test_validate_tells_of_a_dead_point_into_which_a_mechanism_is_driven() -> None:
+    """As the command does; a motion that ends before it has extremes, and so has one that loads drive."""
+    from robodyn_cli.over.commands import check
+
+    for given, refused in (([], True), (["simulate.duration=11.4"], False), (["prescribed=null"], False)):
+        scene = load_scene(
+            CONFIGS / "four_bar_prescribed.yaml", [*given, "outputs.extremes=[q.phi2]", "expect={}"]
+        )
+        if refused:
+            with pytest.raises(CapabilityError, match="driven into a dead point"):
+                check("deploy", scene)
+            with pytest.raises(CapabilityError, match="driven into a dead point"):
+                execute("deploy", scene, no_progress, Stopwatch())
+        else:
+            check("deploy", scene)

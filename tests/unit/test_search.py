@@ -12,7 +12,7 @@ import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.statements import parse_expectation, parse_variation
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from robodyn_cli.over.search.asked import options_of, prepare
 from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.search.lanes import Lanes

@@ -56,7 +56,15 @@ from robodyn_cli.works.deploy.recording import (
     join,
     record_motion,
 )
-from robodyn_cli.works.deploy.scan import Scan, ScanEnd, decide, follow_deployment, latch_position, scan
+from robodyn_cli.works.deploy.scan import (
+    Scan,
+    ScanEnd,
+    decide,
+    driven_extremes,
+    follow_deployment,
+    latch_position,
+    scan,
+)
 
 
 @record
@@ -113,15 +121,11 @@ def deploy(
         done = _lock(done, watch)
         failure = doubt(done.lock, done.relocated.error if done.relocated is not None else None)
         if failure is None and scanned.driven and done.lock is not None and scene.outputs.extremes:
-            failure = CapabilityError(
-                "outputs.extremes: the mechanism is driven into a dead point, where rates have no bound; allowed: "
-                "'simulate' with a duration that ends before it"
-            )
+            failure = driven_extremes()
     if failure is None:
         try:
             done = _follow(done, watch)
-            later = done.followed.recorder if done.followed is not None else None
-            failure = later.not_finite if later is not None else None
+            failure = None if done.followed is None else done.followed.recorder.not_finite
         except CapabilityError as refusal:
             failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
     return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)

@@ -70,24 +70,22 @@ def _varied(path: Path, scene: Scene, root: Node) -> Iterator[SceneError]:
     sections = {"study": scene.study.vary, "search": {} if scene.search is None else scene.search.vary}
     if not any(sections.values()):
         return
-    from robodyn_cli.over.search.asked import GOALS, prepare
+    from robodyn_cli.over.many.keys import Allowed, understand
     from robodyn_cli.over.study.study import check_key
 
-    family, faultless = Family(path), True
+    family = Family(path)
     for section, vary in sections.items():
         for key, variation in vary.items():
+            message = ""
             try:
                 check_key(family, key, variation)
+                ends = np.array(variation.arguments if section == "search" else ())[:, None]
+                refused = Allowed(family, [understand(family, key)]).refusals(ends) if len(ends) else {}
+                message = next((error.message for error in refused.values()), "")
             except SceneError as error:
-                faultless = False
                 message = error.message.removeprefix(f"--vary {key}={variation.text}: ")
+            if message:
                 yield _at(root, key_place(root, (section, "vary"), key), message)
-    search = scene.search
-    if faultless and search is not None and search.vary and any(getattr(search, goal) for goal in GOALS):
-        try:
-            prepare(family, search)
-        except SceneError as error:
-            yield _at(root, ("search",), error.message)
 
 
 def _missing(root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:
