@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.drives.report import UNDERSIZED, Moved, following
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
@@ -38,7 +39,6 @@ from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, 
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint
 
-SIMULATED = ("simulate", "deploy")  # commands whose motion follows from the torques
 SLOW = 1e-12  # of the rates: so slow that only the direction of motion counts
 AT_REST = 1e-9  # of the largest rate of a joint, below which it is at rest
 EXACT = 1e-12  # part of the torques by which rounding and the closure of loops put them off
@@ -59,7 +59,7 @@ def with_motorisation(
     looked : the motion where figures are looked at, by default at the samples. again : that of a second integration,
     and times the difference of figures is their error.
     """
-    inertia = None if result.command == "kinematics" else result.command not in SIMULATED
+    inertia = False if COMMANDS[result.command].streamed else "tau" in result or None
     margins = JointMargins.of(problem, moved, inertia)
     margins.add_to(result)
     figures = (margins if looked is None else JointMargins.of(problem, looked, inertia)).figures()
@@ -87,10 +87,12 @@ def _still_unknown(grown: Any, one: Any) -> Any:
     return dataclasses.replace(changed, **parts)
 
 
-def acting(problem: Problem, command: str) -> dict[str, Exerted]:
+def acting(problem: Problem, inertia: bool | None) -> dict[str, Exerted]:
     """Return what acts on the joints of a scene, where a command can give margins of motorisation.
 
     Torques of drives and of the controller are told apart from motions alone: here they are 1 where they act.
+
+    inertia : whether that of the motion counts, False where it follows from the torques, None where only poses count.
 
     Raises
     ------
@@ -110,9 +112,9 @@ def acting(problem: Problem, command: str) -> dict[str, Exerted]:
     ):
         if there:
             raise CapabilityError(f"{scene.path}: motorisation: a margin knows no {what}", key="motorisation")
-    every = exerted(problem, inertia=command not in (*SIMULATED, "kinematics"))
+    every = exerted(problem, inertia=inertia is True)
     every = {name: one for name, one in every.items() if name.removeprefix("torques.") not in scene.drives}
-    controlled = scene.control.joints if command in SIMULATED and scene.control is not None else ()
+    controlled = scene.control.joints if inertia is False and scene.control is not None else ()
     for name, joints in ((CONTROL, [x for x in controlled if x not in scene.drives]), (DRIVES, scene.drives)):
         if joints:
             every[name] = Exerted(DRIVE, [float(x in joints) for x in problem.model.v_names])
@@ -162,8 +164,7 @@ class JointMargins:
     @staticmethod
     def of(problem: Problem, moved: Moved, inertia: bool | None) -> JointMargins:
         """Return those of a motion; inertia : whether its own counts, None where only poses do."""
-        command = {None: "kinematics", True: "inverse", False: "simulate"}[inertia]
-        every = acting(problem, command)
+        every = acting(problem, inertia)
         held = problem.constraints.prescribed
         rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
         outputs = {name: one.torque for name, one in every.items() if name not in (CONTROL, DRIVES)}

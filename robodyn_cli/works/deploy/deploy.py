@@ -125,7 +125,8 @@ def deploy(
     if failure is None:
         try:
             done = _follow(done, watch)
-            failure = None if done.followed is None else done.followed.recorder.not_finite
+            if done.followed is not None and done.followed.recorder is not None:
+                failure = done.followed.recorder.not_finite
         except CapabilityError as refusal:
             failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
     return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
@@ -174,7 +175,7 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting
 
-        acting(motion.problem, "deploy")
+        acting(motion.problem, inertia=False)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
 
