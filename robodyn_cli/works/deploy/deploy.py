@@ -117,8 +117,7 @@ def deploy(
     redundant = redundant_rows(done)
     failure = (redundant and redundant.violated) or failure_of_motion(done)
     if failure is None:
-        done = _estimate(done, watch)
-        done = _lock(done, watch)
+        done = _lock(_estimate(done, watch), watch)
         failure = doubt(done.lock, done.relocated.error if done.relocated is not None else None)
         if failure is None and scanned.driven and done.lock is not None and scene.outputs.extremes:
             failure = driven_extremes()
