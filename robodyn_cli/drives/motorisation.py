@@ -102,8 +102,8 @@ def acting(problem: Problem, inertia: bool | None) -> dict[str, Exerted]:
     scene = problem.scene
     for there, what in (
         (
-            [force for _, force in geared(problem.model) if force.name not in scene.drives],
-            "losses of gears, which follow from the load; allowed: friction, and gears of `drives`",
+            geared(problem.model),
+            "losses of gears, which follow from the load; allowed: friction, and `drives`",
         ),
         (
             any(payload.changes for payload in scene.payloads),
