@@ -378,3 +378,23 @@ def test_many_runs_have_the_exit_code_of_the_verdict(command: str) -> None:
     runs = getattr(mechanism, f"{command}_many")([[0.1], [500.0]])
     assert runs.code.tolist() == [0, 1] and runs.reason[0] == "" and runs.reason[1]
     assert sum(runs.left.values()) == 2 and "margins of motorisation" in next(iter(runs.left))
+
+
+@pytest.mark.parametrize("joint", ["crank", "knee", "slide"])
+def test_a_motor_at_a_crank_brings_its_power_to_whichever_joint(joint: str) -> None:
+    """The spring's power, and that of a motor on its envelope, over that of friction, factored."""
+    motor = """
+catalogue:
+  motors: {m: {type: envelope, peak: [[0, 0.4], [100, 0.1]], continuous: [[0, 0.1], [100, 0.1]]}}
+  gears: {g: {type: gear, ratio: 30, efficiency: 0.7}}
+drives: {crank: {motor: m, gear: g, mass_on: none}}
+"""
+    for command, run in (("static", kinematics), ("dynamic", simulate)):
+        result = run(load_scene_text(CRANK.replace("JOINT", joint) + motor))
+        slide, (w, u, v) = result["q"][1:, 2], result["qd"][1:].T
+        rate = 0.0 if command == "static" else np.abs(30 * w)
+        power = 60 * (1.0 - slide - 0.1) * v + 0.7 * 30 * np.where(
+            rate > 100, 0, 0.4 - 0.003 * rate
+        ) * np.abs(w)
+        lost = 3 * (0.3 * np.abs(w) + 0.1 * np.abs(u)) + (3 * 2 * v**2 if command == "dynamic" else 0.0)
+        np.testing.assert_allclose(ratios(result, command)[1:, 0], power / lost, rtol=1e-9)
