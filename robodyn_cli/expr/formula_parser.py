@@ -17,7 +17,7 @@ from typing import NoReturn
 from robodyn_cli.errors import SceneError, unknown_name
 from robodyn_cli.expr import formula_tree as tree
 from robodyn_cli.expr import units
-from robodyn_cli.expr.quantities import Quantity, quantity_of
+from robodyn_cli.expr.quantities import FormulaQuantity, quantity_of
 from robodyn_cli.record import record
 
 MAX_DEPTH = 60
@@ -124,7 +124,7 @@ class Parser:
         kind = self.checked(token, lambda: quantity_of(node, {}))
         return tree.Num(number, kind.dims if kind.stated else None)
 
-    def checked(self, token: Token, kind: Callable[[], Quantity]) -> Quantity:
+    def checked(self, token: Token, kind: Callable[[], FormulaQuantity]) -> FormulaQuantity:
         """Return what a number is of; what has no unit is refused at a place of the formula."""
         try:
             return kind()

@@ -20,7 +20,7 @@ _TIME = units.table()["s"].dims
 
 
 @record
-class Quantity:
+class FormulaQuantity:
     """The kind of a value, as powers of the bases.
 
     dims : None where it is not known. stated : whether a unit in the formula tells it. scaled : whether a number with a
@@ -37,7 +37,7 @@ class Quantity:
         """Whether it may stand beside any other: a plain number, or one of which nothing is known."""
         return self.dims is None or (not self.stated and self.dims == units.PLAIN)
 
-    def plus(self, other: Quantity) -> Quantity:
+    def plus(self, other: FormulaQuantity) -> FormulaQuantity:
         """Return the kind of a sum; of values that are compared, too.
 
         Raises
@@ -49,35 +49,39 @@ class Quantity:
             return dataclasses.replace(other if self.is_free else self, named=named)
         assert self.dims is not None and other.dims is not None
         if self.dims == other.dims:
-            return Quantity(self.dims, self.stated or other.stated, self.scaled and other.scaled, named)
+            return FormulaQuantity(
+                self.dims, self.stated or other.stated, self.scaled and other.scaled, named
+            )
         # the angle in the length of an arc, r theta, is written nowhere
         if (named and units.alike(self.dims, other.dims)) or not (self.stated or other.stated):
-            return Quantity()
-        return Quantity(units.combined("+", self.dims, other.dims))
+            return FormulaQuantity()
+        return FormulaQuantity(units.combined("+", self.dims, other.dims))
 
-    def times(self, other: Quantity, op: str = "*") -> Quantity:
+    def times(self, other: FormulaQuantity, op: str = "*") -> FormulaQuantity:
         """Return the kind of a product or quotient.
 
         ``5 N m * t`` and ``30 deg * tip.x`` are meant a second and a metre, as ``2*tip.x`` may be: unknown.
         """
         named, scaled = self.named or other.named, self.scaled or other.scaled
         if self.dims is None or other.dims is None or (named and not scaled):
-            return Quantity()
+            return FormulaQuantity()
         for one, beside in ((self, other), (other, self)):
             assert beside.dims is not None
             is_angle = units.alike(beside.dims, units.PLAIN)
             if not one.stated and one.dims != units.PLAIN and (is_angle or one.dims == _TIME):
-                return Quantity()
-        return Quantity(units.combined(op, self.dims, other.dims), scaled, scaled, named)
+                return FormulaQuantity()
+        return FormulaQuantity(units.combined(op, self.dims, other.dims), scaled, scaled, named)
 
-    def to_the(self, power: float, of_what: str) -> Quantity:
+    def to_the(self, power: float, of_what: str) -> FormulaQuantity:
         """Return the kind of a power; SceneError where a stated one has none, as sqrt(2 m)."""
         try:
-            return Quantity(units.raised(self.dims, power, of_what), self.stated, self.scaled, self.named)
+            return FormulaQuantity(
+                units.raised(self.dims, power, of_what), self.stated, self.scaled, self.named
+            )
         except SceneError:
             if self.stated and not self.named:
                 raise
-            return Quantity()
+            return FormulaQuantity()
 
 
 _BY_GROUP = {"q": "", "ref": "", "qd": "/s", "refd": "/s", "refdd": "/s^2"}
@@ -99,7 +103,7 @@ def unit_of_name(name: str, coordinates: Mapping[str, str]) -> str:
     return {"t": "s", "length": "m", "rate": "m/s"}.get(name, "")
 
 
-def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> Quantity:
+def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> FormulaQuantity:
     """Return the kind of a formula from those of its canonical names, as far as these are known.
 
     Raises
@@ -108,9 +112,11 @@ def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> Quan
     """
     inner = functools.partial(quantity_of, names=names)
     if isinstance(node, tree.Num):
-        return Quantity(node.unit or units.PLAIN, node.unit is not None, node.unit is not None, named=False)
+        return FormulaQuantity(
+            node.unit or units.PLAIN, node.unit is not None, node.unit is not None, named=False
+        )
     if isinstance(node, tree.Identifier):
-        return Quantity(names.get(node.name))
+        return FormulaQuantity(names.get(node.name))
     if isinstance(node, tree.Negative):
         return inner(node.operand)
     if isinstance(node, tree.Chain):
@@ -123,7 +129,7 @@ def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> Quan
         inner(exponent)
         if isinstance(exponent, tree.Num):
             return base.to_the(exponent.number, "^")
-        return base if base.is_free else Quantity()
+        return base if base.is_free else FormulaQuantity()
     if isinstance(node, tree.If):
         inner(node.left).plus(inner(node.right))
         return inner(node.yes).plus(inner(node.no))
@@ -132,5 +138,5 @@ def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> Quan
     if node.function == "sqrt":
         return kinds[0].to_the(0.5, "sqrt")
     if node.function in _KEEPING:
-        return functools.reduce(Quantity.plus, kinds)
-    return Quantity(units.PLAIN, named=any(kind.named for kind in kinds))
+        return functools.reduce(FormulaQuantity.plus, kinds)
+    return FormulaQuantity(units.PLAIN, named=any(kind.named for kind in kinds))

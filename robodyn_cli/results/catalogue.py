@@ -99,8 +99,9 @@ RUN: tuple[Entry, ...] = (
         "force_wrenches/FORCE",
         ("time", "wrench"),
         "N, N m",
-        "force and moment of an entry of `forces` on its last place",
-        by_column=WRENCH,
+        "wrench of a force on its last place",
+        (),
+        WRENCH,
     ),
     Entry(
         "base_wrench",
