@@ -99,10 +99,10 @@ RUN: tuple[Entry, ...] = (
         "force_wrenches/FORCE",
         ("time", "wrench"),
         "N, N m",
-        "wrench of a force on its last place",
+        "what a force exerts on its last place",
         (),
         WRENCH,
-    ),
+    ),  # fmt: skip
     Entry(
         "base_wrench",
         ("time", "wrench"),
