@@ -149,7 +149,6 @@ COMMANDS: dict[str, Command] = {
         check="over.checks:assemble",
         summary=("mechanism:AssembleSummary",),
         plots=STILL,
-        studied=False,
     ),
     "reach": Command(
         "Joint positions that bring a frame to a pose.",

@@ -17,7 +17,7 @@ import typer
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.runner import SceneRun, default_directory
 from robodyn_cli.commands import PLOT_FORMATS
-from robodyn_cli.errors import did_you_mean
+from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
@@ -48,11 +48,32 @@ def number(
     def read(word: str) -> Any:
         try:
             value = kind(word)
+        except SceneError as error:
+            raise typer.BadParameter(f"{error.message}; allowed: {allowed}") from None
         except ValueError:
             value = math.nan
         if not fits(value):
             raise typer.BadParameter(f"{word!r}; allowed: {allowed}")
         return value
+
+    return read
+
+
+def quantity(unit: str) -> Callable[[str], float]:
+    """Return a reader of numbers in a unit, or with one of their own: ``500 ms`` of seconds is 0.5.
+
+    It raises SceneError for words that are no number, and for units of another kind.
+    """
+
+    def read(word: str) -> float:
+        from robodyn_cli.expr import formula, units
+
+        tree = formula.parse(word)
+        if tree.constant is None:
+            raise SceneError(f"{word!r} is not a number")
+        if tree.dims is not None and (fault := units.fault(tree.dims, unit, word)):
+            raise SceneError(fault)
+        return tree.constant
 
     return read
 

@@ -6,7 +6,8 @@ torques (nv,) of each thing i that acts on the joints,
     A = sigma sum_drive R_k . tau_i,      W_i = max(0, -sigma R_k . tau_i),
     ratio = (A - sum_outside g_i W_i) / sum_i f_i W_i,
 
-which has to be at least ``required``. What helps the motion, but does not drive it, counts for nothing.
+which has to be at least ``required``. What helps the motion, but does not drive it, counts for nothing. A joint with
+an entry of ``drives`` is driven with what motors and gears can give at its rate, in place of what is asked of them.
 """
 
 from __future__ import annotations
@@ -18,12 +19,14 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.commands import COMMANDS
 from robodyn_cli.drives.report import UNDERSIZED, Moved, following
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Exerted, exerted
 from robodyn_cli.errors import CapabilityError, SceneError, unknown_data
 from robodyn_cli.model.model import MOTION_GROUPS, unknown_among
+from robodyn_cli.model.parts import trains
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
@@ -36,11 +39,10 @@ from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, 
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint
 
-SIMULATED = ("simulate", "deploy")  # commands whose motion follows from the torques
 SLOW = 1e-12  # of the rates: so slow that only the direction of motion counts
 AT_REST = 1e-9  # of the largest rate of a joint, below which it is at rest
 EXACT = 1e-12  # part of the torques by which rounding and the closure of loops put them off
-CONTROL = "control"
+CONTROL, DRIVES = "control", "drives"  # what acts by no expression of the equations
 
 
 def with_motorisation(
@@ -57,7 +59,7 @@ def with_motorisation(
     looked : the motion where figures are looked at, by default at the samples. again : that of a second integration,
     and times the difference of figures is their error.
     """
-    inertia = None if result.command == "kinematics" else result.command not in SIMULATED
+    inertia = False if COMMANDS[result.command].streamed else "tau" in result or None
     margins = JointMargins.of(problem, moved, inertia)
     margins.add_to(result)
     figures = (margins if looked is None else JointMargins.of(problem, looked, inertia)).figures()
@@ -85,8 +87,12 @@ def _still_unknown(grown: Any, one: Any) -> Any:
     return dataclasses.replace(changed, **parts)
 
 
-def acting(problem: Problem, command: str) -> dict[str, Exerted]:
+def acting(problem: Problem, inertia: bool | None) -> dict[str, Exerted]:
     """Return what acts on the joints of a scene, where a command can give margins of motorisation.
+
+    Torques of drives and of the controller are told apart from motions alone: here they are 1 where they act.
+
+    inertia : whether that of the motion counts, False where it follows from the torques, None where only poses count.
 
     Raises
     ------
@@ -95,7 +101,10 @@ def acting(problem: Problem, command: str) -> dict[str, Exerted]:
     """
     scene = problem.scene
     for there, what in (
-        (geared(problem.model), "losses of gears, which follow from the load; allowed: friction"),
+        (
+            geared(problem.model),
+            "losses of gears, which follow from the load; allowed: friction, and `drives`",
+        ),
         (
             any(payload.changes for payload in scene.payloads),
             "payloads that come and go; allowed: carried ones",
@@ -103,13 +112,15 @@ def acting(problem: Problem, command: str) -> dict[str, Exerted]:
     ):
         if there:
             raise CapabilityError(f"{scene.path}: motorisation: a margin knows no {what}", key="motorisation")
-    every = exerted(problem, inertia=command not in (*SIMULATED, "kinematics"))
-    if command in SIMULATED and scene.control is not None:
-        own = [float(name in scene.control.joints) for name in problem.model.v_names]
-        every[CONTROL] = Exerted(DRIVE, list(own))
+    every = exerted(problem, inertia=inertia is True)
+    every = {name: one for name, one in every.items() if name.removeprefix("torques.") not in scene.drives}
+    controlled = scene.control.joints if inertia is False and scene.control is not None else ()
+    for name, joints in ((CONTROL, [x for x in controlled if x not in scene.drives]), (DRIVES, scene.drives)):
+        if joints:
+            every[name] = Exerted(DRIVE, [float(x in joints) for x in problem.model.v_names])
     if not any(one.role == DRIVE for one in every.values()):
         raise SceneError(
-            f"{scene.path}: motorisation: nothing drives; give `torques`, or a force with `role: drive`",
+            f"{scene.path}: motorisation: nothing drives; give `torques`, `drives`, or a force with `role: drive`",
             key="motorisation",
         )
     missing = unknown_among([x for one in every.values() for x in one.torque])
@@ -153,11 +164,10 @@ class JointMargins:
     @staticmethod
     def of(problem: Problem, moved: Moved, inertia: bool | None) -> JointMargins:
         """Return those of a motion; inertia : whether its own counts, None where only poses do."""
-        command = {None: "kinematics", True: "inverse", False: "simulate"}[inertia]
-        every = acting(problem, command)
+        every = acting(problem, inertia)
         held = problem.constraints.prescribed
         rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
-        outputs = {name: one.torque for name, one in every.items() if name != CONTROL}
+        outputs = {name: one.torque for name, one in every.items() if name not in (CONTROL, DRIVES)}
         times, nv = moved.times, problem.model.nv
         function = SampleFunction(
             {**outputs, "psi": [x for row in rows for x in row]}, MOTION_GROUPS, len(times)
@@ -174,19 +184,19 @@ class JointMargins:
         if R is None:
             raise CapabilityError(f"{problem.scene.path}: motorisation: the loops lose rank in the motion")
         R = R[:, :, list(driven)]
-        given = {name: one for name, one in every.items() if name in arrays}
 
         def sides(v: Array, a: Array) -> RatioSides:
             arrays = call(v, a)
-            torques = np.stack([arrays[name] for name in given], axis=2)
             if CONTROL in every:
-                names = [name for name in given if name.startswith("torques.")]
+                names = [name for name in arrays if name.startswith("torques.")]
                 beside = moved.tau - sum((arrays[name] for name in names), np.zeros_like(moved.tau))
-                control = np.array(every[CONTROL].torque, dtype=float) * beside
-                torques = np.concatenate([torques, control[:, :, None]], axis=2)
+                arrays[CONTROL] = np.array(every[CONTROL].torque, dtype=float) * beside
+            if DRIVES in every:
+                arrays[DRIVES] = _given_by_drives(problem, v)
+            torques = np.stack([arrays[name] for name in every], axis=2)
             return _sides(problem, list(every.values()), R, torques, v[:, list(driven)])
 
-        v = _begun(v, R, driven, arrays, given)
+        v = _begun(v, R, driven, arrays, every)
         kinds = {"static": sides(SLOW * v, 0.0 * moved.qdd)}
         if inertia is not None:
             kinds["dynamic"] = sides(v, moved.qdd)
@@ -296,6 +306,15 @@ class JointMargins:
             result.add(f"motorisation/{kind}_resistance", sides.resistance, **columns.described())
 
 
+def _given_by_drives(problem: Problem, v: Array) -> Array:
+    """Return the torques (T, nv) that motors and gears can give joints with rates (T, nv), in the way they go."""
+    torques, names = np.zeros_like(v), problem.model.v_names
+    for name, train in trains(problem.scene).items():
+        k = names.index(name)
+        torques[:, k] = np.sign(v[:, k]) * train.available(v[:, k])
+    return torques
+
+
 def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array, v: Array) -> RatioSides:
     """Return the sides of ratios from the torques (T, nv, k) of all that acts, R (T, nv, n) and rates (T, n)."""
     options = problem.scene.motorisation
@@ -329,12 +348,17 @@ def directed(v: Array) -> Array:
 def _begun(
     v: Array, R: Array, driven: Sequence[int], arrays: dict[str, Array], given: dict[str, Exerted]
 ) -> Array:
-    """Return rates (T, nv) in which driven joints that never move are about to go where what drives would move them."""
+    """Return rates (T, nv) in which driven joints that never move are about to go where what drives would move them;
+    where that may be either way, as of motors, against what acts on them."""
     resting = [n for n, k in enumerate(driven) if not v[:, k].any()]
     if not resting:
         return v
-    drive = sum((arrays[name] for name, one in given.items() if one.role == DRIVE), np.zeros_like(v))
-    towards = np.sign(np.einsum("tin,ti->tn", R[:, :, resting], drive))
+    sums = {True: np.zeros_like(v), False: np.zeros_like(v)}
+    for name, one in given.items():
+        if name in arrays:
+            sums[one.role == DRIVE] = sums[one.role == DRIVE] + arrays[name]
+    drive, rest = (np.sign(np.einsum("tin,ti->tn", R[:, :, resting], sums[own])) for own in (True, False))
+    towards = np.where(drive == 0.0, -rest, drive)
     moved: Array = v + AT_REST * np.einsum("tin,tn->ti", R[:, :, resting], towards)
     return moved
 

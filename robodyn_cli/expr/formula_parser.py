@@ -17,6 +17,7 @@ from typing import NoReturn
 from robodyn_cli.errors import SceneError, unknown_name
 from robodyn_cli.expr import formula_tree as tree
 from robodyn_cli.expr import units
+from robodyn_cli.expr.quantities import FormulaQuantity, quantity_of
 from robodyn_cli.record import record
 
 MAX_DEPTH = 60
@@ -120,12 +121,13 @@ class Parser:
             self.fail(token, f"{token.text!r} has no value here: {error}")
         if not math.isfinite(number):
             self.fail(token, f"{token.text!r} gives {number}; allowed: finite numbers")
-        return tree.Num(number, self.checked(token, lambda: _unit_of(node)))
+        kind = self.checked(token, lambda: quantity_of(node, {}))
+        return tree.Num(number, kind.dims if kind.stated else None)
 
-    def checked(self, token: Token, unit: Callable[[], units.Dims | None]) -> units.Dims | None:
-        """Return a unit; what has none is refused at a place of the formula."""
+    def checked(self, token: Token, kind: Callable[[], FormulaQuantity]) -> FormulaQuantity:
+        """Return what a number is of; what has no unit is refused at a place of the formula."""
         try:
-            return unit()
+            return kind()
         except SceneError as error:
             self.fail(token, error.message)
 
@@ -293,38 +295,3 @@ class Parser:
         self.count_switches(name, 1, (left, right))
         node = tree.If(comparison.text, left, right, yes, no)
         return self.fold(node, name, left, right, yes, no)
-
-
-# functions of which a number keeps its unit; of the others it is a plain one
-_KEEPING = ("abs", "min", "max")
-
-
-def _unit_of(node: tree.FormulaNode) -> units.Dims | None:
-    """Return the unit of an operation between numbers.
-
-    Raises
-    ------
-    SceneError : it has none: lengths and masses do not add up.
-    """
-    if isinstance(node, tree.Num):
-        return node.unit
-    if isinstance(node, tree.Negative):
-        return _unit_of(node.operand)
-    if isinstance(node, tree.Chain):
-        unit = _unit_of(node.first)
-        for op, other in node.rest:
-            unit = units.combined(op, unit, _unit_of(other))
-        return unit
-    if isinstance(node, tree.Power):
-        exponent = node.exponent
-        return units.raised(_unit_of(node.base), exponent.number if isinstance(exponent, tree.Num) else 1.0)
-    if isinstance(node, tree.If):
-        return units.combined("+", _unit_of(node.yes), _unit_of(node.no))
-    if isinstance(node, tree.Call) and node.function == "sqrt":
-        return units.raised(_unit_of(node.arguments[0]), 0.5, "sqrt")
-    if isinstance(node, tree.Call) and node.function in _KEEPING:
-        unit = None
-        for argument in node.arguments:
-            unit = units.combined("+", unit, _unit_of(argument))
-        return unit
-    return None

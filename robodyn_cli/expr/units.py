@@ -187,6 +187,12 @@ def fault(dims: Dims, unit: str, value: str) -> str:
     return f"{wanted} expected, {value} is {is_what}"
 
 
+def alike(a: Dims, b: Dims) -> bool:
+    """Tell whether two units differ in angles at most: those of r theta and r."""
+    angle = BASES.index("rad")
+    return all(x == y for k, (x, y) in enumerate(zip(a, b)) if k != angle)
+
+
 def combined(op: str, a: Dims | None, b: Dims | None) -> Dims | None:
     """Return the unit of a sum, a product or a quotient; None of a plain number, which fits sums with any unit.
 

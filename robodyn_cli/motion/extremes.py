@@ -9,10 +9,12 @@ from __future__ import annotations
 import dataclasses
 import itertools
 from collections.abc import Iterator, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.integrators.runtime.integrator import Met
 from robodyn_cli.integrators.runtime.options import Grid, Options
@@ -28,6 +30,7 @@ from robodyn_cli.observe.columns import (
     refuse_missing,
     values_of,
 )
+from robodyn_cli.observe.control import signals_of
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import Peaks, Piece, Windows
@@ -182,10 +185,24 @@ class RecordedMotion:
         apart = np.diff(times) > ROUNDED * max(abs(begin), abs(end))
         return Steps(times[np.append(apart, True)], driver.counters.steps)
 
+    @cached_property
+    def _of_signals(self) -> list[float]:
+        """Times [s] at which signals switch by formulas of time."""
+        problem = self.motion.problem
+        if not problem.scene.outputs.signals:
+            return []
+        return [
+            time
+            for switch in switches(signals_of(problem))
+            if is_of_time(switch, problem.t)
+            for time in switching_times(switch, problem.t, problem.scene.simulate.duration)
+        ]
+
     def _cuts(self, run: FirstRun) -> list[float]:
         """Return the times [s] at which formulas of time, or what a sampled controller holds, may jump."""
         updates, time = self.motion.system.updates, run.beginning.time
-        times = [x for x in self.motion.system.breakpoints if time < x < run.end]
+        known = {*self.motion.system.breakpoints, *self._of_signals}
+        times = [x for x in known if time < x < run.end]
         while updates is not None and len(times) * FEWEST_IN_STEP < MOST:
             _, _, time = updates.after(time)
             if time >= run.end:

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from robodyn_cli.expr.graph import is_nonzero
 from robodyn_cli.motors.electric import Curves, Motor, Part, Supply
 from robodyn_cli.motors.gear import Transmission
@@ -13,6 +15,7 @@ from robodyn_cli.motors.heat import REFERENCE
 from robodyn_cli.motors.registry import gear_types, motor_types
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import Integer, MapOf, Name, Number, Section, Tagged, Text, Vector, key
+from robodyn_cli.spatial.algebra import Array
 
 NOWHERE = "none"  # as `mass_on`: the links' masses hold those of the drives
 
@@ -150,6 +153,21 @@ class Train:
     def cost(self) -> float:
         """Price of all drives of the joint."""
         return self.drive.count * sum(part.cost for part in self.parts)
+
+    def available(self, rate: Array) -> Array:
+        """Return the torque or force that all drives of the joint can give it while they drive it, at its rate.
+
+            count * min(efficiency N T(N |qd|), largest torque of the gear),   0 beyond the speeds of motor and gear
+
+        rate : (...) [rad/s or m/s]. Returns (...) [N m or N], without what the shaft itself needs.
+        """
+        speed, curve, gear = np.abs(self.turns * rate), self.curves.driving, self.gear
+        torque = self.turns * np.interp(speed, curve.speeds, curve.torques, right=0.0)
+        if gear is not None:
+            torque = gear.efficiency * torque
+            torque = torque if gear.peak_torque is None else np.minimum(torque, gear.peak_torque)
+            torque = torque if gear.max_speed is None else np.where(speed > gear.max_speed, 0.0, torque)
+        return np.asarray(self.drive.count * torque)
 
     @property
     def supply(self) -> Supply:

@@ -15,14 +15,10 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import SceneError
-from robodyn_cli.model.model import TORQUE, Model
 from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
-from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.record import record
-from robodyn_cli.results.catalogue import lookup
 from robodyn_cli.results.result import Result, Variable, column_names, make_variable, units_of
-from robodyn_cli.scene.types import Scene, Signal
 from robodyn_cli.solve.extremes import Extreme, largest, smallest
 from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
@@ -101,27 +97,6 @@ def chosen(variables: Mapping[str, Variable], name: str) -> ChosenColumn | None:
         more, dot, column = column.partition(".")
         path = f"{path}.{more}"
     return None
-
-
-def column_units(scene: Scene, model: Model, names: Iterable[str]) -> dict[str, str]:
-    """Return the units of columns of runs of a scene by name, as far as they are known without a run."""
-    joints, own = joint_columns(model), model.coordinate_units
-    units = {}
-    for name in names:
-        path, _, column = name.partition(".")
-        if path in joints:
-            units[name] = dict(zip(joints[path].names, joints[path].column_units)).get(column, "1")
-        elif path.startswith("signals/"):
-            signal = scene.outputs.signals[name.partition("/")[2]]
-            units[name] = signal.unit if isinstance(signal, Signal) else "1"
-        elif path.startswith("control/"):
-            unit = own.get(column, "m")
-            units[name] = TORQUE[unit] if path == "control/torque" else unit
-        elif (entry := lookup(name) or lookup(name.rpartition(".")[0])) is not None:
-            known = entry.by_column
-            letter = {"force": "fx", "moment": "mx"}.get(name.rpartition(".")[2], name.rpartition(".")[2])
-            units[name] = known.get(letter, entry.units)
-    return units
 
 
 Block = tuple[Array, Array, Array]  # times (T,), states (T, nx), parameters (n,)

@@ -25,11 +25,12 @@ def control_outputs(problem: Problem) -> dict[str, Sequence[Scalar]]:
         outputs["control.error"] = [x.wanted - x.actual for x in tracked]
         outputs["control.torque"] = list(control.torques)
         outputs["control.states"] = list(control.z)
-    outputs[SIGNALS] = _signals(problem)
+    outputs[SIGNALS] = signals_of(problem)
     return {name: entries for name, entries in outputs.items() if entries}
 
 
-def _signals(problem: Problem) -> list[Any]:
+def signals_of(problem: Problem) -> list[Any]:
+    """Return the values of the signals that a scene asks for."""
     given = problem.scene.outputs.signals
     if not given:
         return []

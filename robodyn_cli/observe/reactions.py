@@ -11,8 +11,9 @@ from robodyn_cli.algorithms.kinematics import Pose, motions, poses
 from robodyn_cli.algorithms.reactions import Reactions, reactions
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.forces.element import Effect
 from robodyn_cli.model.joints import joint_axes
-from robodyn_cli.model.model import BASE, Model, are_known
+from robodyn_cli.model.model import BASE, Force, Model, are_known
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, magnitude
@@ -25,7 +26,7 @@ from robodyn_cli.trajectories.motion import JointMotion
 
 NAMES = ("fx", "fy", "fz", "mx", "my", "mz")
 REACTION_GROUPS = ("t", "q", "v", "a", "lam", "p")
-BASE_PATH = "base_wrench"
+BASE_PATH, FORCE_WRENCHES = "base_wrench", "force_wrenches/"
 NONE: Array = np.zeros(0)
 
 
@@ -83,9 +84,26 @@ class ReactionSamples:
                 axes, frame = (pose[first.body].R @ first.R).T, f"axes of {link}'s frame"
             meaning = f"what {other} exerts on {link}, about the first point of the closure, {frame}"
             entries[f"loop_reactions/{loop.name}"] = (_turned(axes, wrench.on_first), meaning)
+        meaning = "what it exerts on its last place, about that place, world axes"
+        for force, effect in zip(model.forces, problem.elements.effects):
+            own = self._on_last_end(force, effect)
+            entries[f"{FORCE_WRENCHES}{force.name}"] = ([*own.f, *own.n], meaning)
         meaning = "what the ground exerts on the mechanism, about the base's origin, world axes"
         entries[BASE_PATH] = (_turned(to_world, loads.base), meaning)
         return entries
+
+    def _on_last_end(self, force: Force, effect: Effect) -> Wrench:
+        """Return the wrench of an element on its last end, about that end, world axes."""
+        problem, last = self.problem, len(force.ends) - 1
+        end, root = force.ends[last], problem.elements.root(force)
+        to_world, pose = problem.model.base.E.T, problem.pose
+        own = Wrench.zero()
+        for action in effect.actions:
+            if action.end == last:
+                body = end.body if action.local else root
+                R = identity() if body == BASE else pose[body].R
+                own = own + action.wrench.rotated(to_world @ (R @ end.R if action.local else R))
+        return own
 
     def __call__(
         self, t: Array, q: Array, qd: Array, qdd: Array, lam: Array | None, p: Array = NONE
@@ -103,11 +121,16 @@ class ReactionSamples:
 
     def largest(self, times: Array, data: Mapping[str, Array], breaks: Breaks) -> dict[str, PeakLoad]:
         """Return the largest load of each joint and closure along samples at times (T,), by name."""
-        return figures(times, {path: data[path] for path in self.names}, self.names, breaks)
+        paths = [path for path in self.names if not path.startswith(FORCE_WRENCHES)]
+        return figures(times, {path: data[path] for path in paths}, self.names, breaks)
 
     def described(self, largest: dict[str, PeakLoad]) -> PeakLoads:
         """Return what the summary says: the axes, components that the data do not determine, and the largest loads."""
-        missing = {path.split("/")[-1]: names for path, names in self.missing.items()}
+        missing = {
+            path.split("/")[-1]: names
+            for path, names in self.missing.items()
+            if not path.startswith(FORCE_WRENCHES)
+        }
         return PeakLoads(self.problem.scene.outputs.reaction_axes, missing or ABSENT, largest)
 
 

@@ -95,6 +95,7 @@ RUN: tuple[Entry, ...] = (
         "force and moment of a closure on its first link",
         by_column=WRENCH,
     ),
+    Entry("force_wrenches/FORCE", ("time", "wrench"), "N, N m", "of a force on its last place", (), WRENCH),
     Entry(
         "base_wrench",
         ("time", "wrench"),

@@ -278,6 +278,7 @@ def formula_names(root: Node) -> Names:
     rates: list[str] = []
     fixed: list[str] = []
     types: dict[str, str] = {}
+    units: dict[str, str] = {}
     for joint in joints.items if isinstance(joints, SequenceNode) else ():
         name, type_ = (joint.get("name"), joint.get("type")) if isinstance(joint, Mapping) else (None, None)
         kind = joint_types.get(type_.text) if isinstance(type_, Scalar) else None
@@ -287,12 +288,15 @@ def formula_names(root: Node) -> Names:
                 continue
             moving += kind.coordinates(name.text, kind.names) if kind else (name.text,)
             rates += kind.coordinates(name.text, kind.v_names) if kind else (name.text,)
+            if kind is not None:
+                units |= zip(kind.coordinates(name.text, kind.v_names), kind.v_units)
+                units |= zip(kind.coordinates(name.text, kind.names), kind.units)
             types[name.text] = type_.text if isinstance(type_, Scalar) else ""
     parameters = root.get("parameters") if isinstance(root, Mapping) else None
     keys = [key.text for key, _ in parameters.entries] if isinstance(parameters, Mapping) else []
     control = root.get("control") if isinstance(root, Mapping) else None
     states = _controller_states(control, moving) if isinstance(control, Mapping) else ()
-    return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types, states)
+    return Names(tuple(moving), tuple(keys), tuple(fixed), tuple(rates), types, states, units)
 
 
 def _controller_states(control: Mapping, joints: Sequence[str]) -> tuple[str, ...]:

@@ -53,6 +53,7 @@ class Names:
     rates: tuple[str, ...] = ()  # columns of v, where they differ from those of q
     types: dict[str, str] = dataclasses.field(default_factory=dict)  # of the joints
     states: tuple[str, ...] = ()  # of the controller
+    coordinates: dict[str, str] = dataclasses.field(default_factory=dict)  # rad, m or 1 by column of q or v
 
 
 class ScalarReader:
@@ -232,8 +233,28 @@ class ScalarReader:
             tree = tree.resolve(self.joints, self.parameters, kind.variables, self.rates, self.names.states)
         except SceneError as error:
             raise located(node, dotted(path), error.message) from None
+        if tree.unit_words and tree.constant is None:
+            self.check_quantities(kind, tree, node, path, unit)
         where = str(located(node, dotted(path), "").message).removesuffix(": ")
         return dataclasses.replace(tree, where=where)
+
+    def check_quantities(self, kind: Kind, tree: fm.FormulaTree, node: Scalar, path: Path, unit: str) -> None:
+        """Refuse a formula whose units do not go with one another, with what is known of its names, or with its key."""
+        from robodyn_cli.expr import units
+        from robodyn_cli.expr.quantities import quantity_of, unit_of_name
+
+        known = {name: units.of(unit_of_name(name, self.names.coordinates)) for name in tree.names}
+        unit = for_coordinate(unit, self.coordinate)
+        try:
+            quantity = quantity_of(tree.root, {name: x.dims for name, x in known.items() if x is not None})
+        except SceneError as error:
+            raise located(node, dotted(path), f"formula {shown(tree.text)}: {error.message}") from None
+        if not unit or not quantity.stated or quantity.dims is None:
+            return
+        forms = [form for form in map(units.of, units.forms(unit)) if form is not None]
+        fault = units.fault(quantity.dims, unit, f"the formula {shown(tree.text)}")
+        if fault and not any(units.alike(quantity.dims, form.dims) for form in forms):
+            raise self.wrong(kind, node, path, unit, fault)
 
     def check_moving(self, tree: fm.FormulaTree, node: Node, path: Path) -> None:
         """Refuse the names of joints without a coordinate."""

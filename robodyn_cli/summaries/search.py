@@ -50,6 +50,10 @@ class FoundOutput:
         BESIDE, default=ABSENT,
     )  # fmt: skip
     met: bool | Absent = fact("whether it is within that", default=ABSENT)
+    from_optimum: float | Absent | None = fact(
+        "of what is least or largest: by how much the optimum nearby may be better, as constraints are kept with a "
+        "little room, to first order, and errors of the run; `null` where it is not known", BESIDE, default=ABSENT,
+    )  # fmt: skip
 
 
 @record

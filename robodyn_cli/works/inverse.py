@@ -117,7 +117,7 @@ def program_of(scene: Scene) -> InverseProgram:
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting
 
-        acting(program.problem, "inverse")
+        acting(program.problem, inertia=True)
     return program
 
 

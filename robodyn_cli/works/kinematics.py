@@ -111,7 +111,7 @@ def problem_of(scene: Scene) -> Problem:
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting
 
-        acting(problem, "kinematics")
+        acting(problem, inertia=None)
     return problem
 
 

@@ -94,7 +94,7 @@ def _refuse_undriven(motion: Motion) -> None:
     if motion.scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting
 
-        acting(motion.problem, "simulate")
+        acting(motion.problem, inertia=False)
 
 
 def _drive(run: Run, progress: Progress, watch: Stopwatch, journal: Journal | None) -> RobodynError | None:

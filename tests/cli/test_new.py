@@ -9,8 +9,8 @@ import pytest
 from typer.testing import CliRunner
 
 from robodyn_cli.cli.app import app
-from robodyn_cli.over.batch.findings import findings
 from robodyn_cli.over.commands import execute
+from robodyn_cli.over.findings import findings
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.starters import STARTERS
 from robodyn_cli.tools.progress import Stopwatch

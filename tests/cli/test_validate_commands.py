@@ -9,8 +9,8 @@ import pytest
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.over.batch.findings import Finding, findings
 from robodyn_cli.over.commands import execute, place
+from robodyn_cli.over.findings import Finding, findings
 from robodyn_cli.scene.load import examine, load_scene
 from robodyn_cli.tools.progress import Stopwatch, no_progress
 

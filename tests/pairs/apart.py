@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from tests.pairs.covering import Case, Part
 from tests.pairs.judge import write
 from tests.pairs.motions import ROWS, scene

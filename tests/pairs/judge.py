@@ -18,7 +18,7 @@ import yaml
 
 from robodyn_cli.cli.app import run as run_words
 from robodyn_cli.integrators.runtime.integrator import Integrator
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from tests.fuzz.cases import _signature
 from tests.pairs.reasons import reason_of
 

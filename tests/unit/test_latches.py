@@ -75,6 +75,31 @@ def test_all_conditions_and_what_is_held_say_the_same(
     near(summary, "catch", time=CLOSES, speed=SPEED, energy_lost=TORQUE * AT)
 
 
+OF_POINTS = [
+    "tip.y - 0.7*sin(1.2)",
+    "0.7*cos(1.2) - tip.x",
+    "angle(tip, base.origin, base.mark) - 1.2",
+    "length(tip, base.mark)^2 - 1.49 + 1.4*cos(1.2)",
+]
+
+
+@pytest.mark.parametrize("formula", OF_POINTS)
+@pytest.mark.parametrize("held", [{"joint": "hinge"}, {"between": ["base", "panel"]}])
+def test_a_latch_closes_where_a_formula_of_points_says(formula: str, held: dict[str, Any]) -> None:
+    points = {"tip": {"link": "panel", "at": [0.7, 0, 0]}, "mark": {"link": "base", "at": [1, 0, 0]}}
+    tree = panel(robot={"points": points}, deploy={"latches": [{"name": "catch", **held, "when": formula}]})
+    near(deployed(tree).summary, "catch", time=CLOSES, angle=AT, speed=SPEED, energy_lost=TORQUE * AT)
+
+
+@pytest.mark.parametrize("key", ["when", "release"])
+def test_points_of_latches_exist(key: str) -> None:
+    latch = {"name": "catch", "joint": "hinge", "at": AT, key: "tap.y - 0.5"}
+    if key == "when":
+        del latch["at"]
+    with pytest.raises(SceneError, match="deploy.latches.0: formula 'tap.y - 0.5': unknown point 'tap'"):
+        load_scene_text(yaml.safe_dump(panel(deploy={"latches": [latch]})))
+
+
 def test_latch_wins_over_a_rigid_stop_in_the_same_place() -> None:
     latch = {"name": "catch", "joint": "hinge", "at_limit": {"hinge": "upper"}}
     joint = {"limits": {"upper": AT, "stop": {"restitution": 0.8}}}

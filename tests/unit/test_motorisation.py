@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from robodyn_cli import SceneError, deploy, inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.results.result import Result
 from robodyn_cli.works.kinematics import kinematics
 from tests.cli.tool import invoke
@@ -281,3 +282,119 @@ def test_what_cannot_be_judged_is_refused() -> None:
     payload = "payloads: [{name: part, at: two, mass: 0.1, until: {time: 0.1}}]\n"
     with pytest.raises(CapabilityError, match="payloads that come and go"):
         inverse(load_scene_text(hinge() + payload))
+
+
+DRIVEN = """
+schema: 1
+gravity: [0, -{gravity}, 0]
+catalogue:
+  motors:
+    m: {{type: envelope, rotor_inertia: 1.0e-5, peak: [[0, 0.3], [{top}, {least}]], continuous: [[0, 0.1], [{top}, 0.01]]}}
+  gears: {{g: {{type: gear, ratio: {turns}, efficiency: {efficiency}, peak_torque: {peak}, max_speed: {fastest}}}}}
+robot:
+  joints:
+    - {{name: hinge, type: revolute, axis: [0, 0, 1], friction: {{coulomb: 0.2, viscous: 0.1, transition_speed: 1.0e-4}}}}
+  links: [{{name: panel, mass: 0.4, com: [0.3, 0, 0], inertia: {{zz: 0.05}}}}]
+drives: {{hinge: {{motor: m, gear: g, mass_on: none, count: 2}}}}
+trajectory: {{type: quintic, points: [{{t: 0, q: {{hinge: 0}}}}, {{t: 2, q: {{hinge: {angle}}}}}]}}
+motorisation: {{factors: {{friction: 3}}, outside: {{drive_inertia: 1.25, load: 1}}}}
+inverse: {{samples: {samples}}}
+"""
+
+
+@settings(max_examples=15, deadline=None)
+@given(
+    gravity=st.floats(0.0, 20.0), top=st.floats(30.0, 200.0), least=st.floats(0.0, 0.25), turns=st.floats(10.0, 80.0),
+    efficiency=st.floats(0.5, 1.0), peak=st.floats(5.0, 20.0), fastest=st.floats(30.0, 300.0),
+    angle=st.sampled_from([-1.5, 1.5]), samples=st.sampled_from([41, 301]),
+)  # fmt: skip
+def test_random_drives_give_what_motor_and_gear_can(angle: float, samples: int, **keys: float) -> None:
+    """Both ratios by hand: two motors on their envelope, through a gear that bears so much and turns so fast."""
+    result = inverse(load_scene_text(DRIVEN.format(angle=angle, samples=samples, **keys)))
+    sign, s = np.sign(angle), np.linspace(0.0, 1.0, 200_001)
+    q, qd = angle * s**3 * (10 - 15 * s + 6 * s**2), angle * 30 * s**2 * (1 - s) ** 2 / 2
+    qdd = angle * 60 * s * (1 - s) * (1 - 2 * s) / 4
+
+    def available(rate: np.ndarray) -> np.ndarray:
+        speed = keys["turns"] * np.abs(rate)
+        torque = np.interp(speed, [0, keys["top"]], [0.3, keys["least"]], right=0.0)
+        torque = np.minimum(keys["efficiency"] * keys["turns"] * torque, keys["peak"])
+        return 2 * np.where(speed > keys["fastest"], 0.0, torque)
+
+    weight = np.maximum(0.0, sign * 0.4 * keys["gravity"] * 0.3 * np.cos(q))
+    inertia = np.maximum(0.0, sign * (0.05 + 0.4 * 0.09 + 2e-5 * keys["turns"] ** 2) * qdd)
+    static = (available(0 * qd) - weight) / (3 * 0.2)
+    dynamic = (available(qd) - weight - 1.25 * inertia) / (3 * (0.2 + 0.1 * np.abs(qd)))
+    figures = result.summary["motorisation"]["hinge"]
+    for kind, curve in (("static", static), ("dynamic", dynamic)):
+        own, least = figures[kind], float(curve.min())
+        if own["errors"]["ratio"] is not None:
+            assert abs(own["ratio"] - least) <= own["errors"]["ratio"] + 1e-5 * (1 + abs(least)), kind
+
+
+def test_what_is_asked_of_a_drive_is_not_what_it_can_give() -> None:
+    """In a simulation too a joint with a drive has its envelope; a torque that asks for more changes nothing."""
+    keys = {
+        "gravity": 1.0,
+        "top": 200.0,
+        "least": 0.1,
+        "turns": 50.0,
+        "efficiency": 1.0,
+        "peak": 20.0,
+        "fastest": 300.0,
+    }
+    text = DRIVEN.format(angle=1.5, samples=11, **keys)
+    ratios = {}
+    for torque in ("1.5", "1.5 + 0*t"):
+        scene = (
+            text
+            + f"torques: {{hinge: {torque}}}\ninitial: {{q: {{hinge: 0}}}}\nsimulate: {{duration: 0.5}}\n"
+        )
+        ratios[torque] = simulate(load_scene_text(scene)).summary["motorisation"]["hinge"]["static"]["ratio"]
+    assert list(ratios.values()) == [pytest.approx((2 * 50 * 0.3 - 0.4 * 0.3) / 0.6, rel=1e-9)] * 2
+
+
+def test_a_drive_at_rest_is_judged_against_what_acts_on_its_joint() -> None:
+    keys = {
+        "gravity": 10.0,
+        "top": 200.0,
+        "least": 0.1,
+        "turns": 50.0,
+        "efficiency": 1.0,
+        "peak": 20.0,
+        "fastest": 300.0,
+    }
+    text = DRIVEN.format(angle=1.5, samples=11, **keys).replace("hinge: 1.5}", "hinge: 0}")
+    own = inverse(load_scene_text(text.replace("outside: {drive_inertia: 1.25, load: 1}", "joints: [hinge]")))
+    ratio = own.summary["motorisation"]["hinge"]["ratio"]
+    assert ratio == pytest.approx(2 * 50 * 0.3 / (0.4 * 10 * 0.3 + 3 * 0.2), rel=1e-9)
+
+
+@pytest.mark.parametrize("command", ["inverse", "simulate"])
+def test_many_runs_have_the_exit_code_of_the_verdict(command: str) -> None:
+    mechanism = Mechanism(
+        load_scene_text(hinge().replace("duration: 0.8", "duration: 0.2")), ["motorisation.required"]
+    )
+    runs = getattr(mechanism, f"{command}_many")([[0.1], [500.0]])
+    assert runs.code.tolist() == [0, 1] and runs.reason[0] == "" and runs.reason[1]
+    assert sum(runs.left.values()) == 2 and "margins of motorisation" in next(iter(runs.left))
+
+
+@pytest.mark.parametrize("joint", ["crank", "knee", "slide"])
+def test_a_motor_at_a_crank_brings_its_power_to_whichever_joint(joint: str) -> None:
+    """The spring's power, and that of a motor on its envelope, over that of friction, factored."""
+    motor = """
+catalogue:
+  motors: {m: {type: envelope, peak: [[0, 0.4], [100, 0.1]], continuous: [[0, 0.1], [100, 0.1]]}}
+  gears: {g: {type: gear, ratio: 30, efficiency: 0.7}}
+drives: {crank: {motor: m, gear: g, mass_on: none}}
+"""
+    for command, run in (("static", kinematics), ("dynamic", simulate)):
+        result = run(load_scene_text(CRANK.replace("JOINT", joint) + motor))
+        slide, (w, u, v) = result["q"][1:, 2], result["qd"][1:].T
+        rate = 0.0 if command == "static" else np.abs(30 * w)
+        power = 60 * (1.0 - slide - 0.1) * v + 0.7 * 30 * np.where(
+            rate > 100, 0, 0.4 - 0.003 * rate
+        ) * np.abs(w)
+        lost = 3 * (0.3 * np.abs(w) + 0.1 * np.abs(u)) + (3 * 2 * v**2 if command == "dynamic" else 0.0)
+        np.testing.assert_allclose(ratios(result, command)[1:, 0], power / lost, rtol=1e-9)

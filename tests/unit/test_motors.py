@@ -16,7 +16,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.motors.electric import Supply
 from robodyn_cli.motors.heat import Envelope, Thermal
 from robodyn_cli.motors.kinds import BrushlessMotor, DcMotor
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from robodyn_cli.results.summary import dumps
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.works.inverse import inverse

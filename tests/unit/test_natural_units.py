@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import math
+import re
 from collections.abc import Iterator
 from decimal import Decimal
 from fractions import Fraction
@@ -277,3 +278,93 @@ def test_figures_in_degrees_are_those_that_the_reader_knows() -> None:
     for command in SCENE_COMMANDS:
         for steps, leaf in leaves_of(command):
             assert (str(leaf.fact.unit) == "deg") == bool(IN_DEGREES.intersection(steps)), steps
+
+
+POINTED = """
+schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {name: swing, type: revolute, axis: [0, 1, 0]}
+    - {name: slide, type: prismatic, axis: [1, 0, 0]}
+  links: [{name: a, mass: 1, com: [0.5, 0, 0]}, {name: b, mass: 1}]
+  points: {tip: {link: a, at: [1, 0, 0]}}
+torques: {swing: "SWING", slide: "SLIDE"}
+"""
+FITTING = [
+    "-5 N m/rad * swing - 20 N mm s * qd.swing", "5 N * tip.z", "3 N m * sin(2 Hz * t) * cos(swing)", "30 deg * t",
+    "-10*(qd.swing - 5 rpm)", "2*tip.z - 5 N m", "5 N*(tip.x - 3 mm)", "if(t < 500 ms, 1, 2)", "3 N m/s*t",
+    "0.1 m*swing*5 N + 2 N m", "5 N/m*length(tip, base.origin)^2", "max(5 N m, 2*tip.x)", "p.free*tip.x - 3 N m",
+    "20*(angle(tip, base.origin, a.com) - 5 deg)", "tip.x + tip.vx", "3 N*sqrt(tip.x^2 + (2 mm)^2)",
+]  # fmt: skip
+UNFIT = {
+    "tip.z - 5 s": "m and s do not add up",
+    "if(t < 5 mm, 1, 2)": "s and m do not add up",
+    "length(tip, base.origin) - 3 deg": "m and rad do not add up",
+    "angle(tip, a.com, base.origin) - 3 mm": "rad and m do not add up",
+    "speed(tip) - 3 rpm": "m/s and rad/s do not add up",
+    "tip.vx - 3 mm": "m/s and m do not add up",
+    "length_rate(tip, base.origin) - 3 mm": "m/s and m do not add up",
+    "swing - 3 mm": "rad and m do not add up",
+    "qd.slide*2 + (slide - 3 mm/s)": "m and m/s do not add up",
+    "min(tip.x, 5 kg)": "m and kg do not add up",
+    "5 N m * tip.z": "torque in N m expected, the formula '5 N m * tip.z' is",
+    "2*tip.z - 5 kg": "torque in N m expected, the formula '2*tip.z - 5 kg' is a mass",
+    "3 N m/s*qd.slide": "torque in N m expected",
+}
+
+
+@pytest.mark.parametrize("formula", FITTING)
+def test_formulas_whose_units_go_together_are_taken(formula: str) -> None:
+    text = POINTED.replace("SWING", formula).replace("SLIDE", "0") + "parameters: {free: 2}\n"
+    load_scene_text(text)
+
+
+@pytest.mark.parametrize("formula", UNFIT)
+def test_formulas_whose_units_do_not_go_together_are_refused(formula: str) -> None:
+    with pytest.raises(SceneError, match="torques.swing") as caught:
+        load_scene_text(POINTED.replace("SWING", formula).replace("SLIDE", "0"))
+    assert UNFIT[formula] in caught.value.message
+
+
+def test_a_formula_is_of_the_kind_of_its_own_joint() -> None:
+    text = POINTED.replace("SWING", "0").replace("SLIDE", "5 N m*sin(t)")
+    with pytest.raises(SceneError, match="torques.slide: force in N expected.*is a torque"):
+        load_scene_text(text)
+
+
+@given(
+    st.recursive(
+        st.sampled_from(
+            [
+                "tip.x",
+                "2",
+                "3 mm",
+                "4 s",
+                "swing",
+                "qd.slide",
+                "t",
+                "5 deg",
+                "7 N",
+                "free",
+                "length(tip, base.origin)",
+            ]
+        ),
+        lambda inner: st.one_of(
+            st.builds("({} {} {})".format, inner, st.sampled_from("+-*"), inner),
+            st.builds("sin({})".format, inner),
+            st.builds("max({}, {})".format, inner, inner),
+            st.builds("if({} < {}, 1, {})".format, inner, inner, inner),
+            st.builds("({})^2".format, inner),
+        ),
+        max_leaves=8,
+    )
+)
+def test_a_formula_without_units_fits_every_key(formula: str) -> None:
+    """What is refused is refused for a unit that stands in the formula: without units it is taken."""
+    bare = re.sub(r"([0-9]) (mm|s|deg|N)", r"\1", formula)
+    for text in (bare, formula):
+        try:
+            load_scene_text(POINTED.replace("SWING", text).replace("SLIDE", "0") + "parameters: {free: 2}\n")
+        except SceneError as error:
+            assert text != bare and ("add up" in error.message or "expected" in error.message)

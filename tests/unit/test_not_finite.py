@@ -14,7 +14,7 @@ from robodyn_cli.errors import NumericalError, RobodynError, SceneError
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.observe.evaluation import cause
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from robodyn_cli.results.result import Result
 from tests.mechanisms import CONFIGS
 

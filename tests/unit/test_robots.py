@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import ForwardDynamics, load_scene_text, simulate, statics
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from robodyn_cli.robots.collection import FOLDER, ROBOTS, find_robot
 from tests.cli.tool import invoke
 

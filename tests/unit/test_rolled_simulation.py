@@ -20,7 +20,7 @@ from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels import compiler, crossover
 from robodyn_cli.kernels.rolled.kernels import RolledPlan
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from robodyn_cli.over.plan.plan import plan as make_plan
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene import load_scene_text

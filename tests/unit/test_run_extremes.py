@@ -4,21 +4,25 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from scipy.special import ellipk
 
-from robodyn_cli.errors import SceneError
+from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.driver import Driver
+from robodyn_cli.observe.columns import chosen
 from robodyn_cli.over.commands import execute
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.export import tables
-from robodyn_cli.scene.checks.columns import column_names
+from robodyn_cli.results.hdf5 import write
+from robodyn_cli.scene.checks.columns import column_names, units_of_columns
+from robodyn_cli.scene.checks.scene import places_of
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.solve.peaks import Windows
 from robodyn_cli.summaries.keys import leaf_of
@@ -241,6 +245,31 @@ def test_expectations_ask_for_what_they_name() -> None:
     assert simulate(scene).summary["extremes"]["reactions/swing.force"]["unit"] == "N"
 
 
+def test_signals_that_count_from_a_time_on_are_cut_there() -> None:
+    """What is left of an oscillation after a time, for settling: x = 0.1 - 0.1 e^(-2 t) (cos(w t) + 2/w sin(w t))."""
+    text = """
+schema: 1
+command: simulate
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: slide, type: prismatic, axis: [1, 0, 0], spring: {stiffness: 100, rest: 0.1}, damper: {damping: 4}}]
+  links: [{name: block, mass: 1}]
+initial: {q: {slide: 0}}
+simulate: {duration: 4, samples: 11}
+outputs:
+  signals: {late: "if(t < START s, 0, abs(slide - 100 mm))", band: "step(t - START)*(slide - 0.1)"}
+  extremes: [signals/late, signals/band]
+"""
+    for start in (0.7, 1.6, 2.345):
+        result = simulate(load_scene_text(text.replace("START", str(start))))
+        w, t = math.sqrt(96.0), np.linspace(start, 4.0, 2_000_001)
+        left = -0.1 * np.exp(-2 * t) * (np.cos(w * t) + 2 / w * np.sin(w * t))
+        late, band = (result.summary["extremes"][f"signals/{name}"] for name in ("late", "band"))
+        for own, most, least in ((late, np.abs(left).max(), 0.0), (band, left.max(), min(left.min(), 0.0))):
+            assert abs(own["largest"] - most) <= own["errors"]["largest"] + 1e-10 <= 1e-3
+            assert abs(own["smallest"] - least) <= own["errors"]["smallest"] + 1e-10 <= 1e-3
+
+
 def test_a_plain_run_has_no_extremes() -> None:
     scene = load_scene_text(PENDULUM)
     assert scene.outputs.extremes == () and "extremes" not in simulate(scene).summary
@@ -285,7 +314,7 @@ def test_the_columns_of_a_scene_are_those_of_its_runs(name: str, given: list[str
     """Names that are known before the run are those of its table of samples, but for lengths and what is left out."""
     scene = load_scene(CONFIGS / f"{name}.yaml", [*given, "expect={}"])
     result = execute(scene.command or "", scene, no_progress, Stopwatch())
-    known = set(column_names(scene, (*scene.robot.points, *(scene.kinematics.transmission or ()))))
+    known = set(column_names(scene, places_of(scene)))
     real = {column.label for column in tables(result)["samples"]}
     left_out = (
         "time",
@@ -298,9 +327,38 @@ def test_the_columns_of_a_scene_are_those_of_its_runs(name: str, given: list[str
         "targets/",
     )
     assert not {x for x in real - known if not x.startswith(left_out)}
-    assert not {x for x in known - real if not x.startswith(("reactions/", "loop_reactions/", "base_wrench"))
+    assert not {x for x in known - real if not x.startswith(("reactions/", "loop_reactions/", "force_wrenches/", "base_wrench"))
                 and x.rpartition(".")[2] != "length"
                 and x not in ("energy/work",) and not x.startswith("control/")}  # fmt: skip
+    for column, unit in units_of_columns(scene, places_of(scene)).items():
+        made = chosen(result.variables, column)
+        assert made is None or made.unit == unit or column.startswith("signals/"), column
+
+
+@pytest.mark.parametrize(
+    ("key", "bound", "words"),
+    [
+        ("extremes.q.swing.largest", "< 5 mm", "angle in rad expected"),
+        ("extremes.qd.swing.final", "< 5 mm/s", "angular rate in rad/s expected"),
+        ("extremes.tau.swing.smallest", "-5 N .. 5 N", "torque in N m expected"),
+        ("extremes.reactions/swing.fx.largest", "< 5 N m", "force in N expected"),
+        ("extremes.energy/kinetic.largest", "< 5 W", "in J expected"),
+        ("extremes.q.swing.largest_time", "1 m", "time in s expected"),
+        ("extremes.q.swing.errors.largest", "< 1 mm", "angle in rad expected"),
+        ("extremes.signals/height.largest", "< 5 deg", "length in m expected"),
+    ],
+)
+def test_bounds_of_another_kind_than_their_column_are_refused(key: str, bound: str, words: str) -> None:
+    signals = "outputs: {signals: {height: {value: 0.3*q.swing, unit: m}, bare: 2*q.swing}}"
+    head = f"{PENDULUM}command: simulate\n{signals}\n"
+    for section in (
+        f'expect: {{{key}: "{bound}"}}',
+        f'search: {{reach: {{{key}: "{bound.partition("..")[0].strip("< ")}"}}}}',
+    ):
+        with pytest.raises(SceneError) as refused:
+            load_scene_text(f"{head}{section}\n")
+        assert key in refused.value.message and words in refused.value.message
+    load_scene_text(f'{head}expect: {{extremes.signals/bare.largest: "< 5 kg", {key}: < 3}}\n')
 
 
 def test_the_key_of_a_column_has_its_unit() -> None:
@@ -315,3 +373,68 @@ def test_many_runs_ask_the_command_for_extremes() -> None:
     runs = mechanism.simulate_many([[1.0], [2.0]], of=["extremes.q.swing.smallest"])
     np.testing.assert_allclose(runs.outputs["extremes.q.swing.smallest"], [-1.0, -2.0], atol=1e-9)
     assert runs.one_by_one.all() and np.all(runs.errors["extremes.q.swing.smallest"] < 1e-9)
+
+
+NAMES = (
+    "q.swing",
+    "qd.swing",
+    "qdd.swing",
+    "point_accelerations/tip.length",
+    "reactions/swing.force",
+    "energy/kinetic",
+)
+
+
+def test_a_run_that_goes_on_has_the_extremes_of_its_own_part(tmp_path: Path) -> None:
+    """Of both parts together they are those of the whole run; each states its own, within the errors of both."""
+    whole = extremes(PENDULUM, *NAMES, reactions=True)
+    text = PENDULUM.replace("duration: 1.9", "duration: 0.8")
+    asked = dataclasses.replace(load_scene_text(text).outputs, extremes=NAMES)
+    first = simulate(
+        dataclasses.replace(load_scene_text(text), outputs=dataclasses.replace(asked, reactions=True))
+    )
+    write(first, tmp_path / "first.h5")
+    later = PENDULUM.replace("{q: {swing: 2.0}}", f"{{from: {tmp_path / 'first.h5'}}}")
+    second = extremes(later, *NAMES, reactions=True)
+    for name in NAMES:
+        one, two, both = first.summary["extremes"][name], second[name], whole[name]
+        for side, better in (("smallest", min), ("largest", max)):
+            of = better(one, two, key=lambda x, side=side: x[side])
+            off = of["errors"][side] + both["errors"][side] + 1e-9 * (1 + abs(both[side]))
+            assert abs(of[side] - both[side]) <= off, (name, side)
+        assert (
+            abs(two["final"] - both["final"]) <= two["errors"]["final"] + both["errors"]["final"] + 1e-9 * 20
+        )
+
+
+def test_rows_of_many_runs_and_sweeps_are_those_of_single_runs() -> None:
+    keys = [f"extremes.{name}.{side}" for name in NAMES for side in ("smallest", "largest_time", "final")]
+    starts = [1.0, 2.0, 2.9]
+    runs = Mechanism(load_scene_text(PENDULUM), ["initial.q.swing"]).simulate_many(
+        [[x] for x in starts], of=keys
+    )
+    for row, start in enumerate(starts):
+        own = extremes(PENDULUM.replace("swing: 2.0", f"swing: {start}"), *NAMES, reactions=True)
+        for key in keys:
+            name, _, side = key.removeprefix("extremes.").rpartition(".")
+            error = own[name]["errors"][side]
+            off = (error or 0.0) + runs.errors[key][row]
+            assert abs(runs.outputs[key][row] - own[name][side]) <= off, (key, start)
+            assert runs.errors[key][row] == pytest.approx(error, rel=1e-6, abs=1e-15)
+
+
+def test_validate_tells_of_a_dead_point_into_which_a_mechanism_is_driven() -> None:
+    """As the command does; a motion that ends before it has extremes, and so has one that loads drive."""
+    from robodyn_cli.over.commands import check
+
+    for given, refused in (([], True), (["simulate.duration=11.4"], False), (["prescribed=null"], False)):
+        scene = load_scene(
+            CONFIGS / "four_bar_prescribed.yaml", [*given, "outputs.extremes=[q.phi2]", "expect={}"]
+        )
+        if refused:
+            with pytest.raises(CapabilityError, match="driven into a dead point"):
+                check("deploy", scene)
+            with pytest.raises(CapabilityError, match="driven into a dead point"):
+                execute("deploy", scene, no_progress, Stopwatch())
+        else:
+            check("deploy", scene)

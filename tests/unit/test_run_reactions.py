@@ -107,3 +107,64 @@ def test_what_depends_on_missing_data_is_told_for_many_entries_at_once() -> None
     entries = [2.0, q, m, q * m + 1.0, q * q, sin(q + m), 0.0 * m]
     assert are_known(entries) == [not unknown_among([e]) for e in entries]
     assert are_known(entries) == [True, True, False, False, True, False, True]
+
+
+FORCED = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: one, type: revolute, axis: [0, 0, 1]}
+    - {name: two, type: revolute, axis: [0, 0, 1], origin: {xyz: [1, 0, 0]}}
+  links: [{name: a, mass: 1, com: [0.5, 0, 0], inertia: {zz: 0.1}}, {name: b, mass: 1, com: [0.5, 0, 0], inertia: {zz: 0.1}}]
+  points:
+    tip: {link: b, at: [1, 0, 0]}
+    eye: {link: a, at: [0.3, 0.2, 0]}
+    post: {link: base, at: [0.4, 2, 0]}
+    mid: {link: a, at: [1, 0, 0]}
+forces:
+  - {name: coil, type: spring, between: [eye, tip], stiffness: 5, length: 0.4, damping: 0.3}
+  - {name: rope, type: constant_force, between: [post, tip], force: 3}
+  - {name: twist, type: torsional_spring, between: [a.origin, tip], stiffness: 2, rest: 0.1}
+  - {name: bush, type: bushing, between: [mid, b.origin], stiffness: [0, 0, 0, 0, 0, 1.5]}
+  - {name: push, type: force, at: tip, force: [1, -2, 0]}
+  - {name: own, type: force, at: tip, force: [1, -2, 0], frame: body}
+  - {name: turn, type: wrench, at: tip, moment: [0, 0, 0.1]}
+initial: {q: {one: 0.3, two: 0.8}, qd: {one: 1, two: -0.5}}
+simulate: {duration: 0.4, samples: 21}
+outputs: {reactions: true, extremes: [force_wrenches/coil.force, force_wrenches/twist.mz]}
+"""
+
+
+def test_wrenches_of_forces_are_those_of_their_laws() -> None:
+    """Each on its last place, in world axes, by hand from positions and rates."""
+    result = simulate(load_scene_text(FORCED))
+    q, qd = result["q"], result["qd"]
+    turn = q.sum(axis=1)
+    tip = np.column_stack([np.cos(q[:, 0]) + np.cos(turn), np.sin(q[:, 0]) + np.sin(turn)])
+    c, s = np.cos(q[:, 0]), np.sin(q[:, 0])
+    eye = np.column_stack([0.3 * c - 0.2 * s, 0.3 * s + 0.2 * c])
+    back = eye - tip
+    length = np.linalg.norm(back, axis=1)
+    v_eye = qd[:, :1] * np.column_stack([-eye[:, 1], eye[:, 0]])
+    v_tip = qd[:, :1] * np.column_stack([-s, c]) + qd.sum(axis=1)[:, None] * np.column_stack(
+        [-np.sin(turn), np.cos(turn)]
+    )
+    tension = 5 * (length - 0.4) + 0.3 * np.einsum("ij,ij->i", back, v_eye - v_tip) / length
+    up = np.array([0.4, 2.0]) - tip
+    ct, st = np.cos(turn), np.sin(turn)
+    by_hand = {
+        "coil": back * (tension / length)[:, None],
+        "rope": 3 * up / np.linalg.norm(up, axis=1)[:, None],
+        "push": np.tile([1.0, -2.0], (len(q), 1)),
+        "own": np.column_stack([ct + 2 * st, st - 2 * ct]),
+    }
+    for name, force in by_hand.items():
+        wrench = result[f"force_wrenches/{name}"]
+        np.testing.assert_allclose(wrench[:, :2], force, atol=1e-12)
+        np.testing.assert_allclose(wrench[:, 2:], 0.0, atol=1e-12)
+    for name, moment in (("twist", -2 * (q[:, 1] - 0.1)), ("bush", -1.5 * q[:, 1]), ("turn", 0.1 + 0 * turn)):
+        np.testing.assert_allclose(result[f"force_wrenches/{name}"][:, 5], moment, atol=1e-12)
+    assert "coil" not in result.summary["reactions"]["largest"]
+    most = result.summary["extremes"]["force_wrenches/coil.force"]
+    assert most["unit"] == "N" and most["largest"] >= np.abs(tension).max() - most["errors"]["largest"]

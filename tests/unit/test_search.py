@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ import pytest
 
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.expr.statements import parse_expectation, parse_variation
+from robodyn_cli.over.findings import findings
 from robodyn_cli.over.search.asked import options_of, prepare
 from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.search.lanes import Lanes
@@ -20,6 +22,7 @@ from robodyn_cli.over.search.search import EndedSearch, run_search
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family, load_scene_text
+from robodyn_cli.works.deploy.deploy import deploy
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "configs" / "search"
@@ -120,6 +123,12 @@ def test_the_least_time_to_a_lock_under_a_limit_of_its_latch() -> None:
     assert stiffness["value"] == 0.5 and stiffness["at"] == "upper bound" and stiffness["price"] < 0.0
     wanted = (3.03 + 0.25 * (q1**2 - q0**2)) / (q1 - q0)
     assert abs(preload["value"] - wanted) <= preload["uncertainty"] <= 1e-7
+    # at the limit itself, which the search keeps a little room to, the lock is as much earlier as it says
+    own = result.summary["figures"]["lock.time"]
+    family = Family(EXAMPLES / "fastest_lock.yaml", [f"torques.theta1#1={wanted!r}", "torques.theta1#2=0.5"])
+    exact = deploy(family.own).summary["lock"]
+    assert abs(own["value"] - exact["time"]) <= own["from_optimum"] + exact["time_error"] <= 1e-7
+    assert own["value"] > exact["time"]
     assert limit["holds"] and limit["active"] and result.status == "ok"
     assert result.summary["search"]["runs"] < 40
     # the price: with more speed allowed the preload follows the work, and the time follows the preload
@@ -433,6 +442,58 @@ def test_a_scene_says_where_its_search_is_wrong(text: str, message: str) -> None
     section = f"search: {text}\n" if text.startswith("{") else f"search: {{{text}}}\n"
     with pytest.raises(SceneError, match=message):
         load_scene_text(ARM + section)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("vary: {forces.spring.stiffnes: 'uniform(1, 2)'}", "search.vary.forces.spring.stiffnes: .*stiffness"),
+        ("vary: {robot.links.beam.mass: '[-1, 2]'}", "search.vary.robot.links.beam.mass: .*is too small"),
+        ("vary: {robot.links.beam.mass: 'uniform(1 mm, 2 mm)'}", "mass in kg expected"),
+        ("{vary: {robot.links.beam.mass: 'uniform(-1, 2)'}, minimise: energy.arm}", "robot.links.beam.mass.*is too small"),
+        ("{vary: {robot.links.beam.mass: 'uniform(1, 2)'}, minimise: title}", "search: title: is not a number|search.minimise: is not a number"),
+    ],
+)  # fmt: skip
+@pytest.mark.parametrize("section", ["search", "study"])
+def test_validate_says_which_key_cannot_vary(section: str, text: str, message: str, tmp_path: Path) -> None:
+    if section == "study" and text.startswith("{"):
+        return
+    (tmp_path / "arm.yaml").write_text(
+        ARM + (f"{section}: {text}\n" if text.startswith("{") else f"{section}: {{{text}}}\n")
+    )
+    errors = [x for x in findings(tmp_path / "arm.yaml") if x.severity == "error"]
+    assert (
+        len(errors) == 1
+        and errors[0].line
+        and re.search(message.replace("search", section), errors[0].message)
+    )
+
+
+TRIANGLE = """
+schema: 1
+command: assemble
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: crank, type: revolute, axis: [0, 0, 1], parent: base}
+    - {name: rocker, type: revolute, axis: [0, 0, 1], parent: base, origin: {xyz: [1, 0, 0]}}
+    - {name: slide, type: prismatic, axis: [1, 0, 0], parent: arm, origin: {xyz: [0.5, 0, 0]}}
+  links: [{name: arm}, {name: bar}, {name: rod}]
+  points: {tip: {link: bar, at: [0.8, 0, 0]}, eye: {link: rod, at: [0.1, 0, 0]}}
+loops: [{name: pin, type: revolute, between: [eye, tip]}]
+initial: {q: {crank: 0.7, rocker: 2.0, slide: 0.3}, hold: [crank]}
+"""
+
+
+def test_dimensions_with_which_loops_close_in_a_pose() -> None:
+    """The sine rule of the triangle between both pivots and the pin: b sin(rocker - crank) = sin(crank)."""
+    result, *_ = searched(
+        arm(TRIANGLE),
+        vary={"robot.points.tip.at#1": "uniform(0.7, 1.3)"},
+        reach={"configuration.rocker": 1.6},
+    )
+    found = result.summary["keys"]["robot.points.tip.at#1"]["value"]
+    assert result.status == "ok" and found == pytest.approx(math.sin(0.7) / math.sin(0.9), abs=1e-6)
 
 
 def test_the_same_from_python() -> None:

@@ -12,7 +12,7 @@ import pytest
 from robodyn_cli import inverse, simulate
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.model.build import build_model
-from robodyn_cli.over.batch.findings import findings
+from robodyn_cli.over.findings import findings
 from robodyn_cli.scene.load import examine, load_description, load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.scene.urdf.elements import mesh_file

@@ -11,7 +11,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, number, utf8
+from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, number, quantity, utf8
 
 positive = number("a number > 0", lambda x: 0.0 < x < math.inf)
 
@@ -42,7 +42,7 @@ def command(
         typer.Option(
             "--fps",
             metavar="N",
-            parser=number("a number > 0 and <= 100", lambda x: 0.0 < x <= 100.0),
+            parser=number("a number > 0 and <= 100", lambda x: 0.0 < x <= 100.0, quantity("1/s")),
             help="Frames in a second.",
         ),
     ] = 25.0,

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
+from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, quantity, utf8
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import error_text, holding_lines, number, table
 from robodyn_cli.errors import SceneError
@@ -112,12 +112,15 @@ def _times(given: Sequence[str]) -> tuple[float, ...]:
 
     Raises
     ------
-    SceneError : one is no number.
+    SceneError : one is no number, or no time.
     """
     try:
-        return tuple(float(text) for text in given)
-    except ValueError:
-        raise SceneError(f"--instants {','.join(given)}: allowed: numbers [s], as 0,0.5,2") from None
+        return tuple(map(quantity("s"), given))
+    except SceneError as error:
+        message = (
+            f"--instants {','.join(given)}: {error.message}; allowed: numbers [s], as 0,0.5,2 or 0,500 ms"
+        )
+        raise SceneError(message) from None
 
 
 def _changes(path: Path, overrides: Sequence[str], state: Sequence[str]) -> list[str]:

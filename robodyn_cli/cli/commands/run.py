@@ -24,6 +24,7 @@ from robodyn_cli.cli.options import (
     SceneFiles,
     SharedOptions,
     number,
+    quantity,
 )
 from robodyn_cli.cli.worker import command_line
 from robodyn_cli.errors import CapabilityError, worst
@@ -53,7 +54,7 @@ def command(
         typer.Option(
             "--timeout",
             metavar="SECONDS",
-            parser=number("a number > 0 [s]", lambda x: 0.0 < x < math.inf),
+            parser=number("a number > 0 [s], as 90 or 1.5 min", lambda x: 0.0 < x < math.inf, quantity("s")),
             help="Time that each scene may take. [default: no limit]",
         ),
     ] = None,

@@ -42,7 +42,7 @@ def command(
 
 
 def _findings(path: Path, strict: bool, console: Console) -> list[Finding]:
-    from robodyn_cli.over.batch.findings import findings
+    from robodyn_cli.over.findings import findings
 
     with console.waiting(lambda: f"validating {path}"):
         return findings(path, strict)

@@ -185,7 +185,14 @@ def ended(run: Callable[[], Result]) -> Ended:
 def _reason(summary: Mapping[str, Any], code: int) -> str:
     """Return why a run failed; nothing where it did not."""
     error = summary.get("error")
-    return "" if code == 0 else str(error["message"] if error else summary["termination"]["reason"])
+    if code == 0 or error:
+        return str(error["message"]) if error else ""
+    small = summary["status"] == "undersized"
+    return (
+        "a drive, or a margin of motorisation, is too small"
+        if small
+        else str(summary["termination"]["reason"])
+    )
 
 
 def number_of(summary: Mapping[str, Any], key: str) -> float:
@@ -204,6 +211,7 @@ def error_of(summary: Mapping[str, Any], key: str) -> float:
 
 OWN_EQUATIONS = "their numbers give equations of their own, or none"
 OTHER_KEYS = "compiled code does not give all that is asked for"
+VERDICT = "limits of drives, or margins of motorisation, decide the exit code"
 DOUBTFUL = "they do not start or end as the others, or look doubtful in compiled code"
 
 
@@ -226,10 +234,12 @@ class Making:
     def compiled(self, rows: Rows) -> Rows:
         """Make these rows in compiled code; return those that are left to be made one by one."""
         plain = all(self.command.is_plain(key) for key in self.result.outputs)
+        scene = self.structures.family.own
+        beside = VERDICT if scene.drives or scene.motorisation is not None else "" if plain else OTHER_KEYS
         left: list[int] = []
         for structure, group in self.structures.groups(self.result.values[rows]):
             here = rows[group]
-            why = OWN_EQUATIONS if structure is None else structure.obstacle or ("" if plain else OTHER_KEYS)
+            why = OWN_EQUATIONS if structure is None else structure.obstacle or beside
             own = (
                 here.tolist() if why or structure is None else self.command.make(structure, here, self.asked)
             )

@@ -111,7 +111,8 @@ class Optimum:
     """A point and what is known of it, in the scaled numbers of a search.
 
     J, J_error : derivatives of outputs by u (n, len(u)) and their errors. at_low, at_high : keys at a bound. off : how
-    far each u may be off, nan where nothing determines it.
+    far each u may be off, nan where nothing determines it. short : by how much a goal nearby may be better, nan where
+    that is not known.
     """
 
     point: DesignPoint
@@ -122,6 +123,7 @@ class Optimum:
     sides: BoundSides
     curved: Curvatures
     off: Array
+    short: float
 
     @property
     def left(self) -> float:
@@ -171,11 +173,14 @@ class Examiner:
         sides = BoundSides.of(scaled, point, u, J)
         if scaled.goal.is_reach:
             off, step = self._off_of_targets(point, self._before(J, J_error), sides), None
-            curved = Curvatures.unknown(len(u))
+            curved, short = Curvatures.unknown(len(u)), np.nan
         else:
             curved = self._curvatures(u, sides, slopes.exact) if known is None else known.curved
             step, off = self._last_step(point, J_error, sides, curved)
-        return Optimum(point, J, J_error, u <= AT_BOUND, u >= 1.0 - AT_BOUND, sides, curved, off), step
+            known_off = np.isfinite(off).all()
+            short = self._short(point, sides, curved, off) if known_off else np.nan
+        at_low, at_high = u <= AT_BOUND, u >= 1.0 - AT_BOUND
+        return Optimum(point, J, J_error, at_low, at_high, sides, curved, off, short), step
 
     def _before(self, J: Array, J_error: Array) -> Array:
         """Return derivatives (n, len(u)), where errors hide them those of the last point before.
@@ -233,6 +238,33 @@ class Examiner:
             np.where(right * left < 0.0, np.minimum(abs(right), abs(left)), np.nan),
         )  # fmt: skip
 
+    def _inside(self, point: DesignPoint, sides: BoundSides) -> Array:
+        """Return how far inside the constraints that bind an optimum may lie, scaled.
+
+        They are kept by the error of the run, which may be off by as much again.
+        """
+        outputs = [self.scaled.sides[k][0].output for k in sides.binding]
+        return np.asarray(
+            2.0 * np.nan_to_num(point.error[outputs]) / self.scaled.sizes[outputs] + INSIDE, dtype=float
+        )
+
+    def _short(self, point: DesignPoint, sides: BoundSides, curved: Curvatures, off: Array) -> float:
+        """Return by how much a least or largest value nearby may be better than that of a point, scaled; nan where that
+        is not known.
+
+            priced constraints |mu| c + (what is left of the gradient) |du| + |du|^T |H| |du| / 2, and errors
+        """
+        scaled, value = self.scaled, self.scaled.objective(point.y) - float(sides.prices @ sides.room)
+        own = float(point.error[scaled.goal.outputs[0]] / scaled.sizes[scaled.goal.outputs[0]])
+        priced = np.abs(sides.prices[sides.binding])
+        kept = float(priced @ (self._inside(point, sides) + np.abs(sides.room[sides.binding])))
+        corners = curved.corners(value) & ~sides.held
+        if corners.any():
+            return float(np.abs(value - curved.lowest)[corners].sum()) + kept + own
+        free = off > 0.0
+        bent = 0.5 * off[free] @ np.abs(curved.H[np.ix_(free, free)]) @ off[free]
+        return float(np.abs(sides.left[free]) @ off[free] + bent) + kept + own
+
     def _last_step(
         self, point: DesignPoint, J_error: Array, sides: BoundSides, curved: Curvatures
     ) -> tuple[Array | None, Array]:
@@ -250,7 +282,7 @@ class Examiner:
         outputs = [scaled.sides[k][0].output for k in sides.binding]
         goal = np.abs(J_error[list(scaled.goal.outputs)]).max(axis=0, initial=0.0)[free]
         priced = np.abs(J_error[outputs]).T @ sides.prices[sides.binding]
-        lacking = [goal + priced[free], np.nan_to_num(point.error[outputs]) / scaled.sizes[outputs] + INSIDE]
+        lacking = [goal + priced[free], self._inside(point, sides)]
         moves = back @ right
         step[free] = moves[: int(free.sum())]
         off[free] = (np.abs(back) @ np.concatenate(lacking) + np.abs(moves))[: int(free.sum())]

@@ -126,11 +126,18 @@ def _outputs(ended: EndedSearch) -> dict[str, FoundOutput]:
         misses = dict(zip(goal.outputs, ended.scaled.misses(own)))
     for k, name in enumerate(search.task.outputs):
         known = k in targets and own.is_good
+        short: float | Absent | None = ABSENT
+        if k in goal.outputs and not goal.is_reach and ended.optimum is not None:
+            short = (
+                _finite(abs(_goal_size(ended)) * ended.optimum.short)
+                if _has_errors(ended, ended.optimum)
+                else None
+            )
         outputs[name] = FoundOutput(
             _finite(own.y[k]), search.output_units[k], _finite(own.error[k]),
             targets[k].text if k in targets else ABSENT,
             float(tolerances[k]) if known else ABSENT,
-            bool(misses[k] <= 1.0) if known else ABSENT,
+            bool(misses[k] <= 1.0) if known else ABSENT, short,
         )  # fmt: skip
     return outputs
 

@@ -23,8 +23,7 @@ from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import sha256
 from robodyn_cli.scene.checks.check import EXTREMES
-from robodyn_cli.scene.checks.columns import column_of
-from robodyn_cli.scene.checks.scene import key_names
+from robodyn_cli.scene.checks.scene import key_names, places_of
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles, unit_of
@@ -154,11 +153,11 @@ def check_key(family: Family, key: str, variation: Variation) -> None:
 def units_of_keys(task: Task, model: Model) -> dict[str, str]:
     """Return the units of the outputs of a study."""
     leaves = ((key, leaf_of(task.command, key)) for key in task.outputs)
-    units = dict(model.coordinate_units)
+    units, scene = dict(model.coordinate_units), task.family.own
     if any(key.startswith(EXTREMES) for key in task.outputs):
-        from robodyn_cli.observe.columns import column_units
+        from robodyn_cli.scene.checks.columns import units_of_columns
 
-        units |= column_units(task.family.own, model, map(column_of, task.outputs))
+        units |= {name: unit or "1" for name, unit in units_of_columns(scene, places_of(scene)).items()}
     return {key: leaf.unit(units) for key, leaf in leaves if leaf is not None}
 
 

@@ -253,7 +253,7 @@ def _finish(ax: Any, result: Result, name: str, by: str, prices: Array) -> None:
 
 
 RATIOS: dict[str, Any] = {"dynamic": "-", "static": (0, (4, 1.6))}
-HIGHEST = 3.0  # times what is required, up to which ratios are drawn
+HIGHEST = 3.0  # times what is required, or 1.5 times a least ratio, up to which ratios are drawn
 
 
 @plot(lambda result: "motorisation/static_available" in result and len(result.time) > 1)
@@ -263,6 +263,7 @@ def motorisation(result: Result) -> Any:
     kinds = [kind for kind in RATIOS if f"motorisation/{kind}_available" in result]
     figures = {name: result.summary["motorisation"][name] for name in names}
     required = figures[names[0]]["required"]
+    highest = HIGHEST * max(required, *(0.5 * (one["ratio"] or 0.0) for one in figures.values()))
     labels = [f"{name}, {kind}" for name in names for kind in kinds] + ["required"]
     sheet = Sheet(
         result,
@@ -275,30 +276,36 @@ def motorisation(result: Result) -> Any:
     handles: list[Any] = []
     angles = dict(zip(column_names(result.variables["q"]), result["q"].T))
     for ax, over, label in zip(sheet.axes, ({}, angles), ("time [s]", "position of the joint [rad or m]")):
-        handles = []
+        handles, drawn, ways = [], [], []
         for k, name in enumerate(names):
             for kind in kinds:
                 x = over.get(name, result.time) if ax is sheet.axes[0] or name in over else NONE
-                y = _ratios(result, kind, k, required)[: len(x)]
+                y = _ratios(result, kind, k, highest)[: len(x)]
                 look: dict[str, Any] = {
                     "color": style.COLOURS[k % len(style.COLOURS)],
                     "linestyle": RATIOS[kind],
                 }
                 handles += ax.plot(x, y, **look)
+                drawn.append(y)
+                ways.append(x)
         handles.append(ax.axhline(required, color=style.ALARM, linewidth=1.0))
         ax.set_xlabel(label)
-        ax.set_ylim(top=min(ax.get_ylim()[1], HIGHEST * required))
+        every, way = np.concatenate(drawn), np.concatenate(ways)
+        if len(way) and np.ptp(way) > 0.0:  # the whole motion, also where a ratio is beyond the drawing
+            ax.set_xlim(way.min(), way.max())
+        if not (every < highest).all():
+            ax.set_ylim(top=highest)
     sheet.ax.set_ylabel("ratio")
     sheet.legend(handles, labels)
     return sheet.figure
 
 
-def _ratios(result: Result, kind: str, k: int, required: float) -> Array:
+def _ratios(result: Result, kind: str, k: int, highest: float) -> Array:
     """Return ratios (T,) of a driven joint, nan beyond the drawing."""
     available, resistance = (
         result[f"motorisation/{kind}_{side}"][:, k] for side in ("available", "resistance")
     )
-    beyond = (available >= 2.0 * HIGHEST * required * resistance) | (resistance <= 0.0)
+    beyond = (available >= 2.0 * highest * resistance) | (resistance <= 0.0)
     ratios: Array = np.where(beyond, np.nan, available / np.where(beyond, 1.0, resistance))
     return ratios
 

@@ -7,27 +7,28 @@ A vector has its length, ``point_velocities/tip.length``, a wrench its ``force``
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Mapping
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import did_you_mean
 from robodyn_cli.scene.checks.check import EXTREMES, Check
-from robodyn_cli.scene.checks.robot import columns
+from robodyn_cli.scene.checks.robot import column_units, columns
 from robodyn_cli.scene.points import BASE, point_link
-from robodyn_cli.scene.types import Scene
+from robodyn_cli.scene.types import Scene, Signal
+from robodyn_cli.summaries.facts import ACCELERATION, LOAD, RATE
 
 LENGTH, FORCE, MOMENT = "length", "force", "moment"
 VECTOR = ("x", "y", "z", LENGTH)
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz", FORCE, MOMENT)
-LOADS = ("reactions/", "loop_reactions/", "base_wrench")
+LOADS = ("reactions/", "loop_reactions/", "force_wrenches/", "base_wrench")
 WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle")
 
 
 def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
     """Return the names of the columns of runs of a scene's command; ``points`` : of which they tell where they are."""
-    names = _named(scene, points)
+    names = tuple(units_of_columns(scene, points))
     if scene.command is None:
-        return tuple(names)
+        return names
     integrated = COMMANDS[scene.command].streamed
     return tuple(
         name
@@ -36,32 +37,48 @@ def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
     )
 
 
-def _named(scene: Scene, points: tuple[str, ...]) -> Iterator[str]:
-    for path, own in _datasets(scene, points).items():
-        yield from (f"{path}.{name}" if name else path for name in own)
-
-
-def _datasets(scene: Scene, points: tuple[str, ...]) -> Mapping[str, tuple[str, ...]]:
-    """Return the names of columns by dataset; an empty one of a dataset that is a column itself."""
-    robot, rates = scene.robot, columns(scene.robot, velocities=True)
-    moving = [name for name in points if _moves(scene, name)]
-    tracked, driven = _controlled(scene)
-    elements = tuple(force.name for force in scene.forces)
-    alone = [*(f"energy/{x}" for x in ("kinetic", "potential", "total", "work")), "transmission_angle"]
+def units_of_columns(scene: Scene, points: tuple[str, ...]) -> dict[str, str]:
+    """Return the units of columns of runs by their names, empty of signals without a stated one."""
     return {
-        "q": columns(robot), "qd": rates, "qdd": rates, "tau": rates,
-        **{f"points/{name}": VECTOR for name in points},
-        **{f"point_{kind}/{name}": VECTOR for kind in ("velocities", "accelerations") for name in moving},
-        **{f"frames/{name}/position": VECTOR for name in robot.frames},
-        **{f"frames/{name}/twist": ("wx", "wy", "wz", "vx", "vy", "vz") for name in robot.frames},
-        **{f"signals/{name}": ("",) for name in scene.outputs.signals},
-        **{f"control/{kind}": tracked for kind in ("reference", "error")},
-        "control/torque": driven,
-        "forces/potential": elements, "forces/power": elements,
-        **{f"reactions/{joint.name}": WRENCH for joint in robot.joints},
-        **{f"loop_reactions/{loop.name}": WRENCH for loop in scene.loops},
-        "base_wrench": WRENCH,
-        **dict.fromkeys(alone, ("",)),
+        f"{path}.{name}" if name else path: unit
+        for path, own in _datasets(scene, points).items()
+        for name, unit in own.items()
+    }
+
+
+def _datasets(scene: Scene, points: tuple[str, ...]) -> Mapping[str, Mapping[str, str]]:
+    """Return the units of columns by name, by dataset; the name is empty of a dataset that is a column itself."""
+    robot = scene.robot
+    q, v = column_units(robot), column_units(robot, velocities=True)
+    moving = [name for name in points if _moves(scene, name)]
+    elements = [force.name for force in scene.forces]
+    tracked, driven = _controlled(scene)
+    rates, accelerations, torques = (
+        {name: unit_of(unit) for name, unit in v.items()} for unit_of in (RATE, ACCELERATION, LOAD)
+    )
+    wrench = {name: "N" if name[0] == "f" else "N m" for name in WRENCH}
+    twist = {f"{letter}{axis}": unit for letter, unit in (("w", "rad/s"), ("v", "m/s")) for axis in "xyz"}
+    signals = {
+        name: signal.unit if isinstance(signal, Signal) else ""
+        for name, signal in scene.outputs.signals.items()
+    }
+    of_points = {"velocities": "m/s", "accelerations": "m/s^2"}
+    return {
+        "q": q, "qd": rates, "qdd": accelerations, "tau": torques,
+        **{f"points/{name}": dict.fromkeys(VECTOR, "m") for name in points},
+        **{f"point_{kind}/{name}": dict.fromkeys(VECTOR, unit) for kind, unit in of_points.items() for name in moving},
+        **{f"frames/{name}/position": dict.fromkeys(VECTOR, "m") for name in robot.frames},
+        **{f"frames/{name}/twist": twist for name in robot.frames},
+        **{f"signals/{name}": {"": unit} for name, unit in signals.items()},
+        **{f"control/{kind}": {name: q.get(name, "m") for name in tracked} for kind in ("reference", "error")},
+        "control/torque": {name: torques.get(name, "") for name in driven},
+        "forces/potential": dict.fromkeys(elements, "J"), "forces/power": dict.fromkeys(elements, "W"),
+        **{f"reactions/{joint.name}": wrench for joint in robot.joints},
+        **{f"loop_reactions/{loop.name}": wrench for loop in scene.loops},
+        **{f"force_wrenches/{name}": wrench for name in elements},
+        "base_wrench": wrench,
+        **{f"energy/{x}": {"": "J"} for x in ("kinetic", "potential", "total", "work")},
+        "transmission_angle": {"": "rad"},
     }  # fmt: skip
 
 

@@ -98,6 +98,7 @@ def check_points_of_formulas(scene: Scene, check: Check) -> None:
     ]
     places += [(("forces", k), force) for k, force in enumerate(scene.forces)]
     places += [(("payloads", k), payload) for k, payload in enumerate(scene.payloads)]
+    places += [(("deploy", "latches", k), latch) for k, latch in enumerate(scene.deploy.latches)]
     places += [(("outputs", "signals", name), x) for name, x in scene.outputs.signals.items()]
     for key in ("law", "state") if scene.control is not None else ():
         places += [(("control", key, name), x) for name, x in getattr(scene.control, key).items()]

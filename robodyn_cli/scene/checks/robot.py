@@ -38,6 +38,16 @@ def columns(robot: Robot, quasi: bool | None = None, velocities: bool = False) -
     return tuple(names)
 
 
+def column_units(robot: Robot, velocities: bool = False) -> dict[str, str]:
+    """Return the units of the columns of q, or those of the joints that the columns of v are rates of, by name."""
+    units: dict[str, str] = {}
+    for joint in robot.joints:
+        kind = joint_types[joint.type]
+        names, own = (kind.v_names, kind.v_units) if velocities else (kind.names, kind.units)
+        units |= zip(kind.coordinates(joint.name, names), own)
+    return units
+
+
 def check_robot(robot: Robot, check: Check) -> Robot:
     """Return the robot with every joint's link and parent filled in, as far as they could be."""
     joints = [(*ROBOT, "joints", k) for k in range(len(robot.joints))]

@@ -12,7 +12,7 @@ from robodyn_cli.integration_methods import FIXED_STEP
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import EXTREMES, Check, key_place
-from robodyn_cli.scene.checks.robot import check_joints, check_robot, columns, moving
+from robodyn_cli.scene.checks.robot import check_joints, check_robot, column_units, columns, moving
 from robodyn_cli.scene.points import joints_between, point_problem
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
 from robodyn_cli.scene.text.nodes import Path, find
@@ -91,7 +91,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
                 message = f"{name!r} is a joint already; choose another name"
                 check.fail(("parameters", name), message, at_key=True)
     elements = (scene.loops, scene.couplers, robot.couplers, scene.forces, scene.payloads, scene.torques)
-    if any((*elements, scene.outputs.signals, scene.control)):
+    if any((*elements, scene.outputs.signals, scene.control, scene.deploy.latches)):
         from robodyn_cli.scene.checks.elements import check_elements
 
         scene = check_elements(scene, check)
@@ -123,7 +123,7 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     if scene.outputs.extremes or any(key.startswith(EXTREMES) for key in named):
         from robodyn_cli.scene.checks.columns import with_extremes
 
-        scene = with_extremes(scene, _points(scene), named, check)
+        scene = with_extremes(scene, places_of(scene), named, check)
     if named:
         _check_keys(scene, check)
     return scene
@@ -298,9 +298,9 @@ def _check_keys(scene: Scene, check: Check) -> None:
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
-        known = leaves and leaves[0].kind is not Any and not key.startswith(EXTREMES)
+        known = leaves and leaves[0].kind is not Any
         if expected is not None and expected.unit and known:
-            units_of = _coordinate_units(scene.robot)
+            units_of = _units_of_names(scene, key)
             with check:
                 _check_expected_unit(
                     expected, key_place(check.root, section, key), [x.unit(units_of) for x in leaves], check
@@ -336,20 +336,22 @@ def _check_expected_unit(expected: Expectation, place: Path, allowed: Sequence[s
 
     given = units.of(expected.unit)
     assert given is not None
-    faults = [units.fault(given.dims, "rad" if unit == "deg" else unit, expected.text) for unit in allowed]
-    if all(faults):
+    faults = [
+        units.fault(given.dims, "rad" if unit == "deg" else unit, expected.text)
+        for unit in allowed
+        if any(map(units.of, units.forms(unit)))
+    ]
+    if faults and all(faults):
         check.fail(place, f"{expected.text!r} does not fit: {faults[0]}")
 
 
-def _coordinate_units(robot: Robot) -> dict[str, str]:
-    """Return the units of the coordinates of all joints by name, as far as they are known."""
-    kinds = [(joint.name, joint_types[joint.type]) for joint in robot.joints]
-    by_rate = {
-        name: unit for joint, x in kinds for name, unit in zip(x.coordinates(joint, x.v_names), x.v_units)
-    }
-    return by_rate | {
-        name: unit for joint, x in kinds for name, unit in zip(x.coordinates(joint, x.names), x.units)
-    }
+def _units_of_names(scene: Scene, key: str) -> dict[str, str]:
+    """Return the units of what the names in a key of a summary name, as far as they are known."""
+    if key.startswith(EXTREMES):
+        from robodyn_cli.scene.checks.columns import units_of_columns
+
+        return units_of_columns(scene, places_of(scene))
+    return column_units(scene.robot, velocities=True) | column_units(scene.robot)
 
 
 def key_names(scene: Scene, of_columns: bool = True) -> Names:
@@ -360,7 +362,7 @@ def key_names(scene: Scene, of_columns: bool = True) -> Names:
     if of_columns:
         from robodyn_cli.scene.checks.columns import column_names
 
-        named["COLUMN"] = column_names(scene, _points(scene))
+        named["COLUMN"] = column_names(scene, places_of(scene))
     return {
         **named,
         "JOINT": tuple(dict.fromkeys((*columns(scene.robot), *rates, *joints))),
@@ -368,12 +370,12 @@ def key_names(scene: Scene, of_columns: bool = True) -> Names:
         "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
         "PAYLOAD": tuple(payload.name for payload in scene.payloads),
         "LATCH": tuple(latch.name for latch in scene.deploy.latches),
-        "POINT": _points(scene),
+        "POINT": places_of(scene),
         "ROW": _row_names(scene),
     }
 
 
-def _points(scene: Scene) -> tuple[str, ...]:
+def places_of(scene: Scene) -> tuple[str, ...]:
     """Return the points of which a run tells where they are."""
     led = () if scene.trajectory is None else scene.trajectory.places
     return (*scene.robot.points, *led, *(scene.kinematics.transmission or ()))

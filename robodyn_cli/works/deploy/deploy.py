@@ -59,7 +59,15 @@ from robodyn_cli.works.deploy.recording import (
     join,
     record_motion,
 )
-from robodyn_cli.works.deploy.scan import Scan, ScanEnd, decide, follow_deployment, latch_position, scan
+from robodyn_cli.works.deploy.scan import (
+    Scan,
+    ScanEnd,
+    decide,
+    driven_extremes,
+    follow_deployment,
+    latch_position,
+    scan,
+)
 
 
 @record
@@ -113,19 +121,15 @@ def deploy(
     redundant = redundant_rows(done)
     failure = (redundant and redundant.violated) or failure_of_motion(done)
     if failure is None:
-        done = _estimate(done, watch)
-        done = _lock(done, watch)
+        done = _lock(_estimate(done, watch), watch)
         failure = doubt(done.lock, done.relocated.error if done.relocated is not None else None)
         if failure is None and scanned.driven and done.lock is not None and scene.outputs.extremes:
-            failure = CapabilityError(
-                "outputs.extremes: the mechanism is driven into a dead point, where rates have no bound; allowed: "
-                "'simulate' with a duration that ends before it"
-            )
+            failure = driven_extremes()
     if failure is None:
         try:
             done = _follow(done, watch)
-            later = done.followed.recorder if done.followed is not None else None
-            failure = later.not_finite if later is not None else None
+            if done.followed is not None and done.followed.recorder is not None:
+                failure = done.followed.recorder.not_finite
         except CapabilityError as refusal:
             failure = CapabilityError(f"deploy.after: continue: the locked structure: {refusal.message}")
     return report(done, Judgement(failure, tuple(motion_warnings(done)), redundant), watch)
@@ -174,7 +178,7 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting
 
-        acting(motion.problem, "deploy")
+        acting(motion.problem, inertia=False)
     refuse_singular_start(motion.problem, motion.assembled.q, motion.passive)
     return motion
 

@@ -142,7 +142,7 @@ def _driver(motion: Motion, scanned: Scan, stop: float | None) -> Driver:
 
 
 # what the locked structure says; all else is that of the mechanism without its latch
-DYNAMIC = ("qdd", "tau", "constraints/", "reactions/", "loop_reactions/", "base_wrench")
+DYNAMIC = ("qdd", "tau", "constraints/", "reactions/", "loop_reactions/", "force_wrenches/", "base_wrench")
 
 
 class LockedObserver(Observer):

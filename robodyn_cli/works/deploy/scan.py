@@ -10,10 +10,14 @@ import dataclasses
 from collections.abc import Sequence
 from typing import TypeVar
 
+import numpy as np
+
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SingularConfigurationError
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.formulations.events import GO_ON, STOP, Event, EventFunction, EventKind, Outcome
+from robodyn_cli.given.guided_motion import guided_motion
+from robodyn_cli.given.loop_conditions import lead_of
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
@@ -166,12 +170,14 @@ def follow_deployment(problem: Problem, passive: Sequence[int]) -> list[Watcher]
 
     Raises
     ------
-    CapabilityError : the input does not determine a dead point, or the contact states are not unique.
+    CapabilityError : the input does not determine a dead point, or the contact states are not unique; extremes of a
+        motion that is driven into one.
     """
     others = [*contact_watchers(problem), *limit_watchers(problem)]
     latch = [LatchPosition(problem)] if problem.scene.deploy.criterion == "latch" else []
     if not problem.model.closures:
         return [*latch, *others]
+    refuse_driven_extremes(problem)
     growth = GrowthWatcher(problem)
     passes = problem.scene.simulate.singular == "pass"
     poses: list[Watcher] = []
@@ -266,6 +272,36 @@ def _driven_pose(motion: Motion, driver: Driver) -> tuple[float, Array, str] | N
     time, q, kind = pose
     state[list(motion.system.q_places)] = q
     return time, state, kind
+
+
+ALONG = 1001  # samples of a prescribed motion that is followed ahead
+
+
+def driven_extremes() -> CapabilityError:
+    """Return the error of extremes in a mechanism that a prescribed motion drives into a dead point."""
+    return CapabilityError(
+        "outputs.extremes: the mechanism is driven into a dead point, where rates have no bound; allowed: "
+        "'simulate' with a duration that ends before it",
+        key="outputs.extremes",
+    )
+
+
+def refuse_driven_extremes(problem: Problem) -> None:
+    """Refuse extremes where a prescribed motion, which is followed by its geometry alone, comes to a dead point.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    scene = problem.scene
+    if not (scene.outputs.extremes and scene.prescribed and scene.deploy.criterion == "dead_point"):
+        return
+    try:
+        planned = guided_motion(problem, lead_of(problem), np.linspace(0.0, scene.simulate.duration, ALONG))
+    except RobodynError:  # not all of it is driven, or it does not begin: told where it is followed
+        return
+    if isinstance(planned.stopped, SingularConfigurationError):
+        raise driven_extremes()
 
 
 # -- what ends the deployment -------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,8 @@ from robodyn_cli.errors import RobodynError, SceneError
 from robodyn_cli.model.consistency import doubtful_bodies
 from robodyn_cli.over.commands import check, command_of, owners, place
 from robodyn_cli.over.plan.text import listed_data
-from robodyn_cli.scene.load import examine
+from robodyn_cli.scene.checks.check import key_place
+from robodyn_cli.scene.load import Family, examine
 from robodyn_cli.scene.text.nodes import Node, dotted, located, name_of, nearest
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.checks import Finding
@@ -25,7 +26,7 @@ def findings(path: Path, strict: bool = False) -> list[Finding]:
     if examined.scene is None or examined.root is None:
         return [_error(e) for e in examined.errors]
     scene, root = examined.scene, examined.root
-    listed = [_error(e) for e in _trial(scene, root)]
+    listed = [_error(e) for e in (*_trial(scene, root), *_varied(path, scene, root))]
     code = SceneError.exit_code if strict else 0
     for error in _physical(scene, root):
         listed.append(Finding("error" if strict else "warning", error.message, code, **_place(error)))
@@ -62,6 +63,29 @@ def _trial(scene: Scene, root: Node) -> list[RobodynError]:
     except RobodynError as error:
         place(error, lambda: root, command)
         return _missing(root, command, error.details.get("missing", ())) or [error]
+
+
+def _varied(path: Path, scene: Scene, root: Node) -> Iterator[SceneError]:
+    """Yield what `sweep` and `optimise` would refuse of the keys that vary, and of what is looked for."""
+    sections = {"study": scene.study.vary, "search": {} if scene.search is None else scene.search.vary}
+    if not any(sections.values()):
+        return
+    from robodyn_cli.over.many.keys import Allowed, understand
+    from robodyn_cli.over.study.study import check_key
+
+    family = Family(path)
+    for section, vary in sections.items():
+        for key, variation in vary.items():
+            message = ""
+            try:
+                check_key(family, key, variation)
+                ends = np.array(variation.arguments if section == "search" else ())[:, None]
+                refused = Allowed(family, [understand(family, key)]).refusals(ends) if len(ends) else {}
+                message = next((error.message for error in refused.values()), "")
+            except SceneError as error:
+                message = error.message.removeprefix(f"--vary {key}={variation.text}: ")
+            if message:
+                yield _at(root, key_place(root, (section, "vary"), key), message)
 
 
 def _missing(root: Node, command: str, names: Sequence[str]) -> list[RobodynError]:
