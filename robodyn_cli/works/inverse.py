@@ -15,6 +15,7 @@ from robodyn_cli.observe.places import FORCES, add_places
 from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.quadrature import Breaks, spaced
 from robodyn_cli.spatial.algebra import Array
@@ -98,6 +99,10 @@ def inverse(
     records = [dataclasses.replace(summary, samples=count)]
     with watch.stage("drives"):
         records = _with_drives(records, result, program, looked)
+    if scene.inverse.shaking is not None or scene.inverse.flywheel is not None:
+        from robodyn_cli.works.balance import with_balance
+
+        records = with_balance(records, result, program, sampled, looked)
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -110,6 +115,8 @@ def program_of(scene: Scene) -> InverseProgram:
     ------
     RobodynError : see ``inverse``.
     """
+    if scene.inverse.shaking is not None:
+        scene = with_points(scene, [scene.inverse.shaking])
     program = build_inverse(along(scene))
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting

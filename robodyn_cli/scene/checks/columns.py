@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
+from typing import TYPE_CHECKING
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import did_you_mean
@@ -16,11 +17,15 @@ from robodyn_cli.scene.checks.robot import columns
 from robodyn_cli.scene.points import BASE, point_link
 from robodyn_cli.scene.types import Scene
 
+if TYPE_CHECKING:
+    from robodyn_cli.scene.nested_options import KinematicDesign
+
 LENGTH, FORCE, MOMENT = "length", "force", "moment"
 VECTOR = ("x", "y", "z", LENGTH)
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz", FORCE, MOMENT)
+DESIGNED = ("poles/", "acceleration_poles/", "relative_rates/", "curvatures/", "ratios/", "pressure_angles/")
 LOADS = ("reactions/", "loop_reactions/", "base_wrench")
-WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle")
+WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle", *DESIGNED)
 
 
 def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
@@ -32,7 +37,11 @@ def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(
         name
         for name in names
-        if (name != "transmission_angle" if integrated else name.startswith(WITHOUT_FORCES))
+        if (
+            not name.startswith(("transmission_angle", *DESIGNED))
+            if integrated
+            else name.startswith(WITHOUT_FORCES)
+        )
     )
 
 
@@ -62,7 +71,21 @@ def _datasets(scene: Scene, points: tuple[str, ...]) -> Mapping[str, tuple[str, 
         **{f"loop_reactions/{loop.name}": WRENCH for loop in scene.loops},
         "base_wrench": WRENCH,
         **dict.fromkeys(alone, ("",)),
+        **designed(scene.kinematics.design),
     }  # fmt: skip
+
+
+def designed(design: KinematicDesign | None) -> dict[str, tuple[str, ...]]:
+    """Return the names of the columns that kinematic design asks for, by dataset."""
+    if design is None:
+        return {}
+    return {
+        **{f"{group}/{name}": VECTOR[:3] for group in ("poles", "acceleration_poles") for name in design.poles},
+        **{f"relative_rates/{name}": ("",) for name in design.poles},
+        **{f"curvatures/{name}": ("",) for name in design.curves},
+        **{f"ratios/{name}": ("",) for name in design.ratios},
+        **{f"pressure_angles/{name}": ("",) for name in design.pressure},
+    }
 
 
 def _moves(scene: Scene, name: str) -> bool:
