@@ -62,6 +62,14 @@ POINTS = ("mechanism:tip_path", "joints:point_coordinates")
 JOINTS = ("joints:joint_angles", "joints:joint_rates")
 MARGINS = ("drives:motorisation",)
 DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits", *MARGINS)
+DESIGN = (
+    "design:four_bars",
+    "design:centrodes",
+    "design:pole_paths",
+    "design:curvature",
+    "design:velocity_ratios",
+    "design:pressure_angle",
+)
 # drawings of one configuration
 STILL = ("mechanism:branches", "mechanism:mechanism")
 
@@ -85,6 +93,9 @@ COMMANDS: dict[str, Command] = {
             *JOINTS,
             "joints:joint_accelerations",
             *DRIVEN,
+            "design:shaking",
+            "design:shaking_polar",
+            "design:flywheel",
             *POINTS,
             "energy:energy",
             *MOTION,
@@ -108,6 +119,7 @@ COMMANDS: dict[str, Command] = {
         plots=(
             *JOINTS,
             "joints:tracking",
+            "design:fluctuation",
             *DRIVEN,
             *POINTS,
             "energy:energy",
@@ -133,7 +145,7 @@ COMMANDS: dict[str, Command] = {
         batch="over.many.simulate:Deploy",
         slopes="over.sensitivity.report:deploy",
         good="locked",
-        plots=("joints:joint_angles", *MARGINS, *POINTS, *MOTION),
+        plots=("joints:joint_angles", "design:fluctuation", *MARGINS, *POINTS, *MOTION),
         streamed=True,
         takes_up=True,
     ),
@@ -145,7 +157,15 @@ COMMANDS: dict[str, Command] = {
         batch="over.many.kinematics:KinematicsRuns",
         slopes="over.sensitivity.along_motions:KinematicsSlopes",
         given=("trajectory", "kinematics"),
-        plots=(*JOINTS, *MARGINS, *POINTS, "joints:point_motion", "joints:transmission_angle", *MOTION),
+        plots=(
+            *JOINTS,
+            *MARGINS,
+            *POINTS,
+            "joints:point_motion",
+            "joints:transmission_angle",
+            *DESIGN,
+            *MOTION,
+        ),
         blames="trajectory",
     ),
     "assemble": Command(

@@ -12,7 +12,7 @@ those that a part ``EPSILON`` of the largest rates and accelerations of the moti
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from robodyn_cli.spatial.algebra import Array, cross
 
 EPSILON = CLOSED  # part of rates and accelerations that is not known
 NOTHING = 1e-11  # part of the largest rates, below which they are rounding
+Scales = tuple[float, float, float, float]  # largest w, v, wd and a of all links
 FLAT = 1e-8  # part of the largest rates that motion in a plane may have across it
 
 
@@ -65,9 +66,10 @@ class LinkMotion:
     def of(array: Array | None, samples: int) -> LinkMotion:
         """Return the motion of an output of ``link_outputs`` (T, 24); None: of the base."""
         if array is None:
-            return LinkMotion(*np.zeros((5, samples, 3)), np.tile(np.eye(3), (samples, 1, 1)))
-        parts = [array[:, 3 * k : 3 * k + 3] for k in range(5)]
-        return LinkMotion(*parts, array[:, 15:].reshape(-1, 3, 3))
+            p, w, v, wd, a = np.zeros((5, samples, 3))
+            return LinkMotion(p, w, v, wd, a, np.tile(np.eye(3), (samples, 1, 1)))
+        p, w, v, wd, a = (array[:, 3 * k : 3 * k + 3] for k in range(5))
+        return LinkMotion(p, w, v, wd, a, array[:, 15:].reshape(-1, 3, 3))
 
     def velocity(self, at: Array) -> Array:
         """Return the velocity of its points at (T, 3)."""
@@ -86,7 +88,8 @@ class LinkMotion:
 @record
 class PairMotion:
     """Motion of one link as another one sees it: rate W and its derivative A (T,) about the normal n (3,); velocity and
-    acceleration (T, 3) of the origin p (T, 3) of the first link's frame; scales : what all links have at most."""
+    acceleration (T, 3) of the origin p (T, 3) of the first link's frame; scales : what all links have at most.
+    """
 
     first: LinkMotion
     second: LinkMotion
@@ -95,28 +98,24 @@ class PairMotion:
     A: Array
     v: Array
     a: Array
-    scales: tuple[float, float, float, float]
+    scales: Scales
 
     @staticmethod
-    def of(first: LinkMotion, second: LinkMotion, normal: Array) -> PairMotion:
+    def of(first: LinkMotion, second: LinkMotion, normal: Array, scales: Scales) -> PairMotion:
         """Return the motion of the first link as the second one sees it (relative motion, with Coriolis')."""
         v = first.v - second.velocity(first.p)
-        w = first.w - second.w
         a = first.a - second.acceleration(first.p) - 2.0 * np.cross(second.w, v)
-        scales = tuple(
-            max(float(np.abs(getattr(x, name)).max()) for x in (first, second))
-            for name in ("w", "v", "wd", "a")
-        )
-        return PairMotion(
-            first, second, normal, w @ normal, (first.wd - second.wd) @ normal, v, a, (scales[0], scales[1], scales[2], scales[3])
-        )  # fmt: skip
+        W, A = (first.w - second.w) @ normal, (first.wd - second.wd) @ normal
+        return PairMotion(first, second, normal, W, A, v, a, scales)
 
     @property
     def is_flat(self) -> bool:
         """Whether the links move against each other in the plane."""
         w = self.first.w - self.second.w
         across = np.abs(w - self.W[:, None] * self.normal).max()
-        return bool(across <= FLAT * self.scales[0] and np.abs(self.v @ self.normal).max() <= FLAT * self.scales[1])
+        return bool(
+            across <= FLAT * self.scales[0] and np.abs(self.v @ self.normal).max() <= FLAT * self.scales[1]
+        )
 
     @property
     def still(self) -> float:
@@ -145,9 +144,19 @@ class PairMotion:
         square = W**4 + A**2
         with np.errstate(divide="ignore", invalid="ignore"):
             d = (W[:, None] ** 2 * self.a + A[:, None] * np.cross(self.normal, self.a)) / square[:, None]
-            off = EPSILON * (a_most + (wd_most + 2.0 * w_most**2) * np.linalg.norm(d, axis=1)) / np.sqrt(square)
+            off = (
+                EPSILON * (a_most + (wd_most + 2.0 * w_most**2) * np.linalg.norm(d, axis=1)) / np.sqrt(square)
+            )
         d[np.sqrt(square) <= NOTHING * (w_most**2 + wd_most)] = np.nan
         return self.first.p + d, off
+
+
+def scales_of(links: Collection[LinkMotion]) -> Scales:
+    """Return the largest angular velocity, velocity, angular acceleration and acceleration of links."""
+    w, v, wd, a = (
+        max(float(np.abs(getattr(link, name)).max()) for link in links) for name in ("w", "v", "wd", "a")
+    )
+    return w, v, wd, a
 
 
 def normal_of(links: Iterable[LinkMotion]) -> Array:

@@ -184,12 +184,29 @@ RUN: tuple[Entry, ...] = (
         XYZ,
     ),
     Entry("transmission_angle", ("time",), "rad", "angle at the second of three points of the transmission"),
-    Entry("poles/PAIR", ("time", "axis"), "m", "pole of two links in the world, nan at infinity", XYZ, has_gaps=True),
     Entry(
-        "centrodes/fixed/PAIR", ("time", "axis"), "m", "pole in the axes of the second link", XYZ, has_gaps=True
+        "poles/PAIR",
+        ("time", "axis"),
+        "m",
+        "pole of two links in the world, nan at infinity",
+        XYZ,
+        has_gaps=True,
     ),
     Entry(
-        "centrodes/moving/PAIR", ("time", "axis"), "m", "pole in the axes of the first link", XYZ, has_gaps=True
+        "centrodes/fixed/PAIR",
+        ("time", "axis"),
+        "m",
+        "pole in the axes of the second link",
+        XYZ,
+        has_gaps=True,
+    ),
+    Entry(
+        "centrodes/moving/PAIR",
+        ("time", "axis"),
+        "m",
+        "pole in the axes of the first link",
+        XYZ,
+        has_gaps=True,
     ),
     Entry(
         "acceleration_poles/PAIR",
@@ -199,8 +216,15 @@ RUN: tuple[Entry, ...] = (
         XYZ,
         has_gaps=True,
     ),
-    Entry("relative_rates/PAIR", ("time",), "rad/s", "rate at which the first of two links turns against the second"),
-    Entry("curvatures/NAME", ("time",), "1/m", "curvature of the path of a point, nan at rest", has_gaps=True),
+    Entry(
+        "relative_rates/PAIR",
+        ("time",),
+        "rad/s",
+        "rate at which the first of two links turns against the second",
+    ),
+    Entry(
+        "curvatures/NAME", ("time",), "1/m", "curvature of the path of a point, nan at rest", has_gaps=True
+    ),
     Entry("ratios/PAIR", ("time",), "1", "rate over rate, nan where the second passes zero", has_gaps=True),
     Entry(
         "pressure_angles/PAIR",
@@ -223,7 +247,9 @@ RUN: tuple[Entry, ...] = (
         by_column=WRENCH,
     ),
     Entry("flywheel/torque", ("time",), "N m", "torque that keeps the rate of the flywheel's joint constant"),
-    Entry("flywheel/energy", ("time",), "J", "what the flywheel gives: work of the torque less that of its mean"),
+    Entry(
+        "flywheel/energy", ("time",), "J", "what the flywheel gives: work of the torque less that of its mean"
+    ),
     Entry("frames/NAME/position", ("time", "axis"), "m", "origin of a frame in the world frame", XYZ),
     Entry(
         "frames/NAME/quaternion",

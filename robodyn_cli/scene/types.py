@@ -218,7 +218,11 @@ class KinematicsOptions:
     def places(self) -> tuple[str, ...]:
         """References to the points that are asked for."""
         design = self.design
-        more = () if design is None else (*design.curves, *(x for pair in design.pressure.values() for x in pair))
+        more = (
+            ()
+            if design is None
+            else (*design.curves, *(x for pair in design.pressure.values() for x in pair))
+        )
         return (*(self.transmission or ()), *more)
 
 
@@ -272,7 +276,9 @@ class Outputs:
     )
     extremes: tuple[str, ...] = key(ListOf(Text()), default=(), doc="Columns whose extremes to tell.")
     abscissa: str | None = key(
-        Text(), default=None, doc="Joint (or coordinate) over whose position plots are drawn in place of time."
+        Text(),
+        default=None,
+        doc="Joint (or coordinate) over whose position plots are drawn in place of time.",
     )
 
 

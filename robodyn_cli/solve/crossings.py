@@ -20,7 +20,9 @@ def crossings(times: Array, y: Array, nothing: float) -> list[tuple[float, float
     rests = np.flatnonzero(sign == 0.0)
     for k in rests:
         beside = np.abs(np.gradient(y, times)[k]) if len(y) > 1 else 0.0
-        found.append((float(times[k]), rounded + (nothing / beside if beside > 0.0 else float(np.ptp(times)))))
+        found.append(
+            (float(times[k]), rounded + (nothing / beside if beside > 0.0 else float(np.ptp(times))))
+        )
     for k in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
         start, h = float(times[k]), float(times[k + 1] - times[k])
         linear = y[k] / (y[k] - y[k + 1])
@@ -28,7 +30,7 @@ def crossings(times: Array, y: Array, nothing: float) -> list[tuple[float, float
         for count in (MORE, FEWER):
             c = _powers(times, y, int(k), count)
             real = [x.real for x in np.roots(c) if abs(x.imag) < 1e-6 and -1e-9 <= x.real <= 1.0 + 1e-9]
-            roots.append(min([linear] if not real else real, key=lambda x: abs(x - linear)))
+            roots.append(min(real or [linear], key=lambda x: abs(x - linear)))
         found.append((start + roots[0] * h, rounded + abs(roots[0] - roots[1]) * h))
     return sorted(found)
 
@@ -42,7 +44,7 @@ def value_at(times: Array, y: Array, time: float) -> tuple[float, float]:
 
 
 def _powers(times: Array, y: Array, k: int, count: int) -> Array:
-    """Return the polynomial, in parts of the interval behind sample k, through the samples nearest to it on its piece."""
+    """Return the polynomial, in parts of the interval behind sample k, through the samples of its piece near it."""
     gaps = gaps_between(times)
     low = int(max([0, *(g + 1 for g in gaps if g < k)]))
     high = int(min([len(times), *(g + 1 for g in gaps if g > k)]))

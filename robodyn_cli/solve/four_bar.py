@@ -207,7 +207,9 @@ def _inverse(value: float, doubt: float, function: str) -> tuple[float, float]:
     arc = math.acos if function == "acos" else math.asin
     middle, *ends = (arc(min(1.0, max(-1.0, x))) for x in (value, value - doubt, value + doubt))
     # rounding takes as much beyond the end as it leaves before it
-    return middle, max(max(abs(x - middle) for x in ends), math.sqrt(2.0 * doubt) * (abs(value) > 1.0 - doubt))
+    return middle, max(
+        max(abs(x - middle) for x in ends), math.sqrt(2.0 * doubt) * (abs(value) > 1.0 - doubt)
+    )
 
 
 def _hinge(theta: float, outer: tuple[float, float], inner: tuple[float, float]) -> Between:

@@ -15,7 +15,9 @@ class JointDeadPoints:
     upper: float | None = fact("dead point above", OWN, errors=(".error",))
     error: float | None = fact("error of both", OWN)
     distance: float | None = fact(
-        "how near the motion comes to one of them; negative where it goes beyond", OWN, errors=(".distance_error",)
+        "how near the motion comes to one of them; negative where it goes beyond",
+        OWN,
+        errors=(".distance_error",),
     )
     distance_error: float | None = fact("of the distance", OWN)
 
@@ -44,7 +46,9 @@ class FourBarClass:
     ground: str = fact("the link that is nearest to the base in the chain")
     type: str = fact("what it is called with that link fixed")
     inversions: dict[str, str] = fact("what it is called with each link fixed", names=(LINK, LOOP))
-    joints: dict[str, JointDeadPoints] = fact("of the joints of the chain that have a coordinate", names=JOINT)
+    joints: dict[str, JointDeadPoints] = fact(
+        "of the joints of the chain that have a coordinate", names=JOINT
+    )
 
 
 @record
@@ -71,11 +75,15 @@ class Unbounded:
 class DesignFigures:
     """Figures of kinematic design, beside the extremes of its columns."""
 
-    four_bars: dict[str, FourBarClass] | Absent = fact("chains of four links, by a closure of each", names=LOOP)
+    four_bars: dict[str, FourBarClass] | Absent = fact(
+        "chains of four links, by a closure of each", names=LOOP
+    )
     dead_points: dict[str, list[DeadPointPassed]] | Absent = fact(
         "of ratios of joints: where the first joint is at rest", names=PAIR
     )
-    unbounded: dict[str, Unbounded] | Absent = fact("datasets without extremes, and when they are unbounded", names=ANY)
+    unbounded: dict[str, Unbounded] | Absent = fact(
+        "datasets without extremes, and when they are unbounded", names=ANY
+    )
 
 
 @record
@@ -105,7 +113,9 @@ class ShakingFigures:
     peak_force: float = fact("largest magnitude of the force", "N", errors=(".errors.peak_force",))
     peak_force_time: float = fact("when it is largest", "s", errors=(".errors.peak_force_time",))
     rms_force: float = fact("root of its mean square", "N", errors=(".errors.rms_force",))
-    peak_moment: float | Absent = fact("largest magnitude of the moment", "N m", errors=(".errors.peak_moment",))
+    peak_moment: float | Absent = fact(
+        "largest magnitude of the moment", "N m", errors=(".errors.peak_moment",)
+    )
     peak_moment_time: float | Absent = fact("when it is largest", "s", errors=(".errors.peak_moment_time",))
     rms_moment: float | Absent = fact("root of its mean square", "N m", errors=(".errors.rms_moment",))
     not_determined: list[str] | Absent = fact("components that the scene's data do not determine")
@@ -147,5 +157,3 @@ class BalanceKeys:
 
     shaking: ShakingFigures | Absent = fact("force and moment on the base", default=ABSENT)
     flywheel: FlywheelFigures | Absent = fact("of a flywheel", default=ABSENT)
-
-

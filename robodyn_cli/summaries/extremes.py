@@ -65,7 +65,11 @@ class Fluctuation:
     @staticmethod
     def of(rate: Extremes) -> Fluctuation:
         """Return the fluctuation of a rate with these extremes: C = (w_max - w_min) / ((w_max + w_min) / 2)."""
-        low, high, (low_off, high_off) = rate.smallest, rate.largest, (rate.errors.smallest, rate.errors.largest)
+        low, high, (low_off, high_off) = (
+            rate.smallest,
+            rate.largest,
+            (rate.errors.smallest, rate.errors.largest),
+        )
         mean = 0.5 * (low + high)
         off = None if low_off is None or high_off is None else 0.5 * (low_off + high_off)
         if low <= 0.0 <= high:

@@ -104,7 +104,11 @@ class Shaking:
             size, off = _root(float(peak.value[0]), float(peak.error[0]))
             rms, rms_off = root_mean_square(sampled.times, np.sqrt(square), breaks)
             rounded = 1e-12 * size  # what motion in loops is closed to
-            found |= {f"peak_{name}": size, f"peak_{name}_time": float(peak.time[0]), f"rms_{name}": float(rms[0])}
+            found |= {
+                f"peak_{name}": size,
+                f"peak_{name}_time": float(peak.time[0]),
+                f"rms_{name}": float(rms[0]),
+            }
             errors |= {
                 f"peak_{name}": off + rounded,
                 f"peak_{name}_time": float(peak.time_error[0]),
@@ -141,19 +145,21 @@ def refuse_flywheel(problem: Problem, motion: JointMotion) -> None:
     mean = float(rate.mean())
     if mean == 0.0 or float(np.ptp(rate)) > CONSTANT * abs(mean):
         raise CapabilityError(
-            f"{where} turns at {rate.min():.6g} to {rate.max():.6g} rad/s; a flywheel follows from a motion in which it "
-            "turns at a constant rate",
+            f"{where} turns at {rate.min():.6g} to {rate.max():.6g} rad/s; a flywheel follows from a motion in "
+            "which it turns at a constant rate",
             key=KEY,
         )
     turns = abs(float(q[-1] - q[0])) / (2.0 * math.pi)
     if round(turns) < 1 or abs(turns - round(turns)) > WHOLE:
         raise CapabilityError(
-            f"{where} makes {turns:.9g} turns; a flywheel follows from a cycle, of one or several whole turns", key=KEY
+            f"{where} makes {turns:.9g} turns; a flywheel follows from a cycle, of one or several whole turns",
+            key=KEY,
         )
     gap = np.abs(motion.qd[-1] - motion.qd[0]).max() / max(float(np.abs(motion.qd).max()), 1e-300)
     if gap > 1e2 * WHOLE:
         raise CapabilityError(
-            f"{where}: the motion is no cycle, since its rates at the end are not those of the beginning", key=KEY
+            f"{where}: the motion is no cycle, since its rates at the end are not those of the beginning",
+            key=KEY,
         )
 
 

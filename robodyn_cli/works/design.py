@@ -1,5 +1,7 @@
-"""Kinematic design along a motion: poles, curvature, velocity ratios, pressure angles, dead points; chains of four links
-are in ``works.four_bars``."""
+"""Kinematic design along a motion: poles, curvature, velocity ratios, pressure angles, dead points.
+
+Chains of four links are in ``works.four_bars``.
+"""
 
 from __future__ import annotations
 
@@ -24,6 +26,7 @@ from robodyn_cli.observe.plane import (
     link_outputs,
     normal_of,
     pressure_angle,
+    scales_of,
 )
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, make_variable
@@ -32,9 +35,9 @@ from robodyn_cli.scene.points import BASE
 from robodyn_cli.solve.crossings import crossings, value_at
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.design import DeadPointPassed, DesignFigures, DesignKeys, Unbounded
+from robodyn_cli.summaries.design import DeadPointPassed, DesignFigures, DesignKeys, FourBarClass, Unbounded
 from robodyn_cli.summaries.extremes import Extremes
-from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.facts import ABSENT, Absent
 
 SLOW = 1e-3  # of the largest speed: a point that is slower than that comes to rest
 KEY = "kinematics.design"
@@ -74,7 +77,7 @@ class Designed:
         self.arrays = function.along(self.times, planned.motion)
         links = {name: self._link(name) for name in names}
         self.links = {**links, BASE: self._link(BASE)}
-        self.normal = normal_of(links.values())
+        self.normal, self.scales = normal_of(links.values()), scales_of(links.values())
         self.columns: dict[str, DesignColumns] = {}
         for name, pair in design.poles.items():
             self.columns |= self._poles(name, pair)
@@ -97,7 +100,7 @@ class Designed:
     # -- pairs of links ------------------------------------------------------------------------------------
     def _poles(self, name: str, pair: tuple[str, ...]) -> dict[str, DesignColumns]:
         """Return the pole, the centrodes, the acceleration pole and the relative rate of two links."""
-        moved = PairMotion.of(self.links[pair[0]], self.links[pair[1]], self.normal)
+        moved = PairMotion.of(self.links[pair[0]], self.links[pair[1]], self.normal, self.scales)
         if not moved.is_flat:
             raise CapabilityError(
                 f"{self.scene.path}: {KEY}.poles.{name}: links {pair[0]!r} and {pair[1]!r} do not move in one plane "
@@ -154,10 +157,12 @@ class Designed:
         """Return the rate at which a link turns about the normal (T,), and its derivative."""
         moved = self.links[link]
         w = moved.w @ self.normal
-        if np.abs(moved.w - w[:, None] * self.normal).max() > 1e-8 * float(np.abs(moved.w).max(initial=1e-300)):
+        if np.abs(moved.w - w[:, None] * self.normal).max() > 1e-8 * float(
+            np.abs(moved.w).max(initial=1e-300)
+        ):
             raise CapabilityError(
-                f"{self.scene.path}: {KEY}.ratios.{name}: link {link!r} does not turn about one axis; allowed: links of a "
-                "motion in a plane, joints",
+                f"{self.scene.path}: {KEY}.ratios.{name}: link {link!r} does not turn about one axis; "
+                "allowed: links of a motion in a plane, joints",
                 key=f"{KEY}.ratios.{name}",
             )
         return w, moved.wd @ self.normal
@@ -204,7 +209,9 @@ class Designed:
         for first, end in zip(edges[::2], edges[1::2]):
             at = first + int(np.argmin(square[first:end]))
             beside = (self.times[max(at - 1, 0)], self.times[min(at + 1, len(square) - 1)])
-            gaps.append((float(self.times[at]), float(max(beside[1] - self.times[at], self.times[at] - beside[0]))))
+            gaps.append(
+                (float(self.times[at]), float(max(beside[1] - self.times[at], self.times[at] - beside[0])))
+            )
         return DesignColumns(k, off, gaps)
 
     def _pressure(self, name: str, pair: tuple[str, ...]) -> DesignColumns:
@@ -235,8 +242,8 @@ class Designed:
             moves = np.ptp(values, axis=0) > 2.0 * one.doubt.max()
             kept = [k for k, name in enumerate(names) if len(names) == 1 or moves[k] or name in self.asked]
             columns = [x for k in kept if (x := chosen({path: variable}, names[k])) is not None]
-            for name, x in extremes(self.times, values[:, kept], columns, breaks).items():
-                found[name] = self._doubted(x, one.doubt)
+            for name, ends in extremes(self.times, values[:, kept], columns, breaks).items():
+                found[name] = self._doubted(ends, one.doubt)
         return found
 
     def _doubted(self, x: Extremes, doubt: Array) -> Extremes:
@@ -252,11 +259,12 @@ class Designed:
     @property
     def unbounded(self) -> dict[str, Unbounded]:
         """Datasets that have no finite value somewhere."""
-        return {
-            path: Unbounded([t for t, _ in one.gaps or ()], max((e for _, e in one.gaps or ()), default=0.0), one.gaps is None)
-            for path, one in self.columns.items()
-            if one.gaps != [] and not path.startswith("centrodes/")
-        }  # fmt: skip
+        found = {}
+        for path, one in self.columns.items():
+            if one.gaps != [] and not path.startswith("centrodes/"):
+                times, errors = [t for t, _ in one.gaps or ()], [e for _, e in one.gaps or ()]
+                found[path] = Unbounded(times, max(errors, default=0.0), one.gaps is None)
+        return found
 
 
 def with_design(
@@ -274,7 +282,7 @@ def with_design(
         return records
     Designed(problem, motions[0]).add_to(result)
     looked = Designed(problem, motions[1])
-    chains = ABSENT
+    chains: dict[str, FourBarClass] | Absent = ABSENT
     if design.grashof:
         from robodyn_cli.works.four_bars import four_bars
 

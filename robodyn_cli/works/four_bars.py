@@ -83,8 +83,8 @@ def chains_of(problem: Problem, planned: Planned) -> dict[str, Chain]:
             found[pair.closure] = chain
     if not found:
         raise CapabilityError(
-            f"{problem.scene.path}: {KEY}: no closed chain has four links in a plane with four pins, or with three pins "
-            f"and a slide; the closures are {', '.join(repr(x.name) for x in problem.model.loops)}",
+            f"{problem.scene.path}: {KEY}: no closed chain has four links in a plane with four pins, or with three "
+            f"pins and a slide; the closures are {', '.join(repr(x.name) for x in problem.model.loops)}",
             key=KEY,
         )
     return found
@@ -143,7 +143,7 @@ def _ring(pairs: Sequence[Pair], closing: Pair) -> list[Pair]:
 
 @record
 class Chain:
-    """Four links in a plane: the pairs in the order of ``FourBar``'s pins, the slide last; links behind each of them."""
+    """Four links in a plane: the pairs in the order of ``FourBar``'s pins, the slide last; links behind each."""
 
     ring: list[Pair]
     links: list[Node]
@@ -169,11 +169,14 @@ class Chain:
         if frame is None:
             return None
         pins = np.array([(pair.at - frame[0]) @ frame[1][:, :2] for pair in ring])
-        slide = ring[-1].axis @ frame[1][:, :2] if SLIDE in kinds else None  # type: ignore[operator]
+        slide = ring[-1].axis @ frame[1][:, :2] if SLIDE in kinds else None
         bar = FourBar(pins, None) if slide is None else FourBar(pins[:3], slide / np.linalg.norm(slide))
         if not bar.lengths.min() > FLAT * float(np.abs(pins).max()):
             return None
-        depth = [len(problem.model.path_to(x)) if isinstance(x, int) else len(problem.model.bodies) + 1 for x in links]
+        depth = [
+            len(problem.model.path_to(x)) if isinstance(x, int) else len(problem.model.bodies) + 1
+            for x in links
+        ]
         return Chain(ring, links, bar, frame, int(np.argmin(depth)))
 
     def poses(self) -> Array:

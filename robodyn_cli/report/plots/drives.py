@@ -9,6 +9,7 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
+from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import log_axis, number
@@ -288,6 +289,7 @@ def motorisation(result: Result) -> Any:
         handles.append(ax.axhline(required, color=style.ALARM, linewidth=1.0))
         ax.set_xlabel(label)
         ax.set_ylim(top=min(ax.get_ylim()[1], HIGHEST * required))
+    over_joint(result, sheet.axes[:1])
     sheet.ax.set_ylabel("ratio")
     sheet.legend(handles, labels)
     return sheet.figure

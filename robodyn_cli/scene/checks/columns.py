@@ -80,7 +80,11 @@ def designed(design: KinematicDesign | None) -> dict[str, tuple[str, ...]]:
     if design is None:
         return {}
     return {
-        **{f"{group}/{name}": VECTOR[:3] for group in ("poles", "acceleration_poles") for name in design.poles},
+        **{
+            f"{group}/{name}": VECTOR[:3]
+            for group in ("poles", "acceleration_poles")
+            for name in design.poles
+        },
         **{f"relative_rates/{name}": ("",) for name in design.poles},
         **{f"curvatures/{name}": ("",) for name in design.curves},
         **{f"ratios/{name}": ("",) for name in design.ratios},

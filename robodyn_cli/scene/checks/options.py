@@ -191,7 +191,6 @@ def check_kinematics(scene: Scene, check: Check) -> None:
             if problem is not None:
                 check.fail(("kinematics", "transmission", k), problem)
 
-
     if options.design is not None:
         _check_design(scene, options.design, check)
 
@@ -213,7 +212,9 @@ def _check_design(scene: Scene, design: KinematicDesign, check: Check) -> None:
                     wrong = next((x for x in pair if x not in rates and x not in links), None)
                     if wrong is not None:
                         check.known(wrong, [*rates, *links], "joint or link", path)
-                    check.fail(path, f"{pair[0]!r} and {pair[1]!r} are a joint and a link; allowed: two alike")
+                    check.fail(
+                        path, f"{pair[0]!r} and {pair[1]!r} are a joint and a link; allowed: two alike"
+                    )
                 if key == "ratios" and pair[1] == BASE and BASE not in rates:
                     check.fail(path, "'base' does not turn; allowed as the second: a link that turns")
                 for k, one in enumerate(pair):
@@ -228,7 +229,9 @@ def _check_design(scene: Scene, design: KinematicDesign, check: Check) -> None:
             if (problem := point_problem(robot, point)) is not None:
                 check.fail((*DESIGN, "curves", k), problem)
             if point_link(robot, point) == BASE:
-                check.fail((*DESIGN, "curves", k), f"{point!r} is fixed to the base; allowed: a point that moves")
+                check.fail(
+                    (*DESIGN, "curves", k), f"{point!r} is fixed to the base; allowed: a point that moves"
+                )
     with check:
         if design.grashof and not scene.loops:
             check.fail((*DESIGN, "grashof"), "there is no closed chain: key 'loops' is missing")
@@ -237,7 +240,9 @@ def _check_design(scene: Scene, design: KinematicDesign, check: Check) -> None:
 def check_fluctuation(scene: Scene, check: Check) -> None:
     """Flywheels are on joints of one coordinate, shaking forces about points of the base, abscissas positions."""
     rates, wheel = columns(scene.robot, velocities=True, quasi=False), scene.inverse.flywheel
-    named = [(name, ("simulate", "fluctuation", k)) for k, name in enumerate(scene.simulate.fluctuation)]
+    named: list[tuple[str, Path]] = [
+        (name, ("simulate", "fluctuation", k)) for k, name in enumerate(scene.simulate.fluctuation)
+    ]
     if wheel is not None:
         named.append((wheel.joint, ("inverse", "flywheel", "joint")))
     if scene.outputs.abscissa is not None:
