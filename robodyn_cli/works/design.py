@@ -201,17 +201,11 @@ class Designed:
     def _curvature(self, point: str) -> DesignColumns:
         v, a = self._velocity(f"{KEY}.curves", point)
         k, off = curvature(v, a, self.normal)
-        square = (v * v).sum(axis=1)
-        slow = square <= (SLOW**2) * square.max()
-        # a rest lies at the least speed among slow samples that follow one another
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]]).astype(int)))
-        gaps = []
-        for first, end in zip(edges[::2], edges[1::2]):
-            at = first + int(np.argmin(square[first:end]))
-            beside = (self.times[max(at - 1, 0)], self.times[min(at + 1, len(square) - 1)])
-            gaps.append(
-                (float(self.times[at]), float(max(beside[1] - self.times[at], self.times[at] - beside[0])))
-            )
+        # it rests where its speed, which is least there, is nothing
+        square, slope = (v * v).sum(axis=1), (v * a).sum(axis=1)
+        least = SLOW**2 * float(square.max())
+        turns = crossings(self.times, slope, NOTHING * float(np.abs(slope).max()))
+        gaps = [(t, error) for t, error in turns if value_at(self.times, square, t)[0] <= least]
         return DesignColumns(k, off, gaps)
 
     def _pressure(self, name: str, pair: tuple[str, ...]) -> DesignColumns:
