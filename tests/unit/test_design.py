@@ -348,9 +348,11 @@ def test_curvature_is_that_of_the_path() -> None:
     text = scene_of(CRANK_ROCKER, *WHOLE, "{curves: [trace, pin]}", samples=2001)
     text = text.replace("points: {", "points: {trace: {link: bar, at: [-0.3, 0.4, 0]}, ")
     result = run(text)
-    close(np.abs(result["curvatures/pin"]), 1 / 0.9, 1e-6)
+    speed = np.linalg.norm(result["point_velocities/pin"], axis=1)
+    quick = speed > 0.05 * speed.max()  # rounding grows with the third power of what is slower
+    close(np.abs(result["curvatures/pin"][quick]), 1 / 0.9, 1e-10)
     path = result["points/trace"][:, :2]
-    first, second = (np.gradient(path, axis=0), None)
+    first = np.gradient(path, axis=0)
     second = np.gradient(first, axis=0)
     k = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / np.linalg.norm(first, axis=1) ** 3
     close(k[5:-5], result["curvatures/trace"][5:-5], 2e-4 * np.abs(k).max())
