@@ -114,6 +114,9 @@ def column_units(scene: Scene, model: Model, names: Iterable[str]) -> dict[str, 
         elif path.startswith("signals/"):
             signal = scene.outputs.signals[name.partition("/")[2]]
             units[name] = signal.unit if isinstance(signal, Signal) else "1"
+        elif path.startswith("ratios/") and scene.kinematics.design is not None:
+            over, under = (own.get(x, "rad") for x in scene.kinematics.design.ratios[name.partition("/")[2]])
+            units[name] = "1" if over == under else f"{over}/{under}"
         elif path.startswith("control/"):
             unit = own.get(column, "m")
             units[name] = TORQUE[unit] if path == "control/torque" else unit

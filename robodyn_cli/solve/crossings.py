@@ -20,9 +20,7 @@ def crossings(times: Array, y: Array, nothing: float) -> list[tuple[float, float
     rests = np.flatnonzero(sign == 0.0)
     for k in rests:
         beside = np.abs(np.gradient(y, times)[k]) if len(y) > 1 else 0.0
-        found.append(
-            (float(times[k]), rounded + (nothing / beside if beside > 0.0 else float(np.ptp(times))))
-        )
+        found.append((float(times[k]), rounded + float(nothing / beside if beside > 0.0 else np.ptp(times))))
     for k in np.flatnonzero(sign[:-1] * sign[1:] < 0.0):
         start, h = float(times[k]), float(times[k + 1] - times[k])
         linear = y[k] / (y[k] - y[k + 1])
@@ -31,7 +29,7 @@ def crossings(times: Array, y: Array, nothing: float) -> list[tuple[float, float
             c = _powers(times, y, int(k), count)
             real = [x.real for x in np.roots(c) if abs(x.imag) < 1e-6 and -1e-9 <= x.real <= 1.0 + 1e-9]
             roots.append(min(real or [linear], key=lambda x: abs(x - linear)))
-        found.append((start + roots[0] * h, rounded + abs(roots[0] - roots[1]) * h))
+        found.append((start + float(roots[0]) * h, rounded + abs(float(roots[0] - roots[1])) * h))
     return sorted(found)
 
 

@@ -132,7 +132,9 @@ def test_fluctuation_of_a_turning_pendulum() -> None:
     inertia = 0.1 + 2 * 0.25
     low = math.sqrt(144 - 4 * 2 * 9.81 * 0.5 / inertia)
     assert abs(told["coefficient"] - (12 - low) / (0.5 * (12 + low))) <= told["error"] + 1e-12 < 1e-7
-    swings = simulate(load_scene_text(text, overrides=["initial={q: {crank: 0}}"])).summary["fluctuation"]["crank"]
+    swings = simulate(load_scene_text(text, overrides=["initial={q: {crank: 0}}"])).summary["fluctuation"][
+        "crank"
+    ]
     assert swings["coefficient"] is None and swings["error"] is None
 
 
@@ -164,9 +166,17 @@ def _x(figure: Any) -> list[str]:
 
 def test_any_plot_over_a_joint() -> None:
     """Each point of a curve stays at its value, and moves from its time to the joint's position."""
-    with_time = kinematics(load_scene(CONFIGS / "mechanisms" / "kinematic_design.yaml", ["outputs.abscissa=null"]))
+    with_time = kinematics(
+        load_scene(CONFIGS / "mechanisms" / "kinematic_design.yaml", ["outputs.abscissa=null"])
+    )
     over = kinematics(load_scene(CONFIGS / "mechanisms" / "kinematic_design.yaml"))
-    for name in ("joint_angles", "joint_rates", "velocity_ratios", "constraint_residual", "point_coordinates"):
+    for name in (
+        "joint_angles",
+        "joint_rates",
+        "velocity_ratios",
+        "constraint_residual",
+        "point_coordinates",
+    ):
         figures = [draw(result, name) for result in (with_time, over)]
         assert _x(figures[0]) == ["time [s]"] and _x(figures[1]) == ["crank [deg]"]
         for first, second in zip(*(figure.axes for figure in figures)):

@@ -97,7 +97,7 @@ def test_grashof_is_what_circles_say(L: tuple[float, ...], phi: float, form: str
         way = math.hypot(arm * math.cos(angle) - d, arm * math.sin(angle))
         return abs(b - other) <= way <= b + other
 
-    s, *middle, l = sorted(L)  # noqa: E741
+    s, *middle, l = sorted(L)
     if abs(s + l - sum(middle)) < 1e-3 or not closes(phi, a, c) or abs(abs(b - c) - abs(a - d)) < 1e-3:
         return
     x = math.hypot(a * math.cos(phi) - d, a * math.sin(phi))
@@ -155,9 +155,14 @@ def test_inversions(L: tuple[float, ...], name: str) -> None:
 @pytest.mark.parametrize("L", [(0.5, 1.0, 0.5, 1.0), (0.4, 1.0, 0.8, 1.4)])
 def test_change_points_are_dead_points(L: tuple[float, ...]) -> None:
     """Where all pins come in line; the error there is the root of what rounding leaves of lengths."""
-    crank = design(scene_of(L, 1.2, 1.3, "{grashof: true}", samples=11))["four_bars"]["ring"]["joints"]["crank"]
+    crank = design(scene_of(L, 1.2, 1.3, "{grashof: true}", samples=11))["four_bars"]["ring"]["joints"][
+        "crank"
+    ]
     a, b, c, d = L
-    at = [0.0 if abs(abs(d - a) - abs(b - c)) < 1e-12 else None, math.pi if abs(d + a - b - c) < 1e-12 else None]
+    at = [
+        0.0 if abs(abs(d - a) - abs(b - c)) < 1e-12 else None,
+        math.pi if abs(d + a - b - c) < 1e-12 else None,
+    ]
     for angle in at:
         if angle is not None:
             near = [abs(math.remainder(crank[end] - angle, 2 * math.pi)) for end in ("lower", "upper")]
@@ -185,7 +190,13 @@ kinematics:
 
 
 @settings(max_examples=12, deadline=None, phases=PHASES)
-@given(st.floats(0.2, 1.5), st.floats(0.2, 1.5), st.floats(-0.8, 0.8), st.floats(0, 6.2), st.sampled_from([1, -1]))
+@given(
+    st.floats(0.2, 1.5),
+    st.floats(0.2, 1.5),
+    st.floats(-0.8, 0.8),
+    st.floats(0, 6.2),
+    st.sampled_from([1, -1]),
+)
 def test_slider_cranks(a: float, b: float, e: float, phi: float, way: int) -> None:
     reach = e - a * math.sin(phi)
     if abs(reach) > 0.95 * b or abs(abs(a - b) - abs(e)) < 1e-3:
@@ -233,7 +244,9 @@ kinematics: {{samples: 11, sweep: {{joint: crank, start: 1.0, stop: 1.01}}, desi
         assert found["margin"] == pytest.approx(abs(d - 0.5))
         if d > 0.5:  # the slot touches the crank's circle
             swing = math.pi - math.asin(0.5 / d), math.pi + math.asin(0.5 / d)
-            assert (found["joints"]["slot"]["lower"], found["joints"]["slot"]["upper"]) == pytest.approx(swing)
+            assert (found["joints"]["slot"]["lower"], found["joints"]["slot"]["upper"]) == pytest.approx(
+                swing
+            )
 
 
 def test_six_bar_has_its_four_bars() -> None:
@@ -280,7 +293,9 @@ def test_kennedys_theorem(phi: float, L: tuple[float, ...]) -> None:
 
 def test_centrodes_roll_on_each_other() -> None:
     """Their parts between samples are as long, whatever the inversion; the ratio is that of the ways to the pole."""
-    text = scene_of(CRANK_ROCKER, *WHOLE, "{poles: {x: [swing, arm]}, ratios: {out: [rocker, crank]}}", samples=4001)
+    text = scene_of(
+        CRANK_ROCKER, *WHOLE, "{poles: {x: [swing, arm]}, ratios: {out: [rocker, crank]}}", samples=4001
+    )
     result = run(text)
     fixed, moving = (
         np.linalg.norm(np.diff(result[f"centrodes/{kind}/x"], axis=0), axis=1) for kind in ("fixed", "moving")
@@ -309,7 +324,9 @@ def test_acceleration_pole_has_no_acceleration() -> None:
         way = []
         for s in (-2, -1, 0, 1, 2):
             p, angle = pose(t + s * h)
-            way.append(p + np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]) @ own)
+            way.append(
+                p + np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]]) @ own
+            )
         w = np.array(way)
         close((-w[0] + 16 * w[1] - 30 * w[2] + 16 * w[3] - w[4]) / (12 * h * h), 0.0, 1e-6)
 
@@ -356,7 +373,9 @@ def test_curvature_is_that_of_the_path() -> None:
     second = np.gradient(first, axis=0)
     k = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / np.linalg.norm(first, axis=1) ** 3
     close(k[5:-5], result["curvatures/trace"][5:-5], 2e-4 * np.abs(k).max())
-    found, coarse = (x.summary["extremes"]["curvatures/trace"] for x in (result, run(text, "kinematics.samples=181")))
+    found, coarse = (
+        x.summary["extremes"]["curvatures/trace"] for x in (result, run(text, "kinematics.samples=181"))
+    )
     off = coarse["errors"]["largest"] + found["errors"]["largest"]
     assert abs(found["largest"] - coarse["largest"]) <= off < 0.1 * found["largest"]
 
@@ -393,7 +412,9 @@ def test_pressure_angle_is_the_rest_of_the_transmission_angle() -> None:
     L = np.array(CRANK_ROCKER)
     least = math.acos((L[1] ** 2 + L[2] ** 2 - (L[3] - L[0]) ** 2) / (2 * L[1] * L[2]))
     size = max(abs(most["smallest"]), abs(most["largest"]))
-    assert abs(size - (math.pi / 2 - least)) <= max(most["errors"]["smallest"], most["errors"]["largest"]) < 1e-6
+    assert (
+        abs(size - (math.pi / 2 - least)) <= max(most["errors"]["smallest"], most["errors"]["largest"]) < 1e-6
+    )
 
 
 def test_dead_points_passed_are_those_of_the_closed_form() -> None:
@@ -411,7 +432,9 @@ def test_dead_points_passed_are_those_of_the_closed_form() -> None:
 @settings(max_examples=3, deadline=None, phases=PHASES)
 @given(st.floats(0.25, 0.5), st.integers(60, 400))
 def test_other_samples_move_no_figure_beyond_its_error(a: float, samples: int) -> None:
-    text = scene_of((a, 1.2, 0.9, 1.0), *WHOLE, "{curves: [pin], ratios: {o: [rocker, crank]}, poles: {x: [swing, arm]}}")
+    text = scene_of(
+        (a, 1.2, 0.9, 1.0), *WHOLE, "{curves: [pin], ratios: {o: [rocker, crank]}, poles: {x: [swing, arm]}}"
+    )
     one, other = (run(text, f"kinematics.samples={n}").summary for n in (samples, 2 * samples + 1))
     for name, first in one["extremes"].items():
         second = other["extremes"][name]

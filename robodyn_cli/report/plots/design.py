@@ -82,6 +82,7 @@ def four_bars(result: Result) -> Any:
             foot, ends = data[0, 3], data[:, 2]
             line = np.vstack([foot, ends])
             ax.plot(*line.T, color=style.GREY, linewidth=0.8, linestyle=(0, (5, 3)), zorder=1)
+        ax.margins(0.06)
         _true_lengths(ax, axes)
     if len(handles) == 1:  # no joint on the fixed link has a dead point
         labels = labels[:1]
