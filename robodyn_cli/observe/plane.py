@@ -19,7 +19,6 @@ import numpy as np
 from robodyn_cli.algorithms.kinematics import motions, velocities, world_pose
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import BASE
 from robodyn_cli.record import record
 from robodyn_cli.solve.guided import CLOSED
 from robodyn_cli.spatial.algebra import Array, cross
@@ -38,14 +37,10 @@ def link_outputs(problem: Problem, names: Iterable[str]) -> dict[str, list[Scala
     motion = motions(model, problem.X, problem.q, problem.v, problem.a)
     outputs: dict[str, list[Scalar]] = {}
     for name in names:
-        if name not in model.links:
-            continue
         frame = model.links[name]
-        if frame.body == BASE:
-            continue
         pose = world_pose(model, problem.pose, frame)
         to_world = model.base.E.T @ problem.pose[frame.body].R
-        here, way = speed[frame.body], motion[frame.body]
+        here, way = speed[frame.body], motion[frame.body]  # of links welded to the base too
         vectors = (here.w, here.v + cross(here.w, frame.p), way.wd, way.acceleration_of(frame.p))
         outputs[f"links/{name}"] = [*pose.p, *(x for y in vectors for x in to_world @ y), *pose.R.flat]
     return outputs

@@ -8,7 +8,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection, PolyCollection
+from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon, Rectangle
+from matplotlib.text import Annotation
 
 from robodyn_cli.report.lines import finite
 from robodyn_cli.report.style import PlainFormatter
@@ -65,11 +68,11 @@ def _move(ax: Axes, artist: Any, times: Array, places: Array, one_way: bool) -> 
     def moved(t: Any) -> Array:
         return np.asarray(np.interp(np.asarray(t, dtype=float), times, places))
 
-    if not artist.get_transform().contains_branch_seperately(ax.transData)[0] and not hasattr(
-        artist, "xyann"
-    ):
+    if isinstance(artist, Annotation):
+        artist.xy = (float(moved(artist.xy[0])), artist.xy[1])
+    elif not artist.get_transform().contains_branch_seperately(ax.transData)[0]:
         return
-    if hasattr(artist, "get_xdata"):
+    elif isinstance(artist, Line2D):
         artist.set_xdata(moved(artist.get_xdata()))
     elif isinstance(artist, Rectangle):
         ends = np.sort(moved([artist.get_x(), artist.get_x() + artist.get_width()]))
@@ -77,14 +80,10 @@ def _move(ax: Axes, artist: Any, times: Array, places: Array, one_way: bool) -> 
         artist.set_width(ends[1] - ends[0])
         artist.set_visible(one_way)
     elif isinstance(artist, Polygon):
-        corners = artist.get_xy()
+        corners = np.asarray(artist.get_xy())
         artist.set_xy(np.column_stack([moved(corners[:, 0]), corners[:, 1]]))
         artist.set_visible(one_way)
-    elif hasattr(artist, "get_paths"):
+    elif isinstance(artist, (LineCollection, PolyCollection)):
         for path in artist.get_paths():
-            path.vertices[:, 0] = moved(path.vertices[:, 0])
-        offsets = np.asarray(artist.get_offsets())
-        if offsets.size and not hasattr(artist, "get_segments") and np.any(offsets):
-            artist.set_offsets(np.column_stack([moved(offsets[:, 0]), offsets[:, 1]]))
-    elif hasattr(artist, "xyann"):
-        artist.xy = (float(moved(artist.xy[0])), artist.xy[1])
+            vertices = np.asarray(path.vertices)
+            path.vertices = np.column_stack([moved(vertices[:, 0]), vertices[:, 1]])

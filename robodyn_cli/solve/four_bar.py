@@ -22,7 +22,7 @@ TURN = 2.0 * math.pi
 
 
 @record
-class DeadPoint:
+class DeadPose:
     """A position of a joint in which the two links beyond it are in line (or across a slide), and its error.
 
     outer : whether they are stretched, not folded.
@@ -34,11 +34,11 @@ class DeadPoint:
 
 
 @record
-class Between:
+class JointReach:
     """Where a joint may go: from one dead point to another; both None where it turns fully."""
 
-    low: DeadPoint | None
-    high: DeadPoint | None
+    low: DeadPose | None
+    high: DeadPose | None
 
 
 @record
@@ -117,7 +117,7 @@ class FourBar:
             return "change point: kite"
         return "change point"
 
-    def at_pin(self, k: int) -> tuple[float, Between]:
+    def at_pin(self, k: int) -> tuple[float, JointReach]:
         """Return the angle at a pin, from link k to the one before it, and where it may go [rad].
 
         At pin 0 of a chain with a slide it is that from the slide's direction to link 0, at pin 2 to link 1.
@@ -137,7 +137,7 @@ class FourBar:
         doubt = 4.0 * ROUNDED * (a + b + abs(e)) / arm
         return theta, _swing(theta, ((e - reach) / arm, doubt), ((e + reach) / arm, doubt))
 
-    def at_slide(self) -> tuple[float, Between]:
+    def at_slide(self) -> tuple[float, JointReach]:
         """Return where pin 2 is from pin 0 along the slide, and where it may go [m]."""
         assert self.slide is not None
         x, e, doubt = float((self.pins[2] - self.pins[0]) @ self.slide), self.offset, self.margin[1]
@@ -145,12 +145,12 @@ class FourBar:
         (most, most_off), (least, least_off) = (
             _root(size * size - e * e, 2.0 * (a + b) * doubt) for size in (a + b, a - b)
         )
-        outer = DeadPoint(most, most_off, True)
+        outer = DeadPose(most, most_off, True)
         if abs(a - b) < abs(e) - doubt:
-            return x, Between(_mirrored(outer, -1.0), outer)
+            return x, JointReach(_mirrored(outer, -1.0), outer)
         sign = -1.0 if x < 0.0 else 1.0
-        ends = _mirrored(DeadPoint(least, least_off, False), sign), _mirrored(outer, sign)
-        return x, Between(*(ends if sign > 0.0 else ends[::-1]))
+        ends = _mirrored(DeadPose(least, least_off, False), sign), _mirrored(outer, sign)
+        return x, JointReach(*(ends if sign > 0.0 else ends[::-1]))
 
     def _cosine(self, A: float, D: float, opposite: float) -> tuple[float, float]:
         """Return the cosine between sides A and D of a triangle, and its error."""
@@ -192,8 +192,8 @@ def _turned(x: Array, angle: float) -> Array:
     return np.array([c * x[0] - s * x[1], s * x[0] + c * x[1]])
 
 
-def _mirrored(point: DeadPoint, sign: float) -> DeadPoint:
-    return DeadPoint(sign * point.value, point.error, point.outer)
+def _mirrored(point: DeadPose, sign: float) -> DeadPose:
+    return DeadPose(sign * point.value, point.error, point.outer)
 
 
 def _root(square: float, error: float) -> tuple[float, float]:
@@ -212,29 +212,29 @@ def _inverse(value: float, doubt: float, function: str) -> tuple[float, float]:
     )
 
 
-def _hinge(theta: float, outer: tuple[float, float], inner: tuple[float, float]) -> Between:
+def _hinge(theta: float, outer: tuple[float, float], inner: tuple[float, float]) -> JointReach:
     """Return where an angle may go between the cosines of the stretched and of the folded pose."""
     has_outer, has_inner = outer[0] > -1.0 - outer[1], inner[0] < 1.0 + inner[1]
-    most = DeadPoint(*_inverse(*outer, "acos"), True) if has_outer else None
-    least = DeadPoint(*_inverse(*inner, "acos"), False) if has_inner else None
+    most = DeadPose(*_inverse(*outer, "acos"), True) if has_outer else None
+    least = DeadPose(*_inverse(*inner, "acos"), False) if has_inner else None
     sign = -1.0 if theta < 0.0 else 1.0
     if most is None and least is None:
-        return Between(None, None)
+        return JointReach(None, None)
     if least is None:
         assert most is not None
-        return Between(_mirrored(most, -1.0), most)
+        return JointReach(_mirrored(most, -1.0), most)
     if most is None:
-        most = DeadPoint(TURN - least.value, least.error, False)
+        most = DeadPose(TURN - least.value, least.error, False)
     ends = _mirrored(least, sign), _mirrored(most, sign)
-    return Between(*(ends if sign > 0.0 else ends[::-1]))
+    return JointReach(*(ends if sign > 0.0 else ends[::-1]))
 
 
-def _swing(theta: float, low: tuple[float, float], high: tuple[float, float]) -> Between:
+def _swing(theta: float, low: tuple[float, float], high: tuple[float, float]) -> JointReach:
     """Return where an angle may go whose sine has bounds, each with its error."""
     below, above = low[0] > -1.0 - low[1], high[0] < 1.0 + high[1]
     least, most = (_inverse(*side, "asin") for side in (low, high))
     if not below and not above:
-        return Between(None, None)
+        return JointReach(None, None)
     if below and above:
         ends = [(least, most), ((math.pi - most[0], most[1]), (math.pi - least[0], least[1]))]
     elif below:
@@ -244,8 +244,8 @@ def _swing(theta: float, low: tuple[float, float], high: tuple[float, float]) ->
     return _around(theta, ends)
 
 
-def _around(theta: float, ends: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> Between:
+def _around(theta: float, ends: Sequence[tuple[tuple[float, float], tuple[float, float]]]) -> JointReach:
     """Return that interval, moved by whole turns, which holds an angle, or is nearest to it."""
     moved = [(one, two, turn) for one, two in ends for turn in (-TURN, 0.0, TURN)]
     one, two, turn = min(moved, key=lambda x: max(x[0][0] + x[2] - theta, theta - x[1][0] - x[2], 0.0))
-    return Between(DeadPoint(one[0] + turn, one[1], True), DeadPoint(two[0] + turn, two[1], True))
+    return JointReach(DeadPose(one[0] + turn, one[1], True), DeadPose(two[0] + turn, two[1], True))

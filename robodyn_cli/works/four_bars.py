@@ -30,7 +30,7 @@ Node = int | str  # a body, or what a closure puts between two: a bar, a block o
 
 
 @record
-class Pair:
+class PlanarPair:
     """A joint or a closure between two links: its kind, where it is (3,) and its axis (3,) in the world, None where it
     has none. joint : of the tree, with its coordinate."""
 
@@ -63,7 +63,7 @@ def four_bars(
     return {name: chain.described(problem, start, joints) for name, chain in chains.items()}
 
 
-def chains_of(problem: Problem, planned: Planned) -> dict[str, Chain]:
+def chains_of(problem: Problem, planned: Planned) -> dict[str, ClosedChain]:
     """Return the chains of four links by a closure of each.
 
     Raises
@@ -71,14 +71,14 @@ def chains_of(problem: Problem, planned: Planned) -> dict[str, Chain]:
     CapabilityError : there is none.
     """
     pairs = list(_pairs(problem, planned))
-    found: dict[str, Chain] = {}
+    found: dict[str, ClosedChain] = {}
     known: set[frozenset[int]] = set()
     for pair in pairs:
         ring = _ring(pairs, pair) if pair.closure and pair.closure not in found else []
         if len(ring) != 4 or frozenset(map(id, ring)) in known:
             continue
         known.add(frozenset(map(id, ring)))
-        chain = Chain.of(ring, problem)
+        chain = ClosedChain.of(ring, problem)
         if chain is not None:
             found[pair.closure] = chain
     if not found:
@@ -90,7 +90,7 @@ def chains_of(problem: Problem, planned: Planned) -> dict[str, Chain]:
     return found
 
 
-def _pairs(problem: Problem, planned: Planned) -> Iterator[Pair]:
+def _pairs(problem: Problem, planned: Planned) -> Iterator[PlanarPair]:
     """Yield the joints and closures at the first sample."""
     model = problem.model
     ends = {f"{loop.name}.{k}": x for loop in model.loops for k, x in enumerate((loop.first, loop.second))}
@@ -106,29 +106,29 @@ def _pairs(problem: Problem, planned: Planned) -> Iterator[Pair]:
     for k, body in enumerate(model.bodies):
         p, R = poses[str(k)]
         kind = {"revolute": PIN, "prismatic": SLIDE}.get(types[body.joint_name], OTHER)
-        yield Pair(kind, body.parent, k, p, R[:, 2], joint=body.joint_name)
+        yield PlanarPair(kind, body.parent, k, p, R[:, 2], joint=body.joint_name)
     for loop in model.loops:
         yield from _of_closure(loop, poses)
 
 
-def _of_closure(loop: Loop, poses: Mapping[str, tuple[Array, Array]]) -> Iterator[Pair]:
+def _of_closure(loop: Loop, poses: Mapping[str, tuple[Array, Array]]) -> Iterator[PlanarPair]:
     """Yield the pairs of a closure: of a bar two pins, of a point on a line a slide and a pin."""
     (p, R), (other, _) = (poses[f"{loop.name}.{k}"] for k in (0, 1))
     first, second, kind = loop.first.body, loop.second.body, loop.element.type
     axis = None if loop.element.axis is None else R @ np.array(loop.element.axis, dtype=float)
     if kind == "distance":
-        yield Pair(PIN, first, loop.name, p, None, loop.name)
-        yield Pair(PIN, loop.name, second, other, None, loop.name)
+        yield PlanarPair(PIN, first, loop.name, p, None, loop.name)
+        yield PlanarPair(PIN, loop.name, second, other, None, loop.name)
     elif kind == "point_on_line":
-        yield Pair(SLIDE, first, loop.name, p, axis, loop.name)
-        yield Pair(PIN, loop.name, second, other, None, loop.name)
+        yield PlanarPair(SLIDE, first, loop.name, p, axis, loop.name)
+        yield PlanarPair(PIN, loop.name, second, other, None, loop.name)
     else:
-        yield Pair(KINDS.get(kind, OTHER), first, second, p, axis, loop.name)
+        yield PlanarPair(KINDS.get(kind, OTHER), first, second, p, axis, loop.name)
 
 
-def _ring(pairs: Sequence[Pair], closing: Pair) -> list[Pair]:
+def _ring(pairs: Sequence[PlanarPair], closing: PlanarPair) -> list[PlanarPair]:
     """Return the shortest closed chain through a closure: it, and the pairs from its second link back to its first."""
-    ways: dict[Node, list[Pair]] = {closing.second: []}
+    ways: dict[Node, list[PlanarPair]] = {closing.second: []}
     fringe: list[Node] = [closing.second]
     while fringe and closing.first not in ways:
         beyond: list[Node] = []
@@ -142,17 +142,17 @@ def _ring(pairs: Sequence[Pair], closing: Pair) -> list[Pair]:
 
 
 @record
-class Chain:
+class ClosedChain:
     """Four links in a plane: the pairs in the order of ``FourBar``'s pins, the slide last; links behind each."""
 
-    ring: list[Pair]
+    ring: list[PlanarPair]
     links: list[Node]
     bar: FourBar
     frame: tuple[Array, Array]  # origin (3,), and directions of the plane and its normal (3, 3) as columns
     ground: int
 
     @staticmethod
-    def of(ring: list[Pair], problem: Problem) -> Chain | None:
+    def of(ring: list[PlanarPair], problem: Problem) -> ClosedChain | None:
         """Return the chain of four pairs, None where it has no meaning in a plane."""
         kinds = [pair.kind for pair in ring]
         if OTHER in kinds or kinds.count(SLIDE) > 1:
@@ -177,7 +177,7 @@ class Chain:
             len(problem.model.path_to(x)) if isinstance(x, int) else len(problem.model.bodies) + 1
             for x in links
         ]
-        return Chain(ring, links, bar, frame, int(np.argmin(depth)))
+        return ClosedChain(ring, links, bar, frame, int(np.argmin(depth)))
 
     def poses(self) -> Array:
         """Return the pins in the world (n, 4, 3), and of a slide the foot of its line: now, and in dead points."""
@@ -219,7 +219,7 @@ class Chain:
             joints=reached,
         )
 
-    def _joint(self, k: int, pair: Pair, q: float, gone: JointRange) -> JointDeadPoints:
+    def _joint(self, k: int, pair: PlanarPair, q: float, gone: JointRange) -> JointDeadPoints:
         """Return the dead points of a joint in its coordinate, and how near the motion comes to them."""
         slides = pair.kind == SLIDE
         value, between = self.bar.at_slide() if slides else self.bar.at_pin(k)
@@ -235,7 +235,7 @@ class Chain:
         off = error + max(gone.errors.smallest or 0.0, gone.errors.largest or 0.0)
         return JointDeadPoints(False, low, high, error, near, off)
 
-    def _sense(self, k: int, pair: Pair) -> float:
+    def _sense(self, k: int, pair: PlanarPair) -> float:
         """Return how the joint's coordinate grows with the angle, or with the way, of ``FourBar`` there."""
         assert pair.axis is not None
         if pair.kind == SLIDE:  # of link 2 along the slide of link 3
@@ -253,7 +253,7 @@ class Chain:
         return "base" if node == BASE else node if isinstance(node, str) else problem.model.bodies[node].name
 
 
-def _plane(ring: Sequence[Pair], problem: Problem) -> tuple[Array, Array] | None:
+def _plane(ring: Sequence[PlanarPair], problem: Problem) -> tuple[Array, Array] | None:
     """Return origin and axes of the plane across the pins' axes; None where there is no such plane."""
     axes = [pair.axis for pair in ring if pair.kind == PIN and pair.axis is not None]
     if not axes:

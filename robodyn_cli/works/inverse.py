@@ -99,10 +99,7 @@ def inverse(
     records = [dataclasses.replace(summary, samples=count)]
     with watch.stage("drives"):
         records = _with_drives(records, result, program, looked)
-    if scene.inverse.shaking is not None or scene.inverse.flywheel is not None:
-        from robodyn_cli.works.balance import with_balance
-
-        records = with_balance(records, result, program, sampled, looked)
+    records = _with_balance(records, result, program, (sampled, looked))
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -145,6 +142,18 @@ def _with_drives(records: list[Any], result: Result, program: InverseProgram, lo
         )
         records = with_motorisation(records, result, problem, at_samples, moved)
     return records
+
+
+def _with_balance(
+    records: list[Any], result: Result, program: InverseProgram, sampled: tuple[Sampled, Sampled]
+) -> list[Any]:
+    """Return the records with those of shaking forces and a flywheel, where the scene asks for them."""
+    asked = program.problem.scene.inverse
+    if asked.shaking is None and asked.flywheel is None:
+        return records
+    from robodyn_cli.works.balance import with_balance
+
+    return with_balance(records, result, program, *sampled)
 
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:
