@@ -62,6 +62,14 @@ POINTS = ("mechanism:tip_path", "joints:point_coordinates")
 JOINTS = ("joints:joint_angles", "joints:joint_rates")
 MARGINS = ("drives:motorisation",)
 DRIVEN = ("torques:torques", "torques:torque_terms", "drives:drives", "torques:limits", *MARGINS)
+DESIGN = (
+    "design:four_bars",
+    "design:centrodes",
+    "design:pole_paths",
+    "design:curvature",
+    "design:velocity_ratios",
+    "design:pressure_angle",
+)
 # drawings of one configuration
 STILL = ("mechanism:branches", "mechanism:mechanism")
 
@@ -71,7 +79,12 @@ COMMANDS: dict[str, Command] = {
         "Torques that a motion needs (inverse dynamics).",
         run="works.inverse:inverse",
         check="over.checks:inverse",
-        summary=("inverse:InverseSummary", "drives:DriveKeys", "drives:MotorisationKeys"),
+        summary=(
+            "inverse:InverseSummary",
+            "drives:DriveKeys",
+            "drives:MotorisationKeys",
+            "design:BalanceKeys",
+        ),
         plan="over.plan.subjects:InversePlan",
         batch="over.many.inverse:InverseRuns",
         slopes="over.sensitivity.along_motions:InverseSlopes",
@@ -80,6 +93,9 @@ COMMANDS: dict[str, Command] = {
             *JOINTS,
             "joints:joint_accelerations",
             *DRIVEN,
+            "design:shaking",
+            "design:shaking_polar",
+            "design:flywheel",
             *POINTS,
             "energy:energy",
             *MOTION,
@@ -103,6 +119,7 @@ COMMANDS: dict[str, Command] = {
         plots=(
             *JOINTS,
             "joints:tracking",
+            "design:fluctuation",
             *DRIVEN,
             *POINTS,
             "energy:energy",
@@ -128,7 +145,7 @@ COMMANDS: dict[str, Command] = {
         batch="over.many.simulate:Deploy",
         slopes="over.sensitivity.report:deploy",
         good="locked",
-        plots=("joints:joint_angles", *MARGINS, *POINTS, *MOTION),
+        plots=("joints:joint_angles", "design:fluctuation", *MARGINS, *POINTS, *MOTION),
         streamed=True,
         takes_up=True,
     ),
@@ -136,11 +153,19 @@ COMMANDS: dict[str, Command] = {
         "Motion without forces, mobility, transmission.",
         run="works.kinematics:kinematics",
         check="over.checks:kinematics",
-        summary=("mechanism:KinematicsSummary", "drives:MotorisationKeys"),
+        summary=("mechanism:KinematicsSummary", "drives:MotorisationKeys", "design:DesignKeys"),
         batch="over.many.kinematics:KinematicsRuns",
         slopes="over.sensitivity.along_motions:KinematicsSlopes",
         given=("trajectory", "kinematics"),
-        plots=(*JOINTS, *MARGINS, *POINTS, "joints:point_motion", "joints:transmission_angle", *MOTION),
+        plots=(
+            *JOINTS,
+            *MARGINS,
+            *POINTS,
+            "joints:point_motion",
+            "joints:transmission_angle",
+            *DESIGN,
+            *MOTION,
+        ),
         blames="trajectory",
     ),
     "assemble": Command(

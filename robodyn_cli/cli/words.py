@@ -329,3 +329,51 @@ def variations(texts: Sequence[str]) -> dict[str, Variation]:
         except SceneError as error:
             raise SceneError(f"--vary {key}: {error.message}") from error
     return variations
+
+
+def design_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what kinematic design tells beside extremes."""
+    design, lines = summary.get("design") or {}, []
+    for name, one in (design.get("four_bars") or {}).items():
+        lines.append(
+            f"  four-bar           {name}: {one['type']} on {one['ground']}, margin {number(one['margin'])} m"
+            f" (+- {error_text(one['margin_error'])})"
+        )
+        for joint, ends in one["joints"].items():
+            if ends["lower"] is not None:
+                near = (
+                    ""
+                    if ends["distance"] is None
+                    else f", motion within {number(ends['distance'], 4)} of one"
+                )
+                lines.append(
+                    f"    {joint}: dead points at {number(ends['lower'])} and {number(ends['upper'])}{near}"
+                )
+    for name, points in (design.get("dead_points") or {}).items():
+        lines.append(
+            f"  dead points        {name}: at t = {', '.join(number(one['time']) for one in points)} s"
+        )
+    for path, one in (design.get("unbounded") or {}).items():
+        when = "at all times" if one["throughout"] else f"at t = {', '.join(map(number, one['times']))} s"
+        lines.append(f"  unbounded          {path}: {when}")
+    return lines
+
+
+def balance_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return what is told of shaking forces and of a flywheel."""
+    lines = []
+    if shaking := summary.get("shaking"):
+        moment = shaking.get("peak_moment")
+        lines.append(
+            f"  shaking            force up to {number(shaking['peak_force'])} N"
+            + ("" if moment is None else f", moment up to {number(moment)} N m about {shaking['about']}")
+        )
+    if wheel := summary.get("flywheel"):
+        lines.append(
+            f"  flywheel           {number(wheel['inertia'])} kg m^2 (+- {error_text(wheel['errors']['inertia'])}) on "
+            f"{wheel['joint']}, takes up {number(wheel['energy'])} J"
+        )
+    for name, one in (summary.get("fluctuation") or {}).items():
+        error = "" if one["error"] is None else f" (+- {error_text(one['error'])})"
+        lines.append(f"  fluctuation        {name}: {number(one['coefficient'])}{error}")
+    return lines

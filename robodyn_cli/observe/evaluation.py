@@ -15,6 +15,7 @@ from robodyn_cli.expr.graph import Expr, Scalar, count_operations, free_symbols,
 from robodyn_cli.expr.rebuild import Interpreter, apply
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.model.model import UNKNOWN_GROUP
+from robodyn_cli.results.catalogue import lookup
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
@@ -97,7 +98,8 @@ def refuse_result(result: Result) -> None:
     ------
     NumericalError : names dataset, column and time, or the key.
     """
-    fault = first_fault({path: item.data for path, item in result.variables.items()})
+    arrays = {path: item.data for path, item in result.variables.items()}
+    fault = first_fault({path: _without_gaps(path, data) for path, data in arrays.items()})
     if fault is not None:
         path, at = fault
         item = result.variables[path]
@@ -110,6 +112,12 @@ def refuse_result(result: Result) -> None:
             f"{key} in the summary is not finite: {TOO_LARGE}",
             key=key, status="not_finite",
         )  # fmt: skip
+
+
+def _without_gaps(path: str, data: Array) -> Array:
+    """Return a dataset with 0 in place of those nan that it may have."""
+    entry = lookup(path)
+    return np.where(np.isnan(data), 0.0, data) if entry is not None and entry.has_gaps else data
 
 
 def _not_finite(value: Any, key: str = "") -> str | None:

@@ -53,6 +53,10 @@ def inverse(scene: Scene) -> Missing:
     planned = _tried(lambda samples: program.plan(program.times(samples)), scene.inverse.samples)
     motion, times = planned.motion, planned.times
     refuse_indefinite(program.problem.scene, motion.q[few(len(times))])
+    if scene.inverse.flywheel is not None:
+        from robodyn_cli.works.balance import refuse_flywheel
+
+        refuse_flywheel(program.problem, motion)
     missing = unknown_among([x for term in program.terms.values() for x in term])
     if not missing:
         first = JointMotion(*(x[:1] for x in (motion.q, motion.qd, motion.qdd)))
@@ -100,7 +104,13 @@ def kinematics(scene: Scene) -> Missing:
 
     def planned(samples: int) -> object:
         options = dataclasses.replace(scene.kinematics, samples=samples)
-        return plan(problem_of(dataclasses.replace(scene, kinematics=options)))
+        problem = problem_of(dataclasses.replace(scene, kinematics=options))
+        found, _ = plan(problem)
+        if options.design is not None and len(found.times) > 1:
+            from robodyn_cli.works.design import refuse_design
+
+            refuse_design(problem, found)
+        return found
 
     _tried(planned, scene.kinematics.samples)
     return ()

@@ -13,6 +13,7 @@ from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
 
 from robodyn_cli.report import style
+from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import NOTE_WIDTH, Sheet
 from robodyn_cli.report.curves import (
     DrawnCurves,
@@ -226,6 +227,7 @@ class TimeSheet(Sheet):
         self._draw_errors()
         hatch(self.axes, meaningful_until(self._result.summary))
         mark_moments(self.axes, self.moments)
+        over_joint(self._result, self.axes)
         marks = [Line2D([], [], **marker_of(kind)) for kind in self._counted]
         super().legend([*handles, *marks], [*labels, *self._counted.values()])
 

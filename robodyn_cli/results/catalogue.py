@@ -17,6 +17,7 @@ class Entry:
     """One path of the format; ``names`` label the last dimension where they are always the same.
 
     by_column : units of columns by their names, where they differ in every file.
+    has_gaps : whether it is nan where it has no finite value, as a pole at infinity.
     """
 
     path: str
@@ -25,6 +26,7 @@ class Entry:
     long_name: str
     names: tuple[str, ...] = ()
     by_column: Mapping[str, str] = dataclasses.field(default_factory=dict)
+    has_gaps: bool = False
 
 
 XYZ = ("x", "y", "z")
@@ -183,6 +185,72 @@ RUN: tuple[Entry, ...] = (
         XYZ,
     ),
     Entry("transmission_angle", ("time",), "rad", "angle at the second of three points of the transmission"),
+    Entry(
+        "poles/PAIR",
+        ("time", "axis"),
+        "m",
+        "pole of two links in the world, nan at infinity",
+        XYZ,
+        has_gaps=True,
+    ),
+    Entry(
+        "centrodes/fixed/PAIR",
+        ("time", "axis"),
+        "m",
+        "pole in the axes of the second link",
+        XYZ,
+        has_gaps=True,
+    ),
+    Entry(
+        "centrodes/moving/PAIR",
+        ("time", "axis"),
+        "m",
+        "pole in the axes of the first link",
+        XYZ,
+        has_gaps=True,
+    ),
+    Entry(
+        "acceleration_poles/PAIR",
+        ("time", "axis"),
+        "m",
+        "point of the first link that the second sees without acceleration, in the world",
+        XYZ,
+        has_gaps=True,
+    ),
+    Entry(
+        "relative_rates/PAIR",
+        ("time",),
+        "rad/s",
+        "rate at which the first of two links turns against the second",
+    ),
+    Entry(
+        "curvatures/NAME", ("time",), "1/m", "curvature of the path of a point, nan at rest", has_gaps=True
+    ),
+    Entry("ratios/PAIR", ("time",), "1", "rate over rate, nan where the second passes zero", has_gaps=True),
+    Entry(
+        "pressure_angles/PAIR",
+        ("time",),
+        "rad",
+        "angle from a force along AB to the way of B, continued beyond a right angle",
+    ),
+    Entry(
+        "four_bars/LOOP",
+        ("dead_point", "corner", "axis"),
+        "m",
+        "pins of a chain of four links in the world, first in the first pose, then in dead points of its driver",
+        XYZ,
+    ),
+    Entry(
+        "shaking",
+        ("time", "wrench"),
+        "N, N m",
+        "force and moment that the inertia of the links exerts on the base",
+        by_column=WRENCH,
+    ),
+    Entry("flywheel/torque", ("time",), "N m", "torque that keeps the rate of the flywheel's joint constant"),
+    Entry(
+        "flywheel/energy", ("time",), "J", "what the flywheel gives: work of the torque less that of its mean"
+    ),
     Entry("frames/NAME/position", ("time", "axis"), "m", "origin of a frame in the world frame", XYZ),
     Entry(
         "frames/NAME/quaternion",

@@ -109,7 +109,9 @@ class Result:
     @staticmethod
     def of(command: str, scene: Scene, status: str = "ok") -> Result:
         """Return the empty result of a command on a scene."""
-        return Result(command, scene.title or command, status, scene.text)
+        over = scene.outputs.abscissa
+        own = {} if over is None else {"abscissa": over}
+        return Result(command, scene.title or command, status, scene.text, attributes=own)
 
     @property
     def head(self) -> dict[str, str]:

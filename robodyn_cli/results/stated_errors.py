@@ -54,8 +54,12 @@ class Stated:
 
 
 # what is read off positions, velocities and loads of a mechanism
-POSES = ("q", "points", "transmission_angle", "singularity", "branches")
-RATES = ("qd", "point_velocities")
+POSES = ("q", "points", "transmission_angle", "singularity", "branches", "four_bars")
+RATES = (
+    "qd",
+    "point_velocities",
+    *("poles", "centrodes", "relative_rates", "ratios", "pressure_angles", "curvatures"),
+)
 LOADS = ("constraints/multipliers", "reactions")
 STATEMENTS = (
     Statement(("error_estimate", "q_max"), "largest error of q", POSES, "q", True),
@@ -71,7 +75,7 @@ STATEMENTS = (
     Statement(
         ("round_trip",),
         "forward after inverse dynamics: relative error",
-        ("qdd", "tau", "torque_terms", "reactions"),
+        ("qdd", "tau", "torque_terms", "reactions", "shaking", "flywheel"),
         is_main=True,
     ),
     Statement(("energy_drift",), "energy drift", ("energy",), "energy/total", True),
@@ -107,7 +111,7 @@ STATEMENTS = (
     Statement(
         ("error_estimate", "closure", "acceleration"),
         "accelerations of the loops off by",
-        ("qdd", "point_accelerations", "constraints/multipliers"),
+        ("qdd", "point_accelerations", "constraints/multipliers", "acceleration_poles", "curvatures"),
     ),
     Statement(
         ("error_estimate", "virtual_work_residual"),

@@ -317,3 +317,45 @@ class SearchOptions:
         "a Sobol sequence.",
     )
     seed: int = key(Integer(minimum=0), default=0, doc="Seed of the sequence.")
+
+
+@record
+class KinematicDesign:
+    """What kinematic design asks of a mechanism that moves in a plane."""
+
+    grashof: bool = key(
+        Boolean(),
+        default=False,
+        doc="Class of each closed chain of four links by Grashof, its inversions, and the dead points of its joints.",
+    )
+    poles: dict[str, tuple[str, ...]] = key(
+        MapOf(ListOf(Name(of="link"), minimum=2, maximum=2), of="pair of links"),
+        default=None,
+        doc="Pairs of links, by names of your own: pole, centrodes and acceleration pole of the first as seen from the "
+        "second.",
+    )
+    curves: tuple[str, ...] = key(
+        ListOf(Text()), default=(), doc="Points whose paths have their curvature told."
+    )
+    ratios: dict[str, tuple[str, ...]] = key(
+        MapOf(ListOf(Text(), minimum=2, maximum=2), of="ratio"),
+        default=None,
+        doc="Pairs of joints, or of links, by names of your own: rate of the first over that of the second.",
+    )
+    pressure: dict[str, tuple[str, ...]] = key(
+        MapOf(ListOf(Text(), minimum=2, maximum=2), of="pressure angle"),
+        default=None,
+        doc="Pairs of points A and B, by names of your own: angle between a force along AB and the way of B.",
+    )
+
+
+@record
+class Flywheel:
+    """The flywheel that keeps a joint near a constant rate."""
+
+    joint: str = key(Text(), doc="Joint that turns at a constant rate, on whose shaft the flywheel is.")
+    fluctuation: float = key(
+        Number(minimum=0.0, exclusive=True, maximum=2.0),
+        unit="1",
+        doc="Coefficient of fluctuation that is wanted: (largest less smallest rate) over their mean.",
+    )

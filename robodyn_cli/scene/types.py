@@ -97,6 +97,14 @@ class InverseOptions:
     samples: int = key(
         Integer(minimum=2, maximum=100_000_000), default=1001, doc="Number of uniform samples."
     )
+    shaking: str | None = key(
+        Text(), default=None, doc="Point of the base about which the shaking force and moment are told."
+    )
+    flywheel: nested.Flywheel | None = key(
+        LaterSection("scene.nested_options:Flywheel"),
+        default=None,
+        doc="Inertia of the flywheel that keeps the rate of a joint within a coefficient of fluctuation.",
+    )
 
 
 @record
@@ -138,6 +146,9 @@ class SimulateOptions:
     )
     error_estimate: bool = key(
         Boolean(), default=True, doc="Estimate the global error by a second, tighter integration."
+    )
+    fluctuation: tuple[str, ...] = key(
+        ListOf(Text()), default=(), doc="Joints whose coefficient of fluctuation of speed is told."
     )
 
 
@@ -197,6 +208,22 @@ class KinematicsOptions:
         default=None,
         doc="Three points A, B, C: the transmission angle is the one at B between BA and BC.",
     )
+    design: nested.KinematicDesign | None = key(
+        LaterSection("scene.nested_options:KinematicDesign"),
+        default=None,
+        doc="Figures of kinematic design: Grashof, dead points, poles, curvature, velocity ratios, pressure angles.",
+    )
+
+    @property
+    def places(self) -> tuple[str, ...]:
+        """References to the points that are asked for."""
+        design = self.design
+        more = (
+            ()
+            if design is None
+            else (*design.curves, *(x for pair in design.pressure.values() for x in pair))
+        )
+        return (*(self.transmission or ()), *more)
 
 
 @record
@@ -248,6 +275,11 @@ class Outputs:
         doc="Quantities to record by formulas, in t, q, qd, tau and what a controller knows (ref, refd, refdd, s).",
     )
     extremes: tuple[str, ...] = key(ListOf(Text()), default=(), doc="Columns whose extremes to tell.")
+    abscissa: str | None = key(
+        Text(),
+        default=None,
+        doc="Joint (or coordinate) over whose position plots are drawn in place of time.",
+    )
 
 
 @record

@@ -234,6 +234,23 @@ def summed(figure: Figure, times: Array, y: Array, breaks: Breaks = ()) -> Array
     return total
 
 
+def running(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, float]:
+    """Return the integral of y (T,) from the first sample to each (T,), and how far differences of it may be off."""
+    steps = np.diff(times)
+    jumps = {int(k) for k in gaps_between(times)} | {math.floor(x) for x in breaks if 0.0 <= x < len(steps)}
+    parts, error = 0.5 * steps * (y[1:] + y[:-1]), 0.0
+    for k in jumps:
+        error += float(steps[k] * abs(y[k + 1] - y[k]))
+    uneven = np.abs(np.diff(steps)) > ALIKE * float(steps.max())
+    ends = sorted({0, len(steps), *jumps, *(k + 1 for k in jumps), *(np.flatnonzero(uneven) + 1).tolist()})
+    for first, last in itertools.pairwise(ends):
+        if first not in jumps:
+            own, h = y[first : last + 1, None], float(times[last] - times[first]) / (last - first)
+            parts[first:last] = _increments(own, h)[:, 0]
+            error += float(sampling_error(own, h)[0])
+    return np.concatenate([[0.0], np.cumsum(parts)]), error
+
+
 def _ends(samples: int, low: float, high: float) -> Iterator[tuple[tuple[float, float], slice]]:
     """Yield the stretches before the first and behind the last of some samples, each from and to places that count
     from the first of the samples that are nearest to it, and these samples."""

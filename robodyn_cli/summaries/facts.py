@@ -60,6 +60,7 @@ TURNS = UnitOf("1", "rad/m")
 JOINT, LINK, POINT, LOOP, ROW, LIMIT, PAYLOAD = "JOINT", "LINK", "POINT", "LOOP", "ROW", "LIMIT", "PAYLOAD"
 COLUMN = "COLUMN"  # over time, as exports call it: ``q.theta1``, ``points/tip.x``
 LATCH = "LATCH"
+PAIR = "PAIR"  # a ratio of `kinematics.design`
 OUTPUT = "OUTPUT"  # a key of the summary of each run of a study
 ANY = "KEY"  # any key at all
 

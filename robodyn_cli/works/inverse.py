@@ -16,6 +16,7 @@ from robodyn_cli.observe.places import FORCES, add_places
 from robodyn_cli.observe.units import add_joint_limits, add_motion, joint_columns
 from robodyn_cli.ready.doors import along
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.points import with_points
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.quadrature import Breaks, spaced
 from robodyn_cli.spatial.algebra import Array
@@ -101,6 +102,7 @@ def inverse(
     records = [dataclasses.replace(summary, samples=count)]
     with watch.stage("drives"):
         records = _with_drives(records, result, program, looked)
+    records = _with_balance(records, result, program, (sampled, looked))
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -113,6 +115,8 @@ def program_of(scene: Scene) -> InverseProgram:
     ------
     RobodynError : see ``inverse``.
     """
+    if scene.inverse.shaking is not None:
+        scene = with_points(scene, [scene.inverse.shaking])
     program = build_inverse(along(scene))
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting
@@ -141,6 +145,18 @@ def _with_drives(records: list[Any], result: Result, program: InverseProgram, lo
         )
         records = with_motorisation(records, result, problem, at_samples, moved)
     return records
+
+
+def _with_balance(
+    records: list[Any], result: Result, program: InverseProgram, sampled: tuple[Sampled, Sampled]
+) -> list[Any]:
+    """Return the records with those of shaking forces and a flywheel, where the scene asks for them."""
+    asked = program.problem.scene.inverse
+    if asked.shaking is None and asked.flywheel is None:
+        return records
+    from robodyn_cli.works.balance import with_balance
+
+    return with_balance(records, result, program, *sampled)
 
 
 def _closer(program: InverseProgram, planned: Planned, sampled: Sampled) -> tuple[Planned, Sampled]:

@@ -95,6 +95,10 @@ def kinematics(scene: Scene, *, progress: Progress = no_progress, watch: Stopwat
     mobile = mobility(problem, psi_of(problem, arrays)) if problem.constraints.of_loops else None
     summary = dataclasses.replace(summarise(problem, closer, looked, mobile), samples=len(planned.times))
     records: list[Any] = [summary]
+    if scene.kinematics.design is not None:
+        from robodyn_cli.works.design import with_design
+
+        records = with_design(records, result, problem, (planned, closer))
     if scene.motorisation is not None and planned.stopped is None:
         records = _with_motorisation(records, result, problem, (planned, closer))
     result.summarise(*records, seconds=watch.report())
@@ -107,7 +111,7 @@ def problem_of(scene: Scene) -> Problem:
     if scene.kinematics.sweep is None:
         scene = along(scene)
     led = () if scene.trajectory is None else scene.trajectory.places
-    problem = Problem(with_points(scene, (*led, *(scene.kinematics.transmission or ()))))
+    problem = Problem(with_points(scene, (*led, *scene.kinematics.places)))
     if scene.motorisation is not None:
         from robodyn_cli.drives.motorisation import acting
 
@@ -282,6 +286,10 @@ def _extremes(
 ) -> dict[str, Extremes] | Absent:
     """Return the extremes that a scene asks for; closed : how far positions may be off at the samples [rad or m]."""
     names = scene.outputs.extremes
+    if names and scene.kinematics.design is not None:
+        from robodyn_cli.scene.checks.columns import DESIGNED
+
+        names = tuple(name for name in names if not name.startswith(DESIGNED))  # which are told with it
     if not names:
         return ABSENT
     from robodyn_cli.observe.columns import chosen_extremes

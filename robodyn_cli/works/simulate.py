@@ -163,7 +163,7 @@ def _extremes(run: Run, estimate: Estimate | None) -> RunExtremes:
     motion = RecordedMotion(run.motion, first, run.recorder)
     if estimate is not None:
         motion = dataclasses.replace(motion, again=first, errors=estimate.errors)
-    return RunExtremes(extremes_over([motion], scene.outputs.extremes))
+    return RunExtremes.of(extremes_over([motion], scene.outputs.extremes), scene.simulate.fluctuation)
 
 
 def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:

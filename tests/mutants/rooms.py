@@ -46,6 +46,8 @@ STUDY = [
     "test_study_cluster.py",
 ]
 
+DESIGN = ["test_design.py", "test_balance.py"]
+
 # by module or package below ``robodyn_cli``: the longest name that fits counts
 ROOMS = {
     "drives": DRIVES,
@@ -54,6 +56,12 @@ ROOMS = {
     "motors/heat.py": DRIVES,
     "works/size": DRIVES,
     "observe": OBSERVE,
+    "observe/plane.py": DESIGN,
+    "solve/four_bar.py": DESIGN,
+    "solve/crossings.py": DESIGN,
+    "works/design.py": DESIGN,
+    "works/four_bars.py": DESIGN,
+    "works/balance.py": DESIGN,
     "given/motion.py": ["test_extremes.py", "test_pieces.py", *INVERSE],
     "torques/checks.py": ["test_error_rules.py", *INVERSE],
     "solve/extremes.py": ["test_extremes.py", "test_error_rules.py", *DRIVES, "test_run_inverse.py"],

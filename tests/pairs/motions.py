@@ -300,8 +300,21 @@ def _extremes(draft: Draft) -> None:
     draft.section("outputs")["extremes"] = ["qdd.b", "points/tip.length", "point_velocities/tip.x"]
 
 
+def _design(draft: Draft) -> None:
+    """Ask for kinematic design, shaking forces, fluctuation of speed, and plots over a joint."""
+    one, *others = draft.single() or ["b"]
+    pairs = {"ratios": {"r": [others[0], one]}} if others else {}
+    draft.section("kinematics")["design"] = {
+        "poles": {"p": ["fore", "base"]}, "curves": ["tip"], "pressure": {"f": ["hook", "tip"]}, **pairs,
+    }  # fmt: skip
+    draft.section("inverse")["shaking"] = "hook"
+    draft.section("simulate")["fluctuation"] = [one]
+    draft.section("outputs")["abscissa"] = one
+
+
 OUTPUT = {
     "extremes": _extremes,
+    "design": _design,
     "reactions": _keys(outputs={"reactions": True}),
     "world": _keys(outputs={"reactions": True, "reaction_axes": "world"}),
     "signals": _signals,

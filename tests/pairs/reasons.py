@@ -40,6 +40,9 @@ REASONS: dict[str, str] = {
     r"deploy.latches: latch '\w+' (cannot hold|has a spring)":
         "a latch holds a joint of one axis, or where it is rigid links that a closure of type `revolute` joins",
     r"deploy.latches: does not go with": "latches go with loops in their plane and `singular: stop`, and hold no prescribed joint",
+    # kinematic design
+    r"do not move in one plane|does not move in a plane|does not turn about one axis|kinematics.design.*does not move":
+        "kinematic design is that of motions in a plane",
     # payloads
     r"which is gripped or released, does not go with": "payloads do not come and go beside rigid stops, sticking and `singular: pass`",
     r"does not follow masses that are gripped or released|'fastest' chooses the times|payload.*'singular: pass'|payloads that come":

@@ -8,6 +8,7 @@ from typing import Any
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
+    balance_lines,
     cost_line,
     error_lines,
     error_text,
@@ -56,6 +57,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [
         *extreme_lines(summary),
+        *balance_lines(summary),
         *motorisation_lines(summary),
         *error_lines(summary),
         cost_line(summary),

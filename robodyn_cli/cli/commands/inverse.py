@@ -9,6 +9,7 @@ from typing import Any
 from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
+    balance_lines,
     cost_line,
     drive_lines,
     error_text,
@@ -49,6 +50,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     if off is not None:
         lines.append(f"  rounding           torques off by some {error_text(off)} N m or N")
     lines += drive_lines(summary)
+    lines += balance_lines(summary)
     lines += motorisation_lines(summary)
     lines += _fastest(summary)
     lines += multiplier_lines(summary)

@@ -9,6 +9,7 @@ from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     closure_text,
+    design_lines,
     extreme_lines,
     figure_columns,
     mobility_lines,
@@ -57,6 +58,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         lines.append(
             f"  transmission       {number(angle['smallest_deg'], 5)} to {number(angle['largest_deg'], 5)} deg"
         )
+    lines += design_lines(summary)
     lines += motorisation_lines(summary)
     if closure:
         lines.append("  closure            " + closure_text(closure))

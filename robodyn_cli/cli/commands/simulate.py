@@ -10,6 +10,7 @@ import typer
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
+    balance_lines,
     cost_line,
     drive_lines,
     error_lines,
@@ -33,6 +34,7 @@ def describe(summary: Mapping[str, Any]) -> str:
         *(_control_lines(summary["control"]) if "control" in summary else ()),
         *drive_lines(summary),
         *extreme_lines(summary),
+        *balance_lines(summary),
         *motorisation_lines(summary),
         cost_line(summary),
     ]

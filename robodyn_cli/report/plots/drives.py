@@ -9,6 +9,7 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.report import style
+from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
 from robodyn_cli.report.style import log_axis, number
@@ -295,6 +296,7 @@ def motorisation(result: Result) -> Any:
             ax.set_xlim(way.min(), way.max())
         if not (every < highest).all():
             ax.set_ylim(top=highest)
+    over_joint(result, sheet.axes[:1])
     sheet.ax.set_ylabel("ratio")
     sheet.legend(handles, labels)
     return sheet.figure

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.errors import did_you_mean
@@ -17,11 +18,15 @@ from robodyn_cli.scene.points import BASE, point_link
 from robodyn_cli.scene.types import Scene, Signal
 from robodyn_cli.summaries.facts import ACCELERATION, LOAD, RATE
 
+if TYPE_CHECKING:
+    from robodyn_cli.scene.nested_options import KinematicDesign
+
 LENGTH, FORCE, MOMENT = "length", "force", "moment"
 VECTOR = ("x", "y", "z", LENGTH)
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz", FORCE, MOMENT)
+DESIGNED = ("poles/", "acceleration_poles/", "relative_rates/", "curvatures/", "ratios/", "pressure_angles/")
 LOADS = ("reactions/", "loop_reactions/", "force_wrenches/", "base_wrench")
-WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle")
+WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle", *DESIGNED)
 
 
 def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
@@ -33,7 +38,11 @@ def column_names(scene: Scene, points: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(
         name
         for name in names
-        if (name != "transmission_angle" if integrated else name.startswith(WITHOUT_FORCES))
+        if (
+            not name.startswith(("transmission_angle", *DESIGNED))
+            if integrated
+            else name.startswith(WITHOUT_FORCES)
+        )
     )
 
 
@@ -79,7 +88,27 @@ def _datasets(scene: Scene, points: tuple[str, ...]) -> Mapping[str, Mapping[str
         "base_wrench": wrench,
         **{f"energy/{x}": {"": "J"} for x in ("kinetic", "potential", "total", "work")},
         "transmission_angle": {"": "rad"},
+        **designed(scene.kinematics.design, q | v),
     }  # fmt: skip
+
+
+def designed(design: KinematicDesign | None, units: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Return the units of columns that kinematic design asks for, by name, by dataset; units : of coordinates."""
+    if design is None:
+        return {}
+
+    def ratio(pair: tuple[str, ...]) -> str:
+        over, under = (units.get(name, "rad") for name in pair)
+        return "1" if over == under else f"{over}/{under}"
+
+    place = dict.fromkeys(VECTOR[:3], "m")
+    return {
+        **{f"{group}/{name}": place for group in ("poles", "acceleration_poles") for name in design.poles},
+        **{f"relative_rates/{name}": {"": "rad/s"} for name in design.poles},
+        **{f"curvatures/{name}": {"": "1/m"} for name in design.curves},
+        **{f"ratios/{name}": {"": ratio(pair)} for name, pair in design.ratios.items()},
+        **{f"pressure_angles/{name}": {"": "rad"} for name in design.pressure},
+    }
 
 
 def _moves(scene: Scene, name: str) -> bool:

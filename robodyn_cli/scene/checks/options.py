@@ -13,6 +13,7 @@ from robodyn_cli.scene.checks.robot import check_joints, columns, moving
 from robodyn_cli.scene.nested_options import (
     CONDITIONS,
     DeployLatch,
+    KinematicDesign,
     Motorisation,
     ReachOptions,
     SearchOptions,
@@ -189,6 +190,76 @@ def check_kinematics(scene: Scene, check: Check) -> None:
             problem = point_problem(scene.robot, reference)
             if problem is not None:
                 check.fail(("kinematics", "transmission", k), problem)
+
+    if options.design is not None:
+        _check_design(scene, options.design, check)
+
+
+DESIGN: Path = ("kinematics", "design")
+
+
+def _check_design(scene: Scene, design: KinematicDesign, check: Check) -> None:
+    """Pairs are of links, joints and points that there are, and differ."""
+    robot, links = scene.robot, [*(link.name for link in scene.robot.links), BASE]
+    rates = columns(robot, velocities=True)
+    for key, pairs in (("poles", design.poles), ("ratios", design.ratios), ("pressure", design.pressure)):
+        for name, pair in pairs.items():
+            path = (*DESIGN, key, name)
+            with check:
+                if pair[0] == pair[1]:
+                    check.fail(path, f"both are {pair[0]!r}; allowed: two that differ")
+                if key == "ratios" and not (set(pair) <= set(rates) or set(pair) <= set(links)):
+                    wrong = next((x for x in pair if x not in rates and x not in links), None)
+                    if wrong is not None:
+                        check.known(wrong, [*rates, *links], "joint or link", path)
+                    check.fail(
+                        path, f"{pair[0]!r} and {pair[1]!r} are a joint and a link; allowed: two alike"
+                    )
+                if key == "ratios" and pair[1] == BASE and BASE not in rates:
+                    check.fail(path, "'base' does not turn; allowed as the second: a link that turns")
+                for k, one in enumerate(pair):
+                    if key == "poles":
+                        check.known(one, links, "link", (*path, k))
+                    elif key == "pressure" and (problem := point_problem(robot, one)) is not None:
+                        check.fail((*path, k), problem)
+                if key == "pressure" and point_link(robot, pair[1]) == BASE:
+                    check.fail((*path, 1), f"{pair[1]!r} is fixed to the base; allowed: a point that moves")
+    for k, point in enumerate(design.curves):
+        with check:
+            if (problem := point_problem(robot, point)) is not None:
+                check.fail((*DESIGN, "curves", k), problem)
+            if point_link(robot, point) == BASE:
+                check.fail(
+                    (*DESIGN, "curves", k), f"{point!r} is fixed to the base; allowed: a point that moves"
+                )
+    with check:
+        if design.grashof and not scene.loops:
+            check.fail((*DESIGN, "grashof"), "there is no closed chain: key 'loops' is missing")
+
+
+def check_fluctuation(scene: Scene, check: Check) -> None:
+    """Flywheels are on joints of one coordinate, shaking forces about points of the base, abscissas positions."""
+    rates, wheel = columns(scene.robot, velocities=True, quasi=False), scene.inverse.flywheel
+    named: list[tuple[str, Path]] = [
+        (name, ("simulate", "fluctuation", k)) for k, name in enumerate(scene.simulate.fluctuation)
+    ]
+    if wheel is not None:
+        named.append((wheel.joint, ("inverse", "flywheel", "joint")))
+    if scene.outputs.abscissa is not None:
+        named.append((scene.outputs.abscissa, ("outputs", "abscissa")))
+    for name, path in named:
+        with check:
+            check.known(name, rates, "joint with a coordinate", path)
+    about = scene.inverse.shaking
+    if about is not None:
+        with check:
+            if (problem := point_problem(scene.robot, about)) is not None:
+                check.fail(("inverse", "shaking"), problem)
+            if point_link(scene.robot, about) != BASE:
+                check.fail(
+                    ("inverse", "shaking"),
+                    f"{about!r} moves; allowed: 'base.origin', or a point on the base",
+                )
 
 
 REACH: Path = ("reach",)

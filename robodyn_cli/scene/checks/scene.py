@@ -120,11 +120,18 @@ def check_scene(scene: Scene, check: Check) -> Scene:
 
         check_search(scene.search, check)
     named = [key for key, *_ in _named_keys(scene)]
+    turning = scene.simulate.fluctuation
+    if turning or scene.inverse.shaking or scene.inverse.flywheel or scene.outputs.abscissa:
+        from robodyn_cli.scene.checks.options import check_fluctuation
+
+        check_fluctuation(scene, check)
+        # a coefficient of fluctuation is that of the extremes of a rate
+        named += [f"{EXTREMES}qd.{name}.largest" for name in turning]
     if scene.outputs.extremes or any(key.startswith(EXTREMES) for key in named):
         from robodyn_cli.scene.checks.columns import with_extremes
 
         scene = with_extremes(scene, places_of(scene), named, check)
-    if named:
+    if len(named) > len(turning):
         _check_keys(scene, check)
     return scene
 
@@ -370,6 +377,7 @@ def key_names(scene: Scene, of_columns: bool = True) -> Names:
         "LIMIT": tuple(f"{name} {limit}" for name in rates for limit in ("speed", "acceleration", "effort")),
         "PAYLOAD": tuple(payload.name for payload in scene.payloads),
         "LATCH": tuple(latch.name for latch in scene.deploy.latches),
+        "PAIR": () if scene.kinematics.design is None else tuple(scene.kinematics.design.ratios),
         "POINT": places_of(scene),
         "ROW": _row_names(scene),
     }
@@ -378,7 +386,7 @@ def key_names(scene: Scene, of_columns: bool = True) -> Names:
 def places_of(scene: Scene) -> tuple[str, ...]:
     """Return the points of which a run tells where they are."""
     led = () if scene.trajectory is None else scene.trajectory.places
-    return (*scene.robot.points, *led, *(scene.kinematics.transmission or ()))
+    return (*scene.robot.points, *led, *scene.kinematics.places)
 
 
 def _row_names(scene: Scene) -> tuple[str, ...]:

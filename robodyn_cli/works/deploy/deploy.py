@@ -317,7 +317,7 @@ def _extremes(done: Deployment) -> RunExtremes:
     motions = [RecordedMotion(done.motion, first, done.recorder, again, errors)]
     if done.followed is not None and done.followed.whole is not None:
         motions.append(done.followed.whole)
-    return RunExtremes(extremes_over(motions, scene.outputs.extremes))
+    return RunExtremes.of(extremes_over(motions, scene.outputs.extremes), scene.simulate.fluctuation)
 
 
 def _lock_keys(done: Deployment) -> LockKeys | None:
