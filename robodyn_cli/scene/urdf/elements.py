@@ -13,13 +13,14 @@ from collections.abc import Mapping
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.urdf.unread import SHAPES, left_out, refuse_acting
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 ZERO = (0.0, 0.0, 0.0)
 X_AXIS = (1.0, 0.0, 0.0)  # the format's default
 _INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
-_SHAPES = ("visual", "collision")
+
 
 
 @record
@@ -124,6 +125,7 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
     SceneError : xacro.
     """
     _refuse_xacro(root)
+    refuse_acting(root, faults)
     links: list[UrdfLink] = []
     joints: list[UrdfJoint] = []
     for child in root.children:
@@ -132,8 +134,7 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
                 links.append(_link(child))
             elif child.tag == "joint":
                 joints.append(_joint(child))
-    ignored = Counter(child.tag for child in root.children if child.tag not in ("link", "joint"))
-    return UrdfRobot(root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), ignored)
+    return UrdfRobot(root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), left_out(root))
 
 
 def _refuse_xacro(root: XmlElement) -> None:
@@ -155,7 +156,7 @@ def _refuse_xacro(root: XmlElement) -> None:
 def _link(element: XmlElement) -> UrdfLink:
     name = element.text("name", "a link")
     owner = f"link {name!r}"
-    visual, collision = (tuple(_shape(shape, owner) for shape in element.all(tag)) for tag in _SHAPES)
+    visual, collision = (tuple(_shape(shape, owner) for shape in element.all(tag)) for tag in SHAPES)
     return UrdfLink(element, name, _inertial(element, owner), visual, collision)
 
 

@@ -65,7 +65,11 @@ def _heading(robot: UrdfRobot, tree: RobotTree) -> tuple[str, ...]:
 
 def _notes(robot: UrdfRobot) -> tuple[str, ...]:
     massless = [link.name for link in robot.links if link.massless]
-    return (f"massless links: {listed(massless)}",) if massless else ()
+    left = ", ".join(f"{n} <{tag}>" for tag, n in robot.ignored.items())
+    return (
+        *((f"left out, for no equation reads it: {left}",) if left else ()),
+        *((f"massless links: {listed(massless)}",) if massless else ()),
+    )
 
 
 def _missing(robot: UrdfRobot, urdf: str, packages: Packages) -> tuple[str, ...]:
