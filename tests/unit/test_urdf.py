@@ -281,12 +281,18 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
 @pytest.mark.parametrize(
     "element, words",
     [
-        ('<loop name="l" type="revolute"><predecessor link="upper"/><successor link="lower"/></loop>', "<loop> 'l'"),
+        (
+            '<loop name="l" type="revolute"><predecessor link="upper"/><successor link="lower"/></loop>',
+            "<loop> 'l'",
+        ),
         ('<coupling name="k"><predecessor link="upper"/><ratio value="2"/></coupling>', "<coupling> 'k'"),
         ('<constraint name="c" type="spherical"><parent link="upper"/></constraint>', "<constraint> 'c'"),
         ('<loop_joint name="s" type="spherical"><link1 link="upper"/></loop_joint>', "<loop_joint> 's'"),
         ("<drake:ball_constraint/>", "<drake:ball_constraint>"),
-        ('<transmission><actuator><drake:rotor_inertia value="1"/></actuator></transmission>', "rotor_inertia"),
+        (
+            '<transmission><actuator><drake:rotor_inertia value="1"/></actuator></transmission>',
+            "rotor_inertia",
+        ),
         ("<drake:a_tag_of_next_year/>", "<drake:a_tag_of_next_year>"),
         ('<gazebo><joint name="g" type="revolute"><parent>upper</parent></joint></gazebo>', "<joint> 'g'"),
         ('<gazebo><model><joint name="m" type="ball"/></model></gazebo>', "<joint> 'm'"),
@@ -313,7 +319,9 @@ def test_what_is_left_out_is_told(tmp_path: Path) -> None:
     more = """<material name="red"/><transmission name="t"><joint name="j1"/></transmission>
 <gazebo reference="j1"><plugin name="p"><joint>j1</joint></plugin></gazebo>
 <drake:collision_filter_group name="f"/>"""
-    urdf = ARM.replace("</robot>", f"{more}\n</robot>").replace('friction="0.1"/>', '/><calibration rising="0"/>')
+    urdf = ARM.replace("</robot>", f"{more}\n</robot>").replace(
+        'friction="0.1"/>', '/><calibration rising="0"/>'
+    )
     scene = load(tmp_path, urdf, "initial: {q: {j1: 0.3, j2: 0}}\nsimulate: {duration: 0.1, samples: 3}\n")
     told = "1 <material>, 1 <transmission>, 1 <gazebo>, 1 <drake:collision_filter_group>, 1 <calibration>"
     assert scene.notes[0] == f"{tmp_path}/arm.urdf: left out, for no equation reads it: {told}"

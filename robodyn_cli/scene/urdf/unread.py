@@ -7,25 +7,17 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from pathlib import Path
 
-from robodyn_cli.foreign import contents
-from robodyn_cli.scene.text.nodes import Faults, Scalar, Source, located
+from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
-MOST_BYTES = 10_000_000
 SHAPES = ("visual", "collision")
 _READ = {
     "link": ("inertial", *SHAPES),
     "joint": ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
 }
-# elements of a robot in other dialects, and what a scene has for them
-_OF_ROBOT = {
-    "loop": "'loops'",  # URDF+
-    "loop_joint": "'loops'",  # Isaac Sim
-    "constraint": "'loops' or 'couplers'",  # proposed for ROS; drafts of URDF+
-    "coupling": "'couplers'",  # URDF+
-}
+# of dialects, see ``closures.py``
+TIES = ("loop", "loop_joint", "constraint", "coupling")
 DRAKE = "drake:"
 _OF_DRAKE = {
     "ball_constraint": "'loops'",
@@ -47,39 +39,20 @@ _DRAWN_BY_DRAKE = frozenset(
 
 
 def refuse_acting(root: XmlElement, faults: Faults) -> None:
-    """Report each element of another dialect that acts on the motion, and loops in a file beside it."""
-    refuse_loops_beside(root, faults)
-    for element, instead in (*_beside(root), *_of_drake(root)):
+    """Report each element of another dialect that acts on the motion."""
+    for element, instead in (*_of_gazebo(root), *_of_drake(root)):
         name = element.attributes.get("name", "")
         called = f"<{element.tag}> {name!r}" if name else f"<{element.tag}>"
         with faults:
-            raise element.error(f"{called} acts on the motion, and is not read; allowed: {instead} in the scene")
+            raise element.error(
+                f"{called} acts on the motion, and is not read; allowed: {instead} in the scene"
+            )
 
 
-def refuse_loops_beside(root: XmlElement, faults: Faults) -> None:
-    """Report ``closed_loop`` in the YAML file of the same name beside a URDF, where the Extended URDF has its loops."""
-    path = Path(root.place.source.name).with_suffix(".yaml")
-    try:
-        lines = contents(path, MOST_BYTES).decode("utf-8", "replace").splitlines()
-    except (OSError, ValueError):
-        return
-    for number, line in enumerate(lines, 1):
-        if line.startswith("closed_loop:"):
-            with faults:
-                raise located(
-                    Scalar(Source(str(path), ""), number, 1, "", None),
-                    "closed_loop",
-                    "the loops that this file adds to the URDF beside it are not read; allowed: 'loops' in the scene, "
-                    "and no such file",
-                )
-
-
-def _beside(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
-    """Yield what stands beside links and joints; joints of Gazebo have the meaning of SDF."""
+def _of_gazebo(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
+    """Yield the joints of Gazebo, which have the meaning of SDF."""
     for element in root.children:
-        if element.tag in _OF_ROBOT:
-            yield element, _OF_ROBOT[element.tag]
-        elif element.tag == "gazebo":
+        if element.tag == "gazebo":
             parts = (element, *element.all("model"))
             joints = (part for owner in parts for part in owner.children if part.tag in ("joint", "gearbox"))
             yield from ((joint, "'loops' or 'couplers'") for joint in joints)
@@ -99,7 +72,7 @@ def _of_drake(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
 
 def left_out(root: XmlElement) -> Counter[str]:
     """Count what is not read and says nothing about the motion, by tag."""
-    beside = [child.tag for child in root.children if child.tag not in _READ]
+    beside = [child.tag for child in root.children if child.tag not in (*_READ, *TIES)]
     inside = [
         part.tag
         for owner in root.children
