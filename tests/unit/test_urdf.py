@@ -281,13 +281,6 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
 @pytest.mark.parametrize(
     "element, words",
     [
-        (
-            '<loop name="l" type="revolute"><predecessor link="upper"/><successor link="lower"/></loop>',
-            "<loop> 'l'",
-        ),
-        ('<coupling name="k"><predecessor link="upper"/><ratio value="2"/></coupling>', "<coupling> 'k'"),
-        ('<constraint name="c" type="spherical"><parent link="upper"/></constraint>', "<constraint> 'c'"),
-        ('<loop_joint name="s" type="spherical"><link1 link="upper"/></loop_joint>', "<loop_joint> 's'"),
         ("<drake:ball_constraint/>", "<drake:ball_constraint>"),
         (
             '<transmission><actuator><drake:rotor_inertia value="1"/></actuator></transmission>',
@@ -307,12 +300,9 @@ def test_what_acts_on_the_motion_is_never_left_out(tmp_path: Path, element: str,
         assert words in str(caught.value) and ":9:" in str(caught.value)
 
 
-def test_loops_in_a_file_beside_the_urdf_are_refused(tmp_path: Path) -> None:
-    (tmp_path / "arm.yaml").write_text("name_mot: [j1]\nclosed_loop: [[upper, lower]]\n", encoding="utf-8")
-    with pytest.raises(SceneError, match=r"arm\.yaml:2:1: closed_loop: .*allowed: 'loops' in the scene"):
-        load(tmp_path, ARM)
+def test_a_yaml_file_beside_the_urdf_is_read_for_its_loops_alone(tmp_path: Path) -> None:
     (tmp_path / "arm.yaml").write_text("schema: 1\n", encoding="utf-8")
-    load(tmp_path, ARM)
+    assert str(tmp_path / "arm.yaml") not in load(tmp_path, ARM).sources
 
 
 def test_what_is_left_out_is_told(tmp_path: Path) -> None:
