@@ -190,7 +190,7 @@ def with_prefix(robot: Mapping, prefix: str, ground: str = GROUND) -> Mapping:
 
     def place(reference: str) -> str:
         of, dot, name = reference.partition(".")
-        return f"{link(of)}.{own(name) if name in points else name}" if dot else own(of)
+        return f"{link(of)}.{name}" if dot and name not in points else own(name or of)
 
     changes: dict[str, Callable[[Node], Node]] = {
         "joints": lambda node: _each(node, {"name": own, "parent": link, "link": link}),
