@@ -110,12 +110,15 @@ def _asked_of(command: str, scene: Scene) -> Iterator[None]:
 
 
 ABOUT_SCENE = (SceneError, CapabilityError, GeometryError)  # others happen on the way, and tell a time
-NAMED = {
-    "loop": "loops",
-    "joint": "robot.joints",
-    "link": "robot.links",
-    "coupler": "couplers",
-}  # details that name an item of a list
+# details that name an item of a list
+NAMED = (
+    ("loop", "loops"),
+    ("loop", "robot.loops"),
+    ("joint", "robot.joints"),
+    ("link", "robot.links"),
+    ("coupler", "couplers"),
+    ("coupler", "robot.couplers"),
+)
 KEY = re.compile(r"([a-z_]+(?:\.\w+)*)(?:: | \()")  # with which a message may begin
 
 
@@ -153,7 +156,7 @@ def path_of(error: RobodynError, sentence: str, root: Node, command: str) -> Pat
     begins = KEY.match(sentence)
     if begins and (path := steps(begins[1])) and find(root, path[:1]) is not None:
         return path
-    for name, where in NAMED.items():
+    for name, where in NAMED:
         items = find(root, steps(where))
         if name in details and isinstance(items, SequenceNode):
             index = index_of(items, str(details[name]))

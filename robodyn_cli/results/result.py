@@ -105,13 +105,14 @@ class Result:
     summary: dict[str, Any] = dataclasses.field(default_factory=dict)
     attributes: dict[str, Any] = dataclasses.field(default_factory=dict)
     others: dict[str, tuple[str, ...]] = dataclasses.field(default_factory=dict)
+    notes: tuple[str, ...] = ()
 
     @staticmethod
     def of(command: str, scene: Scene, status: str = "ok") -> Result:
         """Return the empty result of a command on a scene."""
         over = scene.outputs.abscissa
         own = {} if over is None else {"abscissa": over}
-        return Result(command, scene.title or command, status, scene.text, attributes=own)
+        return Result(command, scene.title or command, status, scene.text, attributes=own, notes=scene.notes)
 
     @property
     def head(self) -> dict[str, str]:
@@ -122,7 +123,8 @@ class Result:
         """Make the summary of records, whose fields are its keys, and of the wall times by stage."""
         keys = {name: value for record in records for name, value in as_keys(record).items()}
         times = {} if seconds is None else {"wall_time_s": dict(seconds)}
-        self.summary = {**self.head, **keys, **times}
+        notes = {"notes": list(self.notes)} if self.notes else {}
+        self.summary = {**self.head, **keys, **notes, **times}
 
     def unless(self, failure: RobodynError | None) -> Result:
         """Return the result of a run.

@@ -44,7 +44,8 @@ class Description:
     """A robot that was read from the file ``file``.
 
     tree : what stands for ``robot`` in a scene. heading : what it is and holds, for the YAML made of it. notes : what
-    the file leaves open. warnings : what makes its equations doubtful. None of them has the name of the file.
+    the file leaves open. warnings : what makes its equations doubtful. None of them has the name of the file. files :
+    others that were read with it.
     """
 
     file: str
@@ -52,6 +53,7 @@ class Description:
     heading: tuple[str, ...]
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
+    files: tuple[str, ...] = ()
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -95,7 +97,12 @@ def read_description(text: str, source: Source, faults: Faults, packages: Packag
 def robot_yaml(urdf: Description, folder: str) -> str:
     """Return the text of a robot file in a folder, which scenes include."""
     lines = [line for text in urdf.remarks for line in _comment(text)]
-    remarks = {"joints": urdf.tree.joint_remarks, "links": urdf.tree.link_remarks, "couplers": {}}
+    remarks = {
+        "joints": urdf.tree.joint_remarks,
+        "links": urdf.tree.link_remarks,
+        "couplers": {},
+        "loops": {},
+    }
     old = os.path.dirname(os.path.abspath(urdf.file))
     for key, items in urdf.tree.root.entries:
         items = _meshes_from(items, old, os.path.abspath(folder)) if key.text == "links" else items

@@ -9,6 +9,7 @@ from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.functions import interpolate
 from robodyn_cli.forces.registry import joint_forces
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.loops.registry import loop_types
 from robodyn_cli.record import record
 from robodyn_cli.schema.fields import (
     DRIVE,
@@ -23,6 +24,7 @@ from robodyn_cli.schema.fields import (
     Name,
     Number,
     Section,
+    Tagged,
     Text,
     Vector,
     key,
@@ -228,6 +230,11 @@ class Robot:
         ListOf(LaterSection("scene.robot_parts:Coupler")),
         default=(),
         doc="Relations between joint coordinates that belong to the robot, as those of the scene.",
+    )
+    loops: tuple[Any, ...] = key(
+        ListOf(Tagged(lambda: loop_types)),
+        default=(),
+        doc="Loop closures that belong to the robot, as those of the scene.",
     )
     attach: tuple[Attachment, ...] = key(
         ListOf(Section(Attachment)),

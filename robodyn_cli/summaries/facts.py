@@ -194,6 +194,7 @@ class EveryRun:
     title: str = fact("title of the scene")
     error: Failure = fact("of a run that failed: what ended it")
     exit_code: int = fact("exit code of the run, for `expect`; not written")
+    notes: list[str] = fact("of a robot in another format: what its files hold and was left out")
     wall_time_s: dict[str, float] = fact(
         "time by stage (`load`, `equations`, `compile`, `integrate`, `write`, `plots`, ...), and `total`",
         "s",

@@ -131,10 +131,11 @@ JOINT = {
 
 
 # -- loops: the arm has a third link, and is closed ----------------------------------------------------------
-def _loop(kind: str, led: int = 1, four: bool = False, **keys: Any) -> Feature:
+def _loop(kind: str, led: int = 1, four: bool = False, place: str = "scene", **keys: Any) -> Feature:
     """Return the feature of a closure.
 
-    led : degrees of freedom of the closed arm. four : with three links the arm would be a structure.
+    led : degrees of freedom of the closed arm. four : with three links the arm would be a structure. place : what the
+    closure belongs to.
     """
 
     def close(draft: Draft) -> None:
@@ -149,7 +150,10 @@ def _loop(kind: str, led: int = 1, four: bool = False, **keys: Any) -> Feature:
             "pin": {"link": "last" if four else "third", "at": [0.6, 0, 0]},
             "post": {"link": "base", "at": [1.3, -0.1, 0]},
         }
-        draft.listed("loops").append({"name": "loop", "type": kind, "between": ["post", "pin"], **keys})
+        where = draft.robot if place == "robot" else draft.tree
+        where.setdefault("loops", []).append(
+            {"name": "loop", "type": kind, "between": ["post", "pin"], **keys}
+        )
         draft.led = [name for name in draft.moving() if name not in ("b", "c", "d")]
         if led == 2:
             draft.led.insert(1, "b")
@@ -166,7 +170,7 @@ LOOP = {
     "prismatic": _loop("prismatic", axis=X, rpy=[0, 0, -1.5]),
     "cylindrical": _loop("cylindrical"),
     "universal": _loop("universal", axis=[0, 0, 1], axis2=X),
-    "spherical": _loop("spherical"),
+    "spherical": _loop("spherical", place="robot"),
     "planar": _loop("planar", axis=X, axis2=X),
     "fixed": _loop("fixed", four=True, rpy=[0, 0, -2.2]),
     "point_on_line": _loop("point_on_line", 2, axis=X),

@@ -68,6 +68,11 @@ class Draft:
         found: dict[str, Any] = self.tree["robot"]
         return found
 
+    @property
+    def closed(self) -> bool:
+        """Whether the scene, or its robot, has a loop."""
+        return bool(self.tree.get("loops") or self.robot.get("loops"))
+
     def section(self, name: str) -> Any:
         """Return a section of the scene, which is begun as a map."""
         return self.tree.setdefault(name, {})

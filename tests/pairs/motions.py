@@ -214,7 +214,7 @@ def _control(kind: str, **keys: Any) -> Feature:
 
 def _driven(draft: Draft) -> None:
     """Let the controller of a mechanism drive what motions lead, and nothing that has several coordinates."""
-    if draft.tree.get("loops") or draft.tree.get("couplers") or "couplers" in draft.robot:
+    if draft.closed or draft.tree.get("couplers") or "couplers" in draft.robot:
         draft.tree["control"]["joints"] = draft.single()
 
 
@@ -450,12 +450,12 @@ def scene(features: Mapping[str, str]) -> dict[str, Any]:
             members[features[family]](draft)
         elif family == "trajectory" and draft.followed():
             members["joint"](draft)
-    if draft.tree.get("loops") or "coupler" in features:
+    if draft.closed or "coupler" in features:
         driven = draft.tree.get("prescribed")
         draft.tree["actuated"] = [*draft.followed(), *(driven if isinstance(driven, dict) else ())]
     draft.section("initial").setdefault("q", draft.q(draft.moving()))
     if "reach" not in draft.tree:
         ASKED["position"](draft)
-    if "deploy" not in draft.tree and not draft.tree.get("loops"):
+    if "deploy" not in draft.tree and not draft.closed:
         ASKED["latch"](draft)
     return draft.tree

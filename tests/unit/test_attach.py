@@ -242,3 +242,22 @@ def test_the_list_itself(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match="robot.attach: must be a list"):
         scene(tmp_path, "{include: arm.yaml, attach: {link: a}}")
     assert scene(tmp_path, "{include: arm.yaml, attach: }").robot == scene(tmp_path, "arm.yaml").robot
+
+
+def test_loops_come_along_with_their_points(tmp_path: Path) -> None:
+    """``base`` of the part is the frame that it stands on; the words of every link stay as they are."""
+    part = TWO + (
+        "points: {pad: {link: left, at: [0, 0.1, 0]}, post: {link: base, at: [0, 0.1, 0]}}\n"
+        "loops:\n"
+        "  - {name: rod, type: distance, between: [pad, right.com], length: 0.2}\n"
+        "  - {name: stay, type: distance, between: [base.post, left.origin], length: 0.2}\n"
+        "  - {name: bar, type: distance, between: [base.origin, pad], length: 0.2}\n"
+    )
+    (tmp_path / "part.yaml").write_text(part.replace("frames:", "# frames:"), encoding="utf-8")
+    robot = "{include: arm.yaml, attach: [{include: part.yaml, prefix: h_, to: fore}]}"
+    scene_ = scene(tmp_path, robot)
+    assert [(x.name, x.between) for x in scene_.loops] == [
+        ("h_rod", ("h_pad", "h_right.com")),
+        ("h_stay", ("h_post", "h_left.origin")),
+        ("h_bar", ("h_base_frame.origin", "h_pad")),
+    ]

@@ -278,6 +278,46 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
         load_description(tmp_path / "arm.urdf")
 
 
+@pytest.mark.parametrize(
+    "element, words",
+    [
+        ("<drake:ball_constraint/>", "<drake:ball_constraint>"),
+        (
+            '<transmission><actuator><drake:rotor_inertia value="1"/></actuator></transmission>',
+            "rotor_inertia",
+        ),
+        ("<drake:a_tag_of_next_year/>", "<drake:a_tag_of_next_year>"),
+        ('<gazebo><joint name="g" type="revolute"><parent>upper</parent></joint></gazebo>', "<joint> 'g'"),
+        ('<gazebo><model><joint name="m" type="ball"/></model></gazebo>', "<joint> 'm'"),
+    ],
+)
+def test_what_acts_on_the_motion_is_never_left_out(tmp_path: Path, element: str, words: str) -> None:
+    """At the end of the file, so in line 9; ``import`` says the same."""
+    urdf = ARM.replace("</robot>", f"{element}\n</robot>")
+    for read in (lambda: load(tmp_path, urdf), lambda: load_description(tmp_path / "arm.urdf", {})):
+        with pytest.raises(SceneError, match="acts on the motion, and is not read; allowed: ") as caught:
+            read()
+        assert words in str(caught.value) and ":9:" in str(caught.value)
+
+
+def test_a_yaml_file_beside_the_urdf_is_read_for_its_loops_alone(tmp_path: Path) -> None:
+    (tmp_path / "arm.yaml").write_text("schema: 1\n", encoding="utf-8")
+    assert str(tmp_path / "arm.yaml") not in load(tmp_path, ARM).sources
+
+
+def test_what_is_left_out_is_told(tmp_path: Path) -> None:
+    more = """<material name="red"/><transmission name="t"><joint name="j1"/></transmission>
+<gazebo reference="j1"><plugin name="p"><joint>j1</joint></plugin></gazebo>
+<drake:collision_filter_group name="f"/>"""
+    urdf = ARM.replace("</robot>", f"{more}\n</robot>").replace(
+        'friction="0.1"/>', '/><calibration rising="0"/>'
+    )
+    scene = load(tmp_path, urdf, "initial: {q: {j1: 0.3, j2: 0}}\nsimulate: {duration: 0.1, samples: 3}\n")
+    told = "1 <material>, 1 <transmission>, 1 <gazebo>, 1 <drake:collision_filter_group>, 1 <calibration>"
+    assert scene.notes[0] == f"{tmp_path}/arm.urdf: left out, for no equation reads it: {told}"
+    assert simulate(scene).summary["notes"] == list(scene.notes)
+
+
 def test_loops_and_mimics_in_circles(tmp_path: Path) -> None:
     loop = f'<robot name="r"><link name="r0"/>{joint("a", "x", "y")}{joint("b", "y", "x")}<link name="x"/><link name="y"/></robot>'
     with pytest.raises(SceneError, match="loop of links .x -> y -> x."):

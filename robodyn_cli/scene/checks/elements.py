@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.expr.formula import formulas_in, points_of
 from robodyn_cli.joints.registry import joint_types
@@ -17,10 +17,13 @@ if TYPE_CHECKING:
 
 
 def check_elements(scene: Scene, check: Check) -> Scene:
-    """Return the scene with the couplers of its robot among its own; few scenes have any of what is checked here."""
-    couplers = couplers_of(scene)
-    scene = dataclasses.replace(scene, couplers=tuple(couplers.values()))
-    check_loops(scene, check)
+    """Return the scene with the couplers and loops of its robot among its own.
+
+    Few scenes have any of what is checked here.
+    """
+    couplers, loops = parts_of(scene, "couplers"), parts_of(scene, "loops")
+    scene = dataclasses.replace(scene, couplers=tuple(couplers.values()), loops=tuple(loops.values()))
+    check_loops(scene.robot, loops, check)
     check_couplers(scene, couplers, check)
     check_forces(scene, check)
     if scene.payloads:
@@ -31,24 +34,24 @@ def check_elements(scene: Scene, check: Check) -> Scene:
     return scene
 
 
-def check_loops(scene: Scene, check: Check) -> None:
-    paths: list[Path] = [("loops", k) for k in range(len(scene.loops))]
-    check.unique([loop.name for loop in scene.loops], "loop", [(*path, "name") for path in paths])
-    for path, loop in zip(paths, scene.loops):
+def check_loops(robot: Robot, loops: dict[Path, Any], check: Check) -> None:
+    """Names appear once; each loop joins points of two links."""
+    check.unique([loop.name for loop in loops.values()], "loop", [(*path, "name") for path in loops])
+    for path, loop in loops.items():
         with check:
             for k, reference in enumerate(loop.between):
-                problem = point_problem(scene.robot, reference)
+                problem = point_problem(robot, reference)
                 if problem is not None:
                     check.fail((*path, "between", k), problem)
-            first, second = (point_link(scene.robot, reference) for reference in loop.between)
+            first, second = (point_link(robot, reference) for reference in loop.between)
             if first == second:
                 check.fail((*path, "between"), f"both points are on {first!r}; a loop joins two links")
 
 
-def couplers_of(scene: Scene) -> dict[Path, Coupler]:
-    """Return the couplers of the robot and of the scene by their places; they are the couplers of the checked scene."""
-    robot: dict[Path, Coupler] = {("robot", "couplers", k): x for k, x in enumerate(scene.robot.couplers)}
-    return robot | {("couplers", k): x for k, x in enumerate(scene.couplers)}
+def parts_of(scene: Scene, kind: str) -> dict[Path, Any]:
+    """Return couplers or loops of the robot and of the scene by their places; they are those of the checked scene."""
+    robot: dict[Path, Any] = {("robot", kind, k): x for k, x in enumerate(getattr(scene.robot, kind))}
+    return robot | {(kind, k): x for k, x in enumerate(getattr(scene, kind))}
 
 
 def check_couplers(scene: Scene, couplers: dict[Path, Coupler], check: Check) -> None:

@@ -90,7 +90,15 @@ def check_scene(scene: Scene, check: Check) -> Scene:
             if name in joints:
                 message = f"{name!r} is a joint already; choose another name"
                 check.fail(("parameters", name), message, at_key=True)
-    elements = (scene.loops, scene.couplers, robot.couplers, scene.forces, scene.payloads, scene.torques)
+    elements = (
+        scene.loops,
+        robot.loops,
+        scene.couplers,
+        robot.couplers,
+        scene.forces,
+        scene.payloads,
+        scene.torques,
+    )
     if any((*elements, scene.outputs.signals, scene.control, scene.deploy.latches)):
         from robodyn_cli.scene.checks.elements import check_elements
 

@@ -123,7 +123,7 @@ def _with_robot(robot: Mapping, item: Mapping, path: Path, include: Include) -> 
     robot = _extended(
         robot, {"joints": [*joints, *_items(part, "joints")], "links": [*links, *_items(part, "links")]}
     )
-    robot = _extended(robot, {"couplers": _items(part, "couplers")})
+    robot = _extended(robot, {key: _items(part, key) for key in ("couplers", "loops")})
     for group in ("points", "frames"):
         robot = _joined(robot, part, group)
     return robot
@@ -185,10 +185,18 @@ def with_prefix(robot: Mapping, prefix: str, ground: str = GROUND) -> Mapping:
     def own(name: str) -> str:
         return prefix + name
 
+    group = robot.get("points")
+    points = {k.text for k, _ in group.entries} if isinstance(group, Mapping) else ()
+
+    def place(reference: str) -> str:
+        of, dot, name = reference.partition(".")
+        return f"{link(of)}.{name}" if dot and name not in points else own(name or of)
+
     changes: dict[str, Callable[[Node], Node]] = {
         "joints": lambda node: _each(node, {"name": own, "parent": link, "link": link}),
         "links": lambda node: _each(node, {"name": own}),
         "couplers": lambda node: _each(node, {"name": own, "terms": own}),
+        "loops": lambda node: _each(node, {"name": own, "between": place}),
         "points": lambda node: _places(node, own, link),
         "frames": lambda node: _places(node, own, link),
     }
@@ -214,6 +222,8 @@ def _renamed(item: Node, renames: dict[str, Rename]) -> Node:
 def _named(node: Node, rename: Rename) -> Node:
     if isinstance(node, Mapping):
         return mapping(node, [(_text(k, rename), v) for k, v in node.entries])
+    if isinstance(node, Sequence):
+        return sequence(node, [_named(item, rename) for item in node.items])
     return _text(node, rename) if isinstance(node, Scalar) and node.value is not None else node
 
 

@@ -292,6 +292,7 @@ class Includer:
         from robodyn_cli.scene.dialects import read_description
 
         self.descriptions.append(read_description(text, source, self.faults, self.packages))
+        self.sources += self.descriptions[-1].files
         return self.descriptions[-1].tree.root
 
     def locate(self, node: nodes.Scalar) -> tuple[str, str]:

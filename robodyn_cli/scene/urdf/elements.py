@@ -9,17 +9,18 @@ import math
 import os
 from collections import Counter
 from collections.abc import Mapping
+from typing import Any
 
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.urdf.unread import SHAPES, left_out, refuse_acting
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 ZERO = (0.0, 0.0, 0.0)
 X_AXIS = (1.0, 0.0, 0.0)  # the format's default
 _INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
-_SHAPES = ("visual", "collision")
 
 
 @record
@@ -29,6 +30,24 @@ class UrdfPose:
     xyz: tuple[float, ...] = ZERO
     rpy: tuple[float, ...] = ZERO
     quaternion: tuple[float, ...] | None = None
+
+    @property
+    def unit_quaternion(self) -> Any:
+        """The orientation as a unit quaternion (w, x, y, z)."""
+        from robodyn_cli.spatial import quaternion
+
+        given = self.quaternion
+        return quaternion.from_rpy(self.rpy) if given is None else quaternion.unit(given)
+
+    @property
+    def rotation(self) -> Any:
+        """The orientation as a matrix (3, 3), whose columns are the axes."""
+        from robodyn_cli.spatial import quaternion
+        from robodyn_cli.spatial.algebra import rotation_rpy
+
+        return (
+            rotation_rpy(self.rpy) if self.quaternion is None else quaternion.rotation(self.unit_quaternion)
+        )
 
 
 @record
@@ -103,6 +122,7 @@ class UrdfJoint:
     damping: float
     friction: float
     mimic: Mimic | None
+    axis2: tuple[float, ...] | None = None
 
 
 @record
@@ -124,6 +144,7 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
     SceneError : xacro.
     """
     _refuse_xacro(root)
+    refuse_acting(root, faults)
     links: list[UrdfLink] = []
     joints: list[UrdfJoint] = []
     for child in root.children:
@@ -132,8 +153,9 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
                 links.append(_link(child))
             elif child.tag == "joint":
                 joints.append(_joint(child))
-    ignored = Counter(child.tag for child in root.children if child.tag not in ("link", "joint"))
-    return UrdfRobot(root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), ignored)
+    return UrdfRobot(
+        root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), left_out(root)
+    )
 
 
 def _refuse_xacro(root: XmlElement) -> None:
@@ -155,7 +177,7 @@ def _refuse_xacro(root: XmlElement) -> None:
 def _link(element: XmlElement) -> UrdfLink:
     name = element.text("name", "a link")
     owner = f"link {name!r}"
-    visual, collision = (tuple(_shape(shape, owner) for shape in element.all(tag)) for tag in _SHAPES)
+    visual, collision = (tuple(_shape(shape, owner) for shape in element.all(tag)) for tag in SHAPES)
     return UrdfLink(element, name, _inertial(element, owner), visual, collision)
 
 
@@ -168,7 +190,7 @@ def _shape(element: XmlElement, owner: str) -> UrdfShape:
         sizes, file = _sizes(shape, owner), ""
         if shape.tag == "mesh":
             file = shape.text("filename", owner)
-        return UrdfShape(shape, shape.tag if sizes else "", sizes, file, _pose(element, owner))
+        return UrdfShape(shape, shape.tag if sizes else "", sizes, file, pose_of(element, owner))
     except SceneError:
         return UrdfShape(shape, "")
 
@@ -194,17 +216,18 @@ def _inertial(link: XmlElement, owner: str) -> Inertial | None:
     if value < 0.0:
         raise mass.error(f"{owner}: mass is negative (value {value:g}); allowed: a number >= 0 [kg]")
     moments = {k: inertia.number(f"i{k}", owner) for k in _INERTIA}
-    return Inertial(inertial, value, _pose(inertial, owner), moments)
+    return Inertial(inertial, value, pose_of(inertial, owner), moments)
 
 
-def _pose(element: XmlElement, owner: str) -> UrdfPose:
-    origin = element.one("origin", owner)
+def pose_of(element: XmlElement, owner: str, tag: str = "origin") -> UrdfPose:
+    """Return the pose that a child of an element states, by default none."""
+    origin = element.one(tag, owner)
     if origin is None:
         return UrdfPose()
     xyz = tuple(origin.numbers("xyz", owner, 3, ZERO))
     if "quat_xyzw" in origin.attributes:
         if "rpy" in origin.attributes:
-            raise origin.error(f"{owner}: <origin> has rpy and quat_xyzw; allowed: one of them")
+            raise origin.error(f"{owner}: <{tag}> has rpy and quat_xyzw; allowed: one of them")
         x, y, z, w = origin.numbers("quat_xyzw", owner, 4)
         if abs(math.hypot(x, y, z, w) - 1.0) > 1e-3:
             raise origin.error(
@@ -233,7 +256,7 @@ def _joint(element: XmlElement) -> UrdfJoint:
         kind,
         ends[0],
         ends[1],
-        _pose(element, owner),
+        pose_of(element, owner),
         _axis(element, owner, kind),
         _limits(element, owner),
         damping,

@@ -9,7 +9,9 @@ from collections.abc import Iterator
 from robodyn_cli.errors import listed
 from robodyn_cli.scene.dialects import Description, Packages, RobotTree
 from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
+from robodyn_cli.scene.urdf.closures import Ties, closures_of, couplings_of
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
+from robodyn_cli.scene.urdf.extended import with_file_beside
 from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations
 from robodyn_cli.scene.urdf.tree import robot_tree
 from robodyn_cli.scene.urdf.xml import XmlElement
@@ -27,10 +29,17 @@ def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Descripti
         check_structure(robot, faults)
     if faults.found:
         return None
+    beside = with_file_beside(robot, faults)
+    robot = beside.robot
+    ties = Ties((*closures_of(robot, faults), *beside.closures), couplings_of(robot, faults))
+    ties.check_names(faults)
+    if faults.found:
+        return None
     file = root.place.source.name
-    tree = robot_tree(robot, relations({joint.name: joint for joint in robot.joints}), file, packages)
-    notes = (*_notes(robot), *_missing(robot, file, packages))
-    return Description(file, tree, _heading(robot, tree), notes, _warnings(robot))
+    tree = robot_tree(robot, relations({joint.name: joint for joint in robot.joints}), ties, file, packages)
+    notes = (*_notes(robot), *beside.notes, *_missing(robot, file, packages))
+    files = (beside.file,) if beside.file else ()
+    return Description(file, tree, _heading(robot, tree), notes, _warnings(robot), files)
 
 
 def _visuals(root: Mapping) -> Iterator[Sequence]:
@@ -65,7 +74,11 @@ def _heading(robot: UrdfRobot, tree: RobotTree) -> tuple[str, ...]:
 
 def _notes(robot: UrdfRobot) -> tuple[str, ...]:
     massless = [link.name for link in robot.links if link.massless]
-    return (f"massless links: {listed(massless)}",) if massless else ()
+    left = ", ".join(f"{n} <{tag}>" for tag, n in robot.ignored.items())
+    return (
+        *((f"left out, for no equation reads it: {left}",) if left else ()),
+        *((f"massless links: {listed(massless)}",) if massless else ()),
+    )
 
 
 def _missing(robot: UrdfRobot, urdf: str, packages: Packages) -> tuple[str, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 from robodyn_cli.scene.dialects import RobotTree
 from robodyn_cli.scene.text.nodes import Mapping, Node, plain, sequence
+from robodyn_cli.scene.urdf.closures import Coupling, Ties, loop_of
 from robodyn_cli.scene.urdf.elements import (
     ZERO,
     Inertial,
@@ -24,19 +25,26 @@ from robodyn_cli.scene.urdf.xml import GROUND, joint_names, link_names, scene_na
 
 ROOT_JOINT = "root_joint"
 Drawn = tuple[UrdfShape, str]  # with the file of a mesh
+WITHOUT_AXIS = ("fixed", "floating", "spherical")
 # the scene's type where it has another name
 _TYPES = {"continuous": "revolute"}
 
 
 def robot_tree(
-    robot: UrdfRobot, relations: dict[str, Relation], urdf: str, packages: MappingOf[str, str]
+    robot: UrdfRobot,
+    relations: dict[str, Relation],
+    ties: Ties,
+    urdf: str,
+    packages: MappingOf[str, str],
 ) -> RobotTree:
     """Return the tree of a robot whose structure and mimics have been checked.
 
+    ties : what closes its loops, and couplings of its joints.
     urdf, packages : where the meshes are looked for, see ``mesh_file``.
     """
     shapes = {link.name: drawn_shapes(link, urdf, packages) for link in robot.links}
-    return _Tree(robot, relations, shapes, os.path.dirname(os.path.abspath(urdf))).tree()
+    tree = _Tree(robot, relations, shapes, os.path.dirname(os.path.abspath(urdf)))
+    return tree.tree(ties)
 
 
 class _Tree:
@@ -50,7 +58,7 @@ class _Tree:
         self.joint_remarks: dict[str, list[str]] = {}
         self.link_remarks: dict[str, list[str]] = {}
 
-    def tree(self) -> RobotTree:
+    def tree(self, ties: Ties) -> RobotTree:
         place = self.robot.element.place
         root = root_of(self.robot)
         first = {"name": self.root_joint, "type": "fixed", "parent": GROUND, "link": self.links[root.name]}
@@ -65,8 +73,20 @@ class _Tree:
             for joint in self.robot.joints
             if (relation := self.relations.get(joint.name)) is not None and relation.joint
         ]
+        names = scene_names(ties.names, self.joints.values())
+        couplers += [self.coupling(x, names[x.name]) for x in ties.couplings]
         if couplers:
             entries["couplers"] = sequence(place, couplers)
+        loops: list[Mapping] = []
+        points: dict[str, Mapping] = {}
+        for closure in ties.closures:
+            loop, joined = loop_of(closure, names[closure.name], self.links)
+            loops.append(plain(closure.place, loop))
+            points |= {name: plain(closure.place, point) for name, point in joined.items()}
+        if points:
+            entries["points"] = plain(place, points)
+        if loops:
+            entries["loops"] = sequence(place, loops)
         return RobotTree(plain(place, entries), self.joint_remarks, self.link_remarks)
 
     # -- joints ---------------------------------------------------------------------------------------
@@ -92,7 +112,8 @@ class _Tree:
             if joint.mimic is not None and kind == "fixed":
                 remarks.append(f"mimics {joint.mimic.joint!r}, which means nothing for a fixed joint")
             entries |= _origin(place, joint.pose)
-            entries |= {} if kind in ("fixed", "floating") else {"axis": plain(place, joint.axis)}
+            entries |= {} if kind in WITHOUT_AXIS else {"axis": plain(place, joint.axis)}
+            entries |= {} if joint.axis2 is None else {"axis2": plain(place, joint.axis2)}
             entries |= self.drive(joint, remarks)
         return plain(place, entries)
 
@@ -136,6 +157,14 @@ class _Tree:
         if relation.offset:
             entries["value"] = relation.offset
         return plain(place, entries)
+
+    def coupling(self, coupling: Coupling, name: str) -> Mapping:
+        """Return the sum of coefficient times q = 0; joints that are held count by where they are."""
+        held = {joint: x.offset for joint, x in self.relations.items() if x.joint is None}
+        terms = {self.joints[joint]: x for joint, x in coupling.terms.items() if joint not in held}
+        value = -sum(x * held[joint] for joint, x in coupling.terms.items() if joint in held)
+        entries: dict[str, Any] = {"name": name, "terms": terms}
+        return plain(coupling.place, entries | ({"value": value} if value else {}))
 
     # -- links ----------------------------------------------------------------------------------------
     def link(self, link: UrdfLink) -> Mapping:
@@ -192,19 +221,6 @@ def _origin(place: Node, pose: UrdfPose) -> dict[str, Any]:
 
 
 # -- geometry ----------------------------------------------------------------------------------------------
-def _quaternion(pose: UrdfPose) -> Any:
-    from robodyn_cli.spatial import quaternion
-
-    return quaternion.from_rpy(pose.rpy) if pose.quaternion is None else quaternion.unit(pose.quaternion)
-
-
-def _rotation(pose: UrdfPose) -> Any:
-    from robodyn_cli.spatial import quaternion
-    from robodyn_cli.spatial.algebra import rotation_rpy
-
-    return rotation_rpy(pose.rpy) if pose.quaternion is None else quaternion.rotation(_quaternion(pose))
-
-
 def _moved(joint: UrdfJoint, q: float) -> UrdfPose:
     """Return the pose of a joint's link at q, in the parent link's frame."""
     from robodyn_cli.spatial import quaternion
@@ -212,9 +228,9 @@ def _moved(joint: UrdfJoint, q: float) -> UrdfPose:
     length = math.hypot(*joint.axis)
     step = [q * a / length for a in joint.axis]
     if joint.type == "prismatic":
-        xyz = tuple(float(p + d) for p, d in zip(joint.pose.xyz, _rotation(joint.pose) @ step))
+        xyz = tuple(float(p + d) for p, d in zip(joint.pose.xyz, joint.pose.rotation @ step))
         return UrdfPose(xyz, joint.pose.rpy, joint.pose.quaternion)
-    turned = quaternion.product(_quaternion(joint.pose), quaternion.from_rotation_vector(step))
+    turned = quaternion.product(joint.pose.unit_quaternion, quaternion.from_rotation_vector(step))
     return UrdfPose(joint.pose.xyz, quaternion=tuple(float(x) for x in turned))
 
 
@@ -227,6 +243,6 @@ def _turned(inertial: Inertial) -> dict[str, float]:
 
     xyz = "xyz"
     tensor = np.array([[given["".join(sorted(a + b))] for b in xyz] for a in xyz])
-    R = np.array(_rotation(pose), dtype=float)
+    R = np.array(pose.rotation, dtype=float)
     turned = R @ tensor @ R.T
     return {k: float(turned[xyz.index(k[0]), xyz.index(k[1])]) for k in given}
