@@ -15,7 +15,7 @@ from robodyn_cli.expr.statements import Expectation, Variation, parse_expectatio
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.read_joints import coordinate_of, joint_map
-from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader
+from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader, units_of_entries
 from robodyn_cli.scene.robot_types import Joint
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import concrete
@@ -114,7 +114,7 @@ class Reader(ScalarReader):
             raise self.wrong(kind, node, path, unit)
         if kind.size and len(node.items) != kind.size:
             raise self.wrong(kind, node, path, unit, _entries(node))
-        units = kinds.units_of_entries(kind, unit, len(node.items))
+        units = units_of_entries(kind, unit, len(node.items))
         return tuple(
             self.plain_number(kinds.Number(), item, (*path, k), units[k]) for k, item in enumerate(node.items)
         )

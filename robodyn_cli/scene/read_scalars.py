@@ -33,6 +33,7 @@ from robodyn_cli.schema.fields import (
     Name,
     Number,
     Text,
+    Vector,
     describe,
     for_coordinate,
     of_angle,
@@ -273,3 +274,11 @@ class ScalarReader:
             return fm.parse(node.text)
         except SceneError as error:
             raise located(node, dotted(path), f"{error.message}; allowed: {describe(kind, unit)}") from None
+
+
+def units_of_entries(kind: Vector, unit: str, count: int) -> list[str]:
+    """Return the unit of each entry of a list: of ``s, N m`` that of its column or, of six entries, of its half."""
+    columns = unit.split(", ")
+    if len(columns) != 2:
+        return [unit] * count
+    return [columns[k // 3 if kind.size == 6 else min(k, 1)] for k in range(count)]

@@ -320,14 +320,6 @@ def for_coordinate(unit: str, coordinate: str) -> str:
     return (turning if coordinate == "rad" else sliding or forms)[0]
 
 
-def units_of_entries(kind: Vector, unit: str, count: int) -> list[str]:
-    """Return the unit of each entry of a list: of ``s, N m`` that of its column or, of six entries, of its half."""
-    columns = unit.split(", ")
-    if len(columns) != 2:
-        return [unit] * count
-    return [columns[k // 3 if kind.size == 6 else min(k, 1)] for k in range(count)]
-
-
 def of_angle(unit: str) -> bool:
     """Tell whether a unit is that of an angle, or of one of its rates."""
     return any(form.startswith("rad") for form in unit.split(" or "))

@@ -300,8 +300,7 @@ def _largest_of_piece(y: Array, low: Array, high: Array) -> Extreme:
     error = np.where(outside, OUTSIDE * error, np.maximum(error, top - there) * ~trusted + error * trusted)
     at = np.where(trusted, at, j)
     with np.errstate(divide="ignore", invalid="ignore"):
-        noise = error + NOISE * np.abs(top)
-        off = np.where(error > 0.0, np.minimum(1.0, 4.0 * noise / bend), 0.0)
+        off = np.where(error > 0.0, np.minimum(1.0, 4.0 * (error + NOISE * np.abs(top)) / bend), 0.0)
     off = np.where(trusted | (error == 0.0), off, 1.0)
     fields = [x.reshape(tries, n) for x in (np.where(trusted, top, there), error, at, off, at)]
     return _anywhere(reduce(Extreme.or_larger, map(Extreme, *fields)), y, near)

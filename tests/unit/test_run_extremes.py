@@ -22,7 +22,7 @@ from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.export import tables
 from robodyn_cli.results.hdf5 import write
 from robodyn_cli.scene.checks.columns import column_names, units_of_columns
-from robodyn_cli.scene.checks.scene import places_of
+from robodyn_cli.scene.checks.keys import places_of
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.solve.peaks import Windows
 from robodyn_cli.summaries.keys import leaf_of

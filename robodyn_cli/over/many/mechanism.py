@@ -181,7 +181,7 @@ class Mechanism(ModelFunctions):
         """
         if not of:
             return
-        from robodyn_cli.scene.checks.scene import key_names
+        from robodyn_cli.scene.checks.keys import key_names
         from robodyn_cli.summaries.keys import refusal
 
         for key in of:

@@ -21,8 +21,8 @@ from robodyn_cli.over.study.rows import Task
 from robodyn_cli.over.study.study import check_key, repeated, units_of_keys
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import sha256
+from robodyn_cli.scene.checks.keys import key_names
 from robodyn_cli.scene.checks.options import is_inequality, search_problems
-from robodyn_cli.scene.checks.scene import key_names
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.nested_options import SearchOptions
 from robodyn_cli.scene.units import refuse_doubles

@@ -1,5 +1,4 @@
-"""Sensitivities: derivatives of outputs of a command by keys of its scene, exact where the command has such, with their
-errors, ranked by how much a part of a key moves an output."""
+"""Sensitivities: derivatives of outputs of a command by keys of its scene, exact where there are such, with errors."""
 
 from __future__ import annotations
 

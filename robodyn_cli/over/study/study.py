@@ -23,7 +23,7 @@ from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import sha256
 from robodyn_cli.scene.checks.check import EXTREMES
-from robodyn_cli.scene.checks.scene import key_names, places_of
+from robodyn_cli.scene.checks.keys import key_names, places_of
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles, unit_of

@@ -54,9 +54,9 @@ from robodyn_cli.works.deploy.lock import (
 )  # fmt: skip
 from robodyn_cli.works.deploy.recording import (
     FollowedLock,
+    add_followed,
     first_overload,
     follow_locked,
-    join,
     record_motion,
 )
 from robodyn_cli.works.deploy.scan import (
@@ -277,7 +277,8 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     jumps = [float(event["time"]) for event in result.events]
     if failure is None:
         if done.followed is not None:
-            add_followed(result, done)
+            assert done.lock is not None and done.latch is not None
+            add_followed(result, done.lock, done.latch, done.recorder, done.followed.recorder)
         overload = first_overload(result, limits, done.recorder.breaks(result.time, jumps))
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
@@ -347,20 +348,6 @@ def _after_lock(done: Deployment) -> AfterLock | Absent | None:
         return done.followed.keys
     locked = done.lock is not None and done.lock.kind != "overload"
     return None if locked and done.motion.scene.deploy.after == "continue" else ABSENT
-
-
-def add_followed(result: Result, done: Deployment) -> None:
-    """Add the event of the lock and the samples behind it."""
-    assert done.lock is not None and done.latch is not None and done.followed is not None
-    lost = {
-        "energy_lost": done.latch.impact.energy_lost,
-        "degrees_of_freedom": done.latch.locked.freedom,
-    }
-    result.events.append({"time": done.lock.time, "name": done.latch.locked.name, "kind": "lock", **lost})
-    later = done.followed.recorder
-    if later is not None:
-        for path, data in join(done.recorder, later).items():
-            result.add(path, data, **later.described(path))
 
 
 def verdict(done: Deployment, overload: Overload | None) -> tuple[str, dict[str, Any]]:

@@ -337,3 +337,14 @@ def first_overload(result: Result, limits: Mapping[str, Any], breaks: Breaks) ->
                 largest_load = float(peak.value[0]), float(peak.error[0])
                 worst = Overload(name, quantity, most, float(times[at]), since, *largest_load)
     return worst
+
+
+def add_followed(
+    result: Result, lock: Lock, latch: ClosedLatch, recorder: Recorder, later: Recorder | None
+) -> None:
+    """Add the event of the lock and the samples behind it, which ``later`` has recorded."""
+    lost = {"energy_lost": latch.impact.energy_lost, "degrees_of_freedom": latch.locked.freedom}
+    result.events.append({"time": lock.time, "name": latch.locked.name, "kind": "lock", **lost})
+    if later is not None:
+        for path, data in join(recorder, later).items():
+            result.add(path, data, **later.described(path))
