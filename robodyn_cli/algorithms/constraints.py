@@ -5,7 +5,7 @@ Driven joints of a mechanism with loops: their accelerations by their torques, a
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.algorithms.kinematics import (
@@ -20,11 +20,22 @@ from robodyn_cli.algorithms.kinematics import (
     step_motion,
 )
 from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
-from robodyn_cli.expr.graph import Expr, is_nonzero
+from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
 from robodyn_cli.loops.base import LoopFrame, Row
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Values, Vector, dot, identity, vector, zeros
+from robodyn_cli.spatial.algebra import (
+    Array,
+    Matrix,
+    Transform,
+    Values,
+    Vector,
+    dot,
+    identity,
+    vector,
+    zeros,
+)
 
 
 class LoopRows:
@@ -289,3 +300,21 @@ class DrivenJoints:
     def _weighted(factor: LdlFactor, x: Values, y: Values) -> Any:
         """Return x^T D^-1 y."""
         return dot([a * d for a, d in zip(x, factor.inverse)], y)
+
+
+def coordinate_row(
+    name: str, model: Model, q: Sequence[Scalar], terms: Mapping[str, float], value: Scalar, kind: str
+) -> Row:
+    """Return the row of a linear relation between joint coordinates, eta = sum c_i q_i - s(t), with its derivatives.
+
+    ``terms`` are by column of q, of joints whose velocities are the rates of positions.
+    """
+    t = model.graph.symbol("t", "t")
+    psi = zeros(model.nv)
+    eta: Scalar = 0.0
+    for joint, coefficient in terms.items():
+        psi[model.v_names.index(joint)] = coefficient
+        eta = eta + coefficient * q[model.q_names.index(joint)]
+    rate = directional([value], [t], [1.0])[0]
+    second = directional([rate], [t], [1.0])[0]
+    return Row(name, eta - value, psi, -second, -rate, kind)

@@ -19,9 +19,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from robodyn_cli.algorithms.constraints import gram
+from robodyn_cli.algorithms.constraints import coordinate_row, gram
 from robodyn_cli.algorithms.linear import LdlFactor, minimum_degree
-from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Graph, Scalar, free_symbols, is_nonzero
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import PARAMETER_GROUP, Model
@@ -151,24 +150,6 @@ def constraints_of(problem: MechanismParts) -> Constraints:
 
         rows += prescribed_rows(problem.model, problem.q, problem.v, problem.scene.prescribed, env)
     return Constraints(tuple(rows), tuple(dropped), tuple(range(first, len(rows))))
-
-
-def coordinate_row(
-    name: str, model: Model, q: Sequence[Scalar], terms: Mapping[str, float], value: Scalar, kind: str
-) -> Row:
-    """Return the row of a linear relation between joint coordinates, eta = sum c_i q_i - s(t), with its derivatives.
-
-    ``terms`` are by column of q, of joints whose velocities are the rates of positions.
-    """
-    t = model.graph.symbol("t", "t")
-    psi = zeros(model.nv)
-    eta: Scalar = 0.0
-    for joint, coefficient in terms.items():
-        psi[model.v_names.index(joint)] = coefficient
-        eta = eta + coefficient * q[model.q_names.index(joint)]
-    rate = directional([value], [t], [1.0])[0]
-    second = directional([rate], [t], [1.0])[0]
-    return Row(name, eta - value, psi, -second, -rate, kind)
 
 
 Braces = Mapping[str, float]  # b_i by the name of a row

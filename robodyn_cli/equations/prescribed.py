@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from robodyn_cli.equations.constraints import coordinate_row
+from robodyn_cli.algorithms.constraints import coordinate_row
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.loops.base import Row

@@ -82,10 +82,9 @@ def inverse(
         raise ValueError(f"samples: {count}; allowed: 2 or more")
     with watch.stage("equations"):
         program = program_of(scene)
+        function = program.compile(count)
     with watch.stage("solve"):
         planned = planned_at(program, program.times(count))
-    with watch.stage("equations"):
-        function = program.compile(count)
     with watch.stage("evaluate"):
         sampled = program.evaluate(planned, function)
     _refuse_indefinite(program.problem, sampled)
@@ -98,11 +97,12 @@ def inverse(
         there = loads_of(program, looked) if loads is not None and looked is not sampled else loads
     progress(program.duration, program.duration)
     result = report(program, planned, sampled, loads)
-    summary = summarise(program, closer, looked, loaded, errors, there)
-    records = [dataclasses.replace(summary, samples=count)]
+    summary = summarise(program, closer, looked, loaded, errors)
+    reactions = ABSENT if there is None else there.summary(loaded.breaks)
+    records = [dataclasses.replace(summary, samples=count, reactions=reactions)]
     with watch.stage("drives"):
         records = _with_drives(records, result, program, looked)
-    records = _with_balance(records, result, program, (sampled, looked))
+        records = _with_balance(records, result, program, (sampled, looked))
     result.summarise(*records, seconds=watch.report())
     refuse_result(result)
     return result
@@ -298,7 +298,6 @@ def summarise(
     sampled: Sampled,
     loaded: Loaded,
     errors: InverseErrors,
-    loads: Loads | None,
     wanted: Collection[str] = FIGURES,
 ) -> InverseSummary:
     """Return the summary of a run; wanted : the figures of joints that are."""
@@ -333,7 +332,7 @@ def summarise(
         joints=joint_figures(problem, sampled, loaded, wanted),
         definitions=definitions_of(loops is not None),
         counters=dict(sampled.counters),
-        reactions=ABSENT if loads is None else loads.summary(loaded.breaks),
+        reactions=ABSENT,
     )
 
 

@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from robodyn_cli.cli import console
 from tests.cli.tool import PENDULUM
+
+DAY = 86400.0
+
+
+@pytest.fixture(scope="session", autouse=True)
+def patience() -> Iterator[None]:
+    """Let no run on a slow machine say how long it takes already."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(console, "LONG_SECONDS", DAY)
+        yield
 
 
 @pytest.fixture

@@ -127,8 +127,10 @@ def test_where_there_is_no_terminal_a_line_a_minute_tells_how_far_it_is(
             shown.progress(k, 8)
             time.sleep(0.12)
     said = capsys.readouterr().err.splitlines()
-    assert said[1] == "robodyn: after 0 s: integrate, 0.0 %  t = 0 of 8 s" and len(said) >= 4
-    assert said[-1] == "robodyn: after 0 s: integrate, 25.0 %  t = 2 of 8 s"
+    # a slow machine may speak before the first step, and later
+    told = [line.partition(": integrate, ")[2] for line in said if ": integrate, " in line]
+    assert len(told) >= 2 and told[0].endswith("of 8 s") and told[-1] == "25.0 %  t = 2 of 8 s"
+    assert all(line.startswith("robodyn: after ") for line in said[1:])
 
 
 def test_what_a_terminal_would_obey_is_shown(capsys: pytest.CaptureFixture[str]) -> None:

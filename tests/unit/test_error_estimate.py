@@ -18,7 +18,6 @@ from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.error import Courses, First, Floor, first_attempt, remainder
 from tests.mechanisms import CONFIGS
 from tests.methods import ADAPTIVE, taking
-from tests.proof.families import make
 
 ROOT = Path(__file__).parents[2]
 
@@ -114,6 +113,9 @@ def test_errors_that_agree_at_the_end_are_not_taken_for_none() -> None:
 
 def test_the_error_at_the_end_is_that_of_the_last_sample_too() -> None:
     """37 intervals: every second sample counted, so the last one, dense output with 20 times the error, did not."""
+    pytest.importorskip("pinocchio")
+    from tests.proof.families import make
+
     text = make(900049)[1].scene()
     runs = [
         simulate(load_scene_text(text, overrides=[f"simulate.rtol={rtol}", f"simulate.atol={atol}"]))

@@ -52,6 +52,7 @@ KEEPERS = {
     "solve/quadrature.py: _weights",
     "summaries/keys.py: fields_at",
     "summaries/keys.py: leaf_of",
+    "torques/checks.py: _hermite",
     "version.py: code_digest",
 }
 # functions of libraries that change the process

@@ -234,7 +234,7 @@ class _MadeRun:
         """The summary of the run but for the figures of its joints."""
         program, numbers = self.structure.program, self.structure.numbers(self.values)
         errors = error_estimate(program, self.planned, self.sampled, self.loaded, numbers)
-        own = summarise(program, self.planned, self.sampled, self.loaded, errors, None, ())
+        own = summarise(program, self.planned, self.sampled, self.loaded, errors, ())
         return {**as_keys(own), "samples": program.problem.scene.inverse.samples}
 
 

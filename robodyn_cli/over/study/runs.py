@@ -50,8 +50,8 @@ def suits(task: Task) -> bool:
 def _command_of(task: Task) -> BatchCommand[Any] | None:
     """Return what makes many runs of a study; None where nothing does."""
     command = commands.get(task.command)
-    if command is None:
-        return None
+    if command is None or not task.family.own.deploy.latches:
+        return command
     from robodyn_cli.over.many.latched import command_for
 
     return command_for(command, task.family.own)

@@ -30,7 +30,7 @@ WITH_AXES = ("revolute", "prismatic", "planar")
 
 
 @record
-class End:
+class LoopEnd:
     """One end of a closure: a frame on a link, and the closure's axis in that frame."""
 
     link: str
@@ -45,7 +45,7 @@ class Closure:
     place: Node
     name: str
     type: str
-    ends: tuple[End, End]
+    ends: tuple[LoopEnd, LoopEnd]
 
 
 @record
@@ -130,7 +130,7 @@ def _loop(element: XmlElement) -> Closure:
     name, owner = _owner(element)
     kind, axis = _kind(element, owner, _OF_LOOP), _axis(element.one("axis", owner), owner)
     ends = [_child(element, tag, owner) for tag in ("predecessor", "successor")]
-    first, second = (End(end.text("link", owner), pose_of(end, owner), axis) for end in ends)
+    first, second = (LoopEnd(end.text("link", owner), pose_of(end, owner), axis) for end in ends)
     return Closure(element.place, name, kind, (first, second))
 
 
@@ -147,7 +147,7 @@ def _constraint(element: XmlElement) -> Closure:
         link = _child(element, tag, owner).text("link", owner)
         pose = pose_of(element, owner, f"{tag}_origin")
         axis = element.one(f"{tag}_axis", owner) or element.one("parent_axis", owner)
-        ends.append(End(link, pose, _axis(axis, owner)))
+        ends.append(LoopEnd(link, pose, _axis(axis, owner)))
     return Closure(element.place, name, kind, (ends[0], ends[1]))
 
 
@@ -160,7 +160,7 @@ def _loop_joint(element: XmlElement) -> Closure:
         end = _child(element, tag, owner)
         zero = (0.0, 0.0, 0.0)
         pose = UrdfPose(*(tuple(end.numbers(key, owner, 3, zero)) for key in ("xyz", "rpy")))
-        ends.append(End(end.text("link", owner), pose))
+        ends.append(LoopEnd(end.text("link", owner), pose))
     return Closure(element.place, name, kind, (ends[0], ends[1]))
 
 

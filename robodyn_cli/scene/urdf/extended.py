@@ -24,7 +24,7 @@ from robodyn_cli.scene.text.nodes import (
     located,
 )
 from robodyn_cli.scene.text.yaml_text import compose, read_text
-from robodyn_cli.scene.urdf.closures import Closure, End
+from robodyn_cli.scene.urdf.closures import Closure, LoopEnd
 from robodyn_cli.scene.urdf.elements import UrdfJoint, UrdfRobot
 
 LOOPS = "closed_loop"
@@ -129,7 +129,7 @@ class _Reader:
         for end in pair.items:
             if _text(end) not in self.frames:
                 raise located(end, LOOPS, unknown_name("link or joint", _text(end), self.frames))
-            ends.append(End(self.frames[_text(end)]))
+            ends.append(LoopEnd(self.frames[_text(end)]))
         return Closure(pair, f"loop{k + 1}", _TIES[kind], (ends[0], ends[1]))
 
 
