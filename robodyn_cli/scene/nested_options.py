@@ -329,7 +329,7 @@ class KinematicDesign:
         doc="Class of each closed chain of four links by Grashof, its inversions, and the dead points of its joints.",
     )
     poles: dict[str, tuple[str, ...]] = key(
-        MapOf(ListOf(Name(of="link"), minimum=2, maximum=2), of="pair of links"),
+        MapOf(ListOf(Name(of="link"), minimum=2, maximum=2), of="pair"),
         default=None,
         doc="Pairs of links, by names of your own: pole, centrodes and acceleration pole of the first as seen from the "
         "second.",
