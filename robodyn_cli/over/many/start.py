@@ -16,8 +16,7 @@ from robodyn_cli.over.many.keys import START
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
-from robodyn_cli.solve.assembly import starts_around
-from robodyn_cli.solve.closure import CLOSED, MOST_STEP, SAME, Numbers, has_full_rank
+from robodyn_cli.solve.closure import CLOSED, MOST_STEP, SAME, Numbers, has_full_rank, starts_around
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
