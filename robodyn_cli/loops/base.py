@@ -55,8 +55,10 @@ class LoopClosure:
 
 @record
 class Attitude:
-    """Two frames that a closure holds aligned: axes e and f (3, 3) as columns, and the Jacobian Jw (3, nv) of the angular
-    velocity of f relative to e."""
+    """Two frames that a closure holds aligned.
+
+    e, f : (3, 3) axes as columns. Jw : (3, nv) Jacobian of the angular velocity of f relative to e.
+    """
 
     e: Matrix
     f: Matrix

@@ -54,9 +54,14 @@ class Closure:
     nearest: Nearest | None = None
 
     @property
+    def cut(self) -> float:
+        """Ratio of singular values below which directions are left alone."""
+        return ROUNDED if self.tolerance == ROUNDED else CUT
+
+    @property
     def rank_tolerance(self) -> float:
         """Ratio of singular values below which rows depend on each other."""
-        return ROUNDED if self.tolerance == ROUNDED else RANK_TOLERANCE
+        return max(RANK_TOLERANCE, self.cut)
 
 
 @record
@@ -192,6 +197,10 @@ def _regular(numbers: Numbers, poses: list[Pose]) -> list[Pose]:
 
 def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closing) -> Closure:
     """Return the closed configuration nearest to q, where no coordinate has a value, of those that starts lead to."""
+
+    def distance(closed: Array) -> float:
+        return float(np.linalg.norm(numbers.manifold.difference(q, closed) / numbers.lengths))
+
     poses: list[Pose] = []
     tried: list[Pose] = []
     starts: list[Array] = []
@@ -204,11 +213,8 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closing) -> Closure:
     if not poses:
         near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
         if rounded := _close_rounded(numbers, q, task, near):
-            return rounded
+            return Closure(rounded.q, ROUNDED, Nearest(len(tried), len(near), distance(rounded.q)))
         raise open_loop(numbers, task, tried)
-
-    def distance(closed: Array) -> float:
-        return float(np.linalg.norm(numbers.manifold.difference(q, closed) / numbers.lengths))
 
     regular = sorted((closed for _, closed in _regular(numbers, poses)), key=distance)
     nearest = min((_slide_nearer(numbers, q, closed) for closed in regular[:NEAREST]), key=distance)
@@ -297,8 +303,7 @@ def _close_rates(
 ) -> tuple[Array, float]:
     """Return rates that satisfy Psi v + eta_t = 0, changing as few of the given ones as possible."""
     psi, eta_t = numbers.psi(closure.q), numbers.eta_t(closure.q)
-    rounded = closure.tolerance == ROUNDED
-    cut, agrees = (ROUNDED, ROUNDED) if rounded else (CUT, 1e-10)
+    agrees = max(1e-10, closure.cut)
     scale = max(float(np.abs(psi).max()), 1e-300) * max(float(np.abs(v).max()), 1.0)
     nv = len(v)
     for fixed in (set(given) | set(hold), set(hold) if not given else set(given), set()):
@@ -308,7 +313,7 @@ def _close_rates(
         for _ in range(3):
             if not free:
                 break
-            step, *_ = np.linalg.lstsq(psi[:, free], -residual, rcond=cut)
+            step, *_ = np.linalg.lstsq(psi[:, free], -residual, rcond=closure.cut)
             new[free] += step
             residual = psi @ new + eta_t
         remaining = float(np.abs(residual).max())

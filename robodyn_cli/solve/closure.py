@@ -201,7 +201,7 @@ def descend(
 
     Parameters
     ----------
-    free : velocity coordinates that may move. gain : part of the sum of squares that a step must take off, now and then.
+    free : velocity coordinates that may move. gain : part of the sum of squares that one of a few steps takes off.
     """
     columns = list(free)
     lengths = conditions.lengths[columns]

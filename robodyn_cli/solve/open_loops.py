@@ -21,8 +21,8 @@ SAME_POSE = 1e-2  # rad, or part of the size, between the least and a pose that 
 class Closing:
     """Which coordinates may move while the loops are closed.
 
-    given : whether any has a value. free : velocity coordinates that are not held. missing : those without an initial value. turning : places in q of
-    the missing ones that are angles. held : columns of q that are held, with their values.
+    given : whether any has a value. free : velocity coordinates that are not held. missing : those without an initial
+    value. turning : places in q of the missing ones that are angles. held : columns of q that are held, with their values.
     """
 
     given: bool
@@ -144,8 +144,10 @@ def _smallest_gap(aligned: Aligned, task: Closing, q: Array, least: float, start
     known = {"residual": least, "row": row.name, "q": q.tolist()}
     if loop in numbers.couplers:
         apart = abs(float(eta[numbers.rows.index(row)]))
-        text = f"the coupler {loop!r} does not hold {start}: at best its terms miss its offset by {apart:.6g} {row.unit}"
-        return GeometryError(text + condition, coupler=loop, gap=apart, **known)
+        text = (
+            f"the coupler {loop!r} does not hold {start}: at best its terms miss its offset by {apart:.6g} "
+        )
+        return GeometryError(f"{text}{row.unit}{condition}", coupler=loop, gap=apart, **known)
     left = " and ".join(
         text
         for x, text in ((gap, f"a gap of {gap:.6g} m"), (angle, f"{angle:.6g} rad between axes"))
@@ -154,7 +156,7 @@ def _smallest_gap(aligned: Aligned, task: Closing, q: Array, least: float, start
     text = f"the loop {loop!r} does not close {start}: at best {left} remains{condition}"
     if angle > 1e-9 or len(parts) > 1:
         text += (
-            f"; the least that was found leaves {least:.5g} over all loops (root of the sum of squares of all rows, m and "
-            "rad), which proves nothing about other poses"
+            f"; the least that was found leaves {least:.5g} over all loops (root of the sum of squares of all rows, m "
+            "and rad), which proves nothing about other poses"
         )
     return GeometryError(text, loop=loop, gap=gap, angle=angle, **known)

@@ -41,6 +41,9 @@ class Mobility:
     count: int = fact("degrees of freedom by Gruebler and Kutzbach in space: coordinates less all rows")
     planar_count: int = fact("coordinates less the rows that do not vanish identically")
     actual: int = fact("degrees of freedom by the rank of the loops' rows")
+    rank_tolerance: float = fact("part of the largest singular value of Psi below which one counts as zero")
+    smallest_kept: float | Absent = fact("smallest singular value that counts, over the largest")
+    largest_dropped: float | Absent = fact("largest singular value that does not count, over the largest")
 
 
 @record
@@ -70,6 +73,25 @@ class BranchSearch:
 
 
 @record
+class NearestClosure:
+    """How the configuration was found where the scene gives no start: others may close the loops too."""
+
+    starts: int = fact("starts, q = 0 the first of them")
+    closed: int = fact("how many of them closed the loops")
+    distance: float = fact(
+        "from q = 0: root of the sum of squares", "rad or sizes of the mechanism", errors=None
+    )
+
+
+@record
+class UndrivenFreedoms:
+    """Degrees of freedom that are left with all driven joints held, such as the spin of a rod between two balls."""
+
+    count: int = fact("how many, to first order")
+    joints: list[str] = fact("joints that they move; no others of these share one")
+
+
+@record
 class AssembleSummary:
     """The summary of an assembly."""
 
@@ -85,8 +107,14 @@ class AssembleSummary:
     residual_by_loop: dict[str, float] = fact(
         "largest residual of positions", "m or rad", names=LOOP, errors=None
     )
+    tolerance: float = fact(
+        "residual up to which the loops count as closed: larger where redundant rows contradict each other by rounding",
+        "rad or sizes of the mechanism", errors=None,
+    )  # fmt: skip
+    nearest: NearestClosure | Absent = fact("where no joint has an initial value")
     redundant_rows: list[str] = fact("rows that follow from others")
     mobility: Mobility = fact("degrees of freedom")
+    undriven: list[UndrivenFreedoms] | Absent = fact("freedoms that nothing drives, where joints are driven")
     branches: list[ClosedBranch] | Absent = fact("the ways in which the loops close, where asked for")
     branch_search: BranchSearch | Absent = fact("how they were sought")
 
