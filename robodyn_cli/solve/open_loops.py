@@ -22,7 +22,7 @@ class Closing:
     """Which coordinates may move while the loops are closed.
 
     given : whether any has a value. free : velocity coordinates that are not held. missing : those without an initial
-    value. turning : places in q of the missing ones that are angles. held : columns of q that are held, with their values.
+    value. turning : places in q of the missing ones that are angles. held : values of the columns of q that are held.
     """
 
     given: bool
