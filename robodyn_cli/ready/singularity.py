@@ -21,8 +21,8 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.closure import RANK as RANK_TOLERANCE
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT
-from robodyn_cli.summaries.mechanism import Mobility
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point

@@ -23,7 +23,7 @@ from robodyn_cli.solve.closure import (
     starts_around,
 )
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE, independent_rows
-from robodyn_cli.solve.open_loops import Closing, open_loop
+from robodyn_cli.solve.open_loops import Closable, open_loop
 from robodyn_cli.spatial.algebra import Array
 
 NEAREST = 2  # closed configurations that are moved nearer
@@ -46,7 +46,7 @@ class Nearest:
 
 
 @record
-class Closure:
+class ClosedPose:
     """A closed configuration (nq,), up to which residual, and how it was found where no coordinate had a value."""
 
     q: Array
@@ -74,7 +74,7 @@ class Assembled:
     velocity_residual: float
     independent: tuple[int, ...]
     redundant: tuple[str, ...]
-    closure: Closure | None = None
+    closure: ClosedPose | None = None
 
 
 def assemble(
@@ -119,7 +119,7 @@ def assemble(
         if not any(model.q_names[c] in given or model.q_names[c] in hold for c in cs)
     ]
     held = [k for k, cs in enumerate(places) if any(model.q_names[c] in hold for c in cs)]
-    task = Closing(
+    task = Closable(
         given=bool(given or hold),
         free=[k for k in range(model.nv) if k not in held],
         missing=missing,
@@ -138,7 +138,7 @@ def assemble(
     )  # fmt: skip
 
 
-def _close(numbers: Numbers, q: Array, task: Closing) -> Closure:
+def _close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     """Return the closed configuration nearest to q, from q itself or from starts around it.
 
     Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes
@@ -168,10 +168,10 @@ def _close(numbers: Numbers, q: Array, task: Closing) -> Closure:
         poses = poses or [pose for pose in descended if not _far(numbers, q, pose[1], task)]
     if not poses:
         raise open_loop(numbers, task, tried)
-    return Closure(_regular(numbers, poses)[0][1])
+    return ClosedPose(_regular(numbers, poses)[0][1])
 
 
-def _close_rounded(numbers: Numbers, q: Array, task: Closing, starts: list[Array]) -> Closure | None:
+def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> ClosedPose | None:
     """Return the nearest configuration with redundant rows that contradict each other by rounding in the data, if the
     starts lead to one."""
     poses = [
@@ -179,10 +179,10 @@ def _close_rounded(numbers: Numbers, q: Array, task: Closing, starts: list[Array
         for pose in _close_from(numbers, q, task, starts, ROUNDED)[0]
         if rank(numbers.psi(pose[1]), ROUNDED) < len(numbers.rows)
     ]
-    return Closure(_regular(numbers, poses)[0][1], ROUNDED) if poses else None
+    return ClosedPose(_regular(numbers, poses)[0][1], ROUNDED) if poses else None
 
 
-def _far(numbers: Numbers, q: Array, closed: Array, task: Closing) -> bool:
+def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
     """Tell whether a given coordinate has moved by more than the widest starts do."""
     moved = np.abs(numbers.manifold.difference(q, closed)) / numbers.lengths
     moved[task.missing] = 0.0
@@ -195,7 +195,7 @@ def _regular(numbers: Numbers, poses: list[Pose]) -> list[Pose]:
     return sorted((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])
 
 
-def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closing) -> Closure:
+def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     """Return the closed configuration nearest to q, where no coordinate has a value, of those that starts lead to."""
 
     def distance(closed: Array) -> float:
@@ -213,12 +213,12 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closing) -> Closure:
     if not poses:
         near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
         if rounded := _close_rounded(numbers, q, task, near):
-            return Closure(rounded.q, ROUNDED, Nearest(len(tried), len(near), distance(rounded.q)))
+            return ClosedPose(rounded.q, ROUNDED, Nearest(len(tried), len(near), distance(rounded.q)))
         raise open_loop(numbers, task, tried)
 
     regular = sorted((closed for _, closed in _regular(numbers, poses)), key=distance)
     nearest = min((_slide_nearer(numbers, q, closed) for closed in regular[:NEAREST]), key=distance)
-    return Closure(nearest, CLOSED, Nearest(len(tried), len(poses), distance(nearest)))
+    return ClosedPose(nearest, CLOSED, Nearest(len(tried), len(poses), distance(nearest)))
 
 
 def _slide_nearer(numbers: Numbers, q: Array, closed: Array) -> Array:
@@ -252,7 +252,7 @@ def _slide_nearer(numbers: Numbers, q: Array, closed: Array) -> Array:
 
 
 def _close_from(
-    numbers: Numbers, q: Array, task: Closing, starts: list[Array], tolerance: float = CLOSED
+    numbers: Numbers, q: Array, task: Closable, starts: list[Array], tolerance: float = CLOSED
 ) -> tuple[list[Pose], list[Pose]]:
     """Return (distance from q, configuration) of the starts that close, and (residual, configuration) of every
     start."""
@@ -270,7 +270,7 @@ def _close_from(
 
 
 def _descend_from(
-    numbers: Numbers, q: Array, task: Closing, starts: list[Array]
+    numbers: Numbers, q: Array, task: Closable, starts: list[Array]
 ) -> tuple[list[Pose], list[Pose]]:
     """Return the same by damped steps on rotation vectors, from each start; Newton's make the end exact."""
     aligned = Aligned(numbers)
@@ -285,7 +285,7 @@ def _descend_from(
     return poses, tried
 
 
-def _wrapped(numbers: Numbers, q: Array, task: Closing, closed: Array, tolerance: float = CLOSED) -> Pose:
+def _wrapped(numbers: Numbers, q: Array, task: Closable, closed: Array, tolerance: float = CLOSED) -> Pose:
     """Return the distance from q and the configuration with missing angles within half a turn."""
     given = [k for k in range(numbers.nv) if k not in task.missing]
     wrapped = closed.copy()
@@ -299,7 +299,7 @@ def _wrapped(numbers: Numbers, q: Array, task: Closing, closed: Array, tolerance
 
 
 def _close_rates(
-    numbers: Numbers, closure: Closure, v: Array, given: list[int], hold: list[int]
+    numbers: Numbers, closure: ClosedPose, v: Array, given: list[int], hold: list[int]
 ) -> tuple[Array, float]:
     """Return rates that satisfy Psi v + eta_t = 0, changing as few of the given ones as possible."""
     psi, eta_t = numbers.psi(closure.q), numbers.eta_t(closure.q)

@@ -18,7 +18,7 @@ SAME_POSE = 1e-2  # rad, or part of the size, between the least and a pose that 
 
 
 @record
-class Closing:
+class Closable:
     """Which coordinates may move while the loops are closed.
 
     given : whether any has a value. free : velocity coordinates that are not held. missing : those without an initial
@@ -32,7 +32,7 @@ class Closing:
     held: dict[str, float]
 
 
-def open_loop(numbers: Numbers, task: Closing, tried: Sequence[tuple[float, Array]]) -> GeometryError:
+def open_loop(numbers: Numbers, task: Closable, tried: Sequence[tuple[float, Array]]) -> GeometryError:
     """Return the error of loops that did not close, with the least sum of squares over all rows [m, rad] near the best
     of what was tried: (residual, configuration) of each start."""
     aligned = Aligned(numbers)
@@ -52,7 +52,7 @@ def open_loop(numbers: Numbers, task: Closing, tried: Sequence[tuple[float, Arra
     return _other_attitude(numbers, task, q, start) or _smallest_gap(aligned, task, q, least, start)
 
 
-def _other_attitude(numbers: Numbers, task: Closing, q: Array, start: str) -> GeometryError | None:
+def _other_attitude(numbers: Numbers, task: Closable, q: Array, start: str) -> GeometryError | None:
     """Return the error of one loop that closes but for its attitude, None where its points do not meet either."""
     if len({row.closure for row in numbers.rows}) > 1:
         return None
@@ -94,7 +94,7 @@ class _Some:
         return self._numbers.step(q, dq)
 
 
-def _condition(task: Closing) -> str:
+def _condition(task: Closable) -> str:
     held = ", ".join(f"{name} = {value:.6g}" for name, value in task.held.items())
     return f" with {held} held" if held else ""
 
@@ -112,7 +112,7 @@ def _closed_elsewhere(numbers: Numbers, q: Array) -> GeometryError:
     return GeometryError(text, loop=names, gap=0.0, q=q.tolist())
 
 
-def _where_free(numbers: Numbers, task: Closing, q: Array) -> str:
+def _where_free(numbers: Numbers, task: Closable, q: Array) -> str:
     """Return words about where the loops close with nothing held."""
     if not task.held:
         return ""
@@ -126,7 +126,7 @@ def _where_free(numbers: Numbers, task: Closing, q: Array) -> str:
     return f"; with nothing held the loops close at {pose}{stuck}"
 
 
-def _smallest_gap(aligned: Aligned, task: Closing, q: Array, least: float, start: str) -> GeometryError:
+def _smallest_gap(aligned: Aligned, task: Closable, q: Array, least: float, start: str) -> GeometryError:
     """Return the error of the loop with the largest part of what is left at q, where the loops come nearest to
     closing."""
     numbers = aligned.numbers

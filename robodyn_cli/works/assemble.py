@@ -23,18 +23,18 @@ from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import Closure
+from robodyn_cli.solve.assembly import ClosedPose
 from robodyn_cli.solve.assembly import assemble as close_loops
 from robodyn_cli.solve.closure import RANK, halton, rank, search
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
-from robodyn_cli.summaries.mechanism import (
+from robodyn_cli.summaries.assemble import (
     AssembleSummary,
     BranchSearch,
     ClosedBranch,
     NearestClosure,
     UndrivenFreedoms,
 )
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import position_columns
 
@@ -169,7 +169,7 @@ class Closed:
     rates: Array
     accelerations: Array
     redundant: tuple[str, ...]
-    closure: Closure
+    closure: ClosedPose
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -237,7 +237,7 @@ def close(problem: Problem) -> Closed:
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
     F, J = conditions.at(state.q, 0.0)
     c, b = conditions.rates(state.q, state.v, 0.0)
-    closure = state.closure or Closure(state.q)
+    closure = state.closure or ClosedPose(state.q)
     a, *_ = np.linalg.lstsq(J, b, rcond=max(RANK, closure.cut))
     residuals = J @ state.v - c, J @ a - b
     return Closed(problem, conditions, state.q, state.v, a, F, J, *residuals, tuple(state.redundant), closure)

@@ -32,8 +32,9 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.load_sharing import Balance, LostRank, Shared, TooFewActuators, balance, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination, rounded_up
-from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, Mobility, StaticsSummary
+from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, StaticsSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank
 from robodyn_cli.trajectories.led import led_joints, position_columns

@@ -145,7 +145,9 @@ class _ManyClosing:
 
     def close(self, q: Array, v: Array) -> Starts:
         """Return closed positions and rates that agree with them, from what is given."""
-        if self.one.manifold.quasi or len(self.missing) == self.nv:  # the nearest to q = 0 is the command's to find
+        if (
+            self.one.manifold.quasi or len(self.missing) == self.nv
+        ):  # the nearest to q = 0 is the command's to find
             return Starts(q, v, np.zeros(len(q), dtype=bool))
         start = q
         if self.missing:
