@@ -149,7 +149,9 @@ def _close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     starts = [q, *starts_around(numbers, q, task.missing, np.pi, 1)]
     poses, tried = _close_from(numbers, q, task, starts)
     near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
-    if not poses and (rounded := _close_rounded(numbers, q, task, near)):
+    if (not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1])) and (
+        rounded := _close_rounded(numbers, q, task, near)
+    ):
         return rounded
     if not poses:
         for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
@@ -169,6 +171,20 @@ def _close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     if not poses:
         raise open_loop(numbers, task, tried)
     return ClosedPose(_regular(numbers, poses)[0][1])
+
+
+def _hides_dependence(numbers: Numbers, closed: Array) -> bool:
+    """Tell whether rows depend on each other but for rounding in the data, there and nearby.
+
+    Such rows can often be closed exactly, but only far along a freedom that they seem to bind.
+    """
+    psi = numbers.psi(closed)
+    here = rank(psi, ROUNDED)
+    if here == rank(psi, CUT):
+        return False
+    away = 0.05 * np.random.default_rng(9).normal(size=numbers.nv) * numbers.lengths
+    moved, residual = newton(numbers, numbers.step(closed, away), range(numbers.nv), cut=ROUNDED)
+    return residual <= ROUNDED and rank(numbers.psi(moved), ROUNDED) == here
 
 
 def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> ClosedPose | None:
@@ -210,10 +226,11 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
         around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
         closed, more = _descend_from(numbers, q, task, around)
         poses, tried, starts = poses + closed, tried + more, starts + around
-    if not poses:
+    if not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1]):
         near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
         if rounded := _close_rounded(numbers, q, task, near):
             return ClosedPose(rounded.q, ROUNDED, Nearest(len(tried), len(near), distance(rounded.q)))
+    if not poses:
         raise open_loop(numbers, task, tried)
 
     regular = sorted((closed for _, closed in _regular(numbers, poses)), key=distance)

@@ -194,6 +194,21 @@ def test_redundant_rows_that_contradict_by_rounding(tilt: str, off: str, initial
     assert exact.summary["tolerance"] == CLOSED and exact.summary["residual"]["position"] < 1e-15
 
 
+def test_a_freedom_is_not_spent_on_rounding() -> None:
+    """With a ball the tilt closes an offset exactly, but only where the coupler stands at asin(off / (0.3 tilt))."""
+    text = BARS.format(tilt="[2e-7, 0, 0]", off="3e-8").replace(
+        "type: revolute, between", "type: spherical, between"
+    )
+    summary = assembled(text, "initial={q: {crank: 0.5, coup: 0, rock: 1}}").summary
+    assert summary["tolerance"] == ROUNDED and summary["mobility"]["actual"] == 1
+    assert summary["mobility"]["largest_dropped"] > 1e-8
+    exact = assembled(
+        BARS.format(tilt="[0, 0, 0]", off="0"), "initial={q: {crank: 0.5, coup: 0, rock: 1}}"
+    ).summary
+    for joint, angle in exact["configuration"].items():
+        assert summary["configuration"][joint] == pytest.approx(angle, abs=1e-6)
+
+
 def test_rounded_data_move_as_exact_ones() -> None:
     start = "initial={q: {crank: 0.5}, hold: [crank]}"
     ends = []
