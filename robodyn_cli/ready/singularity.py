@@ -19,12 +19,13 @@ from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.record import record
 from robodyn_cli.solve.closure import RANK as RANK_TOLERANCE
-from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.closure import ROUNDED, mechanism_size, rank
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
+LEAST_ROUNDED = 1e-10  # rad, or part of the size, that loops lack only where redundant rows contradict each other
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
 
 
@@ -181,6 +182,14 @@ def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) ->
         kind="dead_point",
         q=q.tolist(),
     )
+
+
+def rank_tolerance(problem: Problem, q: Array, t: float = 0.0) -> float:
+    """Return the ratio of singular values below which rows depend on each other where the loops are closed at q (nq,):
+    larger where what they lack is rounding in the data."""
+    eta = problem.numbers([row.eta for row in problem.constraints.loop_rows], q, t)
+    residual = float(np.abs(eta).max(initial=0.0)) / max(mechanism_size(problem.model), 1e-300)
+    return ROUNDED if LEAST_ROUNDED < residual <= ROUNDED else RANK_TOLERANCE
 
 
 def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) -> Mobility:

@@ -25,7 +25,7 @@ from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
-from robodyn_cli.ready.singularity import mobility, psi_at
+from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerance
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
@@ -306,7 +306,7 @@ def loads_at_rest(state: AtRest) -> Loads:
 def mobility_at(state: AtRest) -> Mobility:
     """Return the degrees of freedom of the configuration."""
     problem = state.problem
-    return mobility(problem, psi_at(problem, state.q))
+    return mobility(problem, psi_at(problem, state.q), rank_tolerance(problem, state.q))
 
 
 def report(state: AtRest, loads: Loads | None) -> Result:
