@@ -25,7 +25,9 @@ from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
-LEAST_ROUNDED = 1e-10  # rad, or part of the size, that loops lack only where redundant rows contradict each other
+LEAST_ROUNDED = (
+    1e-10  # rad, or part of the size, that loops lack only where redundant rows contradict each other
+)
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
 
 

@@ -101,5 +101,9 @@ class AssembleSummary:
     redundant_rows: list[str] = fact("rows that follow from others")
     mobility: Mobility = fact("degrees of freedom")
     undriven: list[UndrivenFreedoms] | Absent = fact("freedoms that nothing drives, where joints are driven")
+    mass_condition: float | Absent = fact(
+        "condition number of the inertia of the freedoms: accelerations lose its logarithm in digits; absent without "
+        "freedoms, with missing data, or where a freedom moves no mass"
+    )
     branches: list[ClosedBranch] | Absent = fact("the ways in which the loops close, where asked for")
     branch_search: BranchSearch | Absent = fact("how they were sought")

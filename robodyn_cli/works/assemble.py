@@ -11,7 +11,7 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.expr.rebuild import Evaluator, Values
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.evaluation import refuse_result
@@ -268,6 +268,7 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
         redundant_rows=list(closed.redundant),
         mobility=mobility(problem, psi, tolerance),
         undriven=_undriven(problem, closed.J, tolerance),
+        mass_condition=_mass_condition(closed, tolerance),
         branches=ABSENT if branches is None else branches.described,
         branch_search=ABSENT if branches is None else branches.search,
     )
@@ -302,3 +303,18 @@ def _undriven(problem: Problem, J: Array, tolerance: float) -> list[UndrivenFree
             joints = list(dict.fromkeys(model.joint_of(passive[j]) for j in own))
             parts.append(UndrivenFreedoms(count, joints))
     return parts
+
+
+def _mass_condition(closed: Closed, tolerance: float) -> float | Absent:
+    """Return the condition number of N^T M N, the inertia of the mechanism's freedoms N; absent without freedoms, with
+    missing data, or where a freedom moves no mass."""
+    motions = np.linalg.svd(closed.J)[2][rank(closed.J, tolerance) :]
+    M = closed.problem.mass_matrix
+    inputs = {"t": [0.0], "q": closed.q.tolist(), "p": closed.problem.at_start}
+    known = Values(inputs).of(list(M.ravel()))
+    if not len(motions) or any(x is None for x in known):
+        return ABSENT
+    sigma = np.linalg.svd(
+        motions @ np.array(known, dtype=float).reshape(M.shape) @ motions.T, compute_uv=False
+    )
+    return float(sigma[0] / sigma[-1]) if sigma[-1] > 1e-15 * sigma[0] else ABSENT

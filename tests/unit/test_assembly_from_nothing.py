@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli import load_scene_text, simulate
+from robodyn_cli.cli.commands.assemble import describe
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.results.result import Result
@@ -87,6 +88,9 @@ def test_a_weld_closes_from_nothing_as_it_is_meant() -> None:
     assert np.abs(F).max() < 1e-13 and not numbers.turned(q)
     assert result.summary["nearest"]["closed"] > 5 and result.summary["mobility"]["actual"] == 1
     assert result.summary["tolerance"] == CLOSED
+    assert "nearest to q = 0" in describe(result.summary) and "other branches may exist" in describe(
+        result.summary
+    )
     assert np.array_equal(q, assembled(text)["q"][0])  # the same each time
 
 
@@ -244,3 +248,20 @@ actuated: [crank]
     result = assembled(text)
     assert result.summary["undriven"] == [{"count": 1, "joints": ["ball"]}]
     assert "undriven" not in assembled(text.replace("actuated: [crank]\n", "")).summary
+
+
+def test_light_links_are_told_by_the_condition_of_the_inertia() -> None:
+    """Two slides across each other, the first of which carries both masses."""
+    text = """schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: x, type: prismatic, parent: base, link: a, axis: [1, 0, 0]}
+    - {name: y, type: prismatic, parent: a, link: b, axis: [0, 1, 0]}
+  links: [{name: a, mass: 0.5}, {name: b, mass: 1e-9}]
+loops: [{name: table, type: planar, between: [base.origin, b.origin], axis: [0, 0, 1]}]
+"""
+    summary = assembled(text).summary
+    assert summary["mass_condition"] == pytest.approx((0.5 + 1e-9) / 1e-9, rel=1e-12)
+    assert "accelerations lose 9 digits" in describe(summary)
+    assert "accelerations lose" not in describe(assembled(text.replace("1e-9", "1.0")).summary)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -12,6 +13,7 @@ from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import closure_text, coordinate_table, mobility_lines, number, table
 from robodyn_cli.summaries.facts import ACCELERATION, OWN, RATE
 
+ILL_CONDITIONED = 1e6  # condition number of the inertia that is told
 ROUNDING = 1e-9  # tolerance from which on loops do not close exactly
 
 
@@ -76,6 +78,12 @@ def describe(summary: Mapping[str, Any]) -> str:
     lines += mobility_lines(summary)
     for part in summary.get("undriven", ()):
         lines.append(f"  nothing drives     {part['count']} of the freedoms: of {', '.join(part['joints'])}")
+    if summary.get("mass_condition", 0.0) > ILL_CONDITIONED:
+        digits = math.log10(summary["mass_condition"])
+        lines.append(
+            f"  inertia            condition number {number(summary['mass_condition'], 3)} over the freedoms, as very "
+            f"light links make it: accelerations lose {digits:.0f} digits"
+        )
     branches = summary.get("branches")
     if branches:
         names = list(branches[0]["configuration"])
