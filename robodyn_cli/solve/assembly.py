@@ -149,10 +149,11 @@ def _close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     starts = [q, *starts_around(numbers, q, task.missing, np.pi, 1)]
     poses, tried = _close_from(numbers, q, task, starts)
     near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
-    if (not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1])) and (
-        rounded := _close_rounded(numbers, q, task, near)
-    ):
-        return rounded
+    exact = _regular(numbers, poses)[0] if poses else None
+    if exact is None or _hides_dependence(numbers, exact[1]):
+        rounded = _close_rounded(numbers, q, task, near)
+        if rounded and (exact is None or _spends_freedom(numbers, exact, rounded)):
+            return ClosedPose(rounded[1], ROUNDED)
     if not poses:
         for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
             around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
@@ -187,7 +188,13 @@ def _hides_dependence(numbers: Numbers, closed: Array) -> bool:
     return residual <= ROUNDED and rank(numbers.psi(moved), ROUNDED) == here
 
 
-def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> ClosedPose | None:
+def _spends_freedom(numbers: Numbers, exact: Pose, rounded: Pose) -> bool:
+    """Tell whether an exact pose is worse than one closed but for rounding: farther off, or with a freedom less."""
+    psi = numbers.psi(exact[1])
+    return rank(psi, RANK_TOLERANCE) > rank(psi, ROUNDED) or rounded[0] < exact[0] - ROUNDED
+
+
+def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> Pose | None:
     """Return the nearest configuration with redundant rows that contradict each other by rounding in the data, if the
     starts lead to one."""
     poses = [
@@ -195,7 +202,7 @@ def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Arra
         for pose in _close_from(numbers, q, task, starts, ROUNDED)[0]
         if rank(numbers.psi(pose[1]), ROUNDED) < len(numbers.rows)
     ]
-    return ClosedPose(_regular(numbers, poses)[0][1], ROUNDED) if poses else None
+    return _regular(numbers, poses)[0] if poses else None
 
 
 def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
@@ -229,7 +236,7 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
     if not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1]):
         near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
         if rounded := _close_rounded(numbers, q, task, near):
-            return ClosedPose(rounded.q, ROUNDED, Nearest(len(tried), len(near), distance(rounded.q)))
+            return ClosedPose(rounded[1], ROUNDED, Nearest(len(tried), len(near), distance(rounded[1])))
     if not poses:
         raise open_loop(numbers, task, tried)
 

@@ -5,13 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli import load_scene_text, simulate
+from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.cli.commands.assemble import describe
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closure import CLOSED, ROUNDED, Aligned, Numbers, descend, newton, starts_around
 from robodyn_cli.works.assemble import assemble
+from tests.mechanisms import CONFIGS
 
 AXES = ("[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]")
 
@@ -211,6 +212,13 @@ def test_a_freedom_is_not_spent_on_rounding() -> None:
     ).summary
     for joint, angle in exact["configuration"].items():
         assert summary["configuration"][joint] == pytest.approx(angle, abs=1e-6)
+
+
+def test_what_closes_exactly_stays_exact() -> None:
+    """Rows that nearly depend on each other where the mechanism is near a singular pose hide nothing."""
+    near = "initial={q: {theta1: 1e-6, phi2: -1e-6, phi1: 1e-6}, hold: [theta1]}"
+    result = assemble(load_scene(CONFIGS / "parallelogram.yaml", (near,)))
+    assert result.summary["tolerance"] == CLOSED and result.summary["residual"]["position"] < 1e-15
 
 
 def test_rounded_data_move_as_exact_ones() -> None:
