@@ -172,7 +172,7 @@ COMMANDS: dict[str, Command] = {
         "Close the loops, and find the ways in which they close.",
         run="works.assemble:assemble",
         check="over.checks:assemble",
-        summary=("mechanism:AssembleSummary",),
+        summary=("assemble:AssembleSummary",),
         plots=STILL,
     ),
     "reach": Command(

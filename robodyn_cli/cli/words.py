@@ -211,8 +211,17 @@ def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
     return [
         f"  mobility           {facts['actual']} (rank {facts['rank']} of {facts['rows']} rows over "
         f"{facts['coordinates']} coordinates); Gruebler's count {facts['count']} in space, {facts['planar_count']} "
-        "without vanishing rows"
+        "without vanishing rows",
+        _rank_line(facts),
     ]
+
+
+def _rank_line(facts: Mapping[str, Any]) -> str:
+    """Return a line about the singular values that decide the rank."""
+    kept, dropped = facts.get("smallest_kept"), facts.get("largest_dropped")
+    text = "none counts" if kept is None else f"smallest that counts {number(kept, 3)}"
+    text += "" if dropped is None else f", largest that does not {number(dropped, 3)}"
+    return f"  singular values    {text} (over the largest; tolerance {facts['rank_tolerance']:g})"
 
 
 def closure_text(closure: Mapping[str, float]) -> str:

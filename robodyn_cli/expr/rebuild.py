@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -29,11 +30,11 @@ def piecewise(x: Any, value: tuple[Any, ...]) -> Any:
 
 
 APPLY: dict[str, Callable[..., Any]] = {
-    "add": lambda a, b: a + b,
-    "sub": lambda a, b: a - b,
-    "mul": lambda a, b: a * b,
-    "div": lambda a, b: a / b,
-    "neg": lambda a: -a,
+    "add": operator.add,
+    "sub": operator.sub,
+    "mul": operator.mul,
+    "div": operator.truediv,
+    "neg": operator.neg,
     "pow": f.power,
     "sin": f.sin,
     "cos": f.cos,
@@ -64,34 +65,58 @@ def apply(node: Expr, args: Sequence[Any]) -> Any:
     return APPLY[node.op](*args)
 
 
+def _operation(node: Expr) -> Callable[..., Any]:
+    """Return the operation of a node as a function of two arguments, of which one may be idle, or of three."""
+    if node.op == "table":
+        return lambda x, _, table=node.value: piecewise(x, table)
+    function = APPLY[node.op]
+    return (lambda x, _: function(x)) if len(node.args) == 1 else function
+
+
 class Evaluator:
-    """Expressions to be evaluated on numbers many times; their order of evaluation is found once."""
+    """Expressions to be evaluated on numbers many times; their order of evaluation is settled once.
+
+    Values stand in a list in that order, so that an operation costs little more than its call.
+    """
 
     def __init__(self, outputs: Sequence[Scalar]) -> None:
-        self.outputs = [e if isinstance(e, Expr) else float(e) for e in outputs]
-        self.nodes = reachable(self.outputs)
+        nodes = reachable(outputs)
+        place = {node.index: k for k, node in enumerate(nodes)}
+        self._before: list[Any] = [float(node.value) if node.op == "const" else None for node in nodes]
+        self._constants = [k for k, node in enumerate(nodes) if node.op == "const"]
+        self._symbols = [(k, *node.value[1:]) for k, node in enumerate(nodes) if node.op == "sym"]
+        self._steps: list[tuple[int, Callable[..., Any], int, int, int | None]] = []
+        for k, node in enumerate(nodes):
+            if node.args:
+                a = [place[arg.index] for arg in node.args]
+                self._steps.append(
+                    (k, _operation(node), a[0], a[min(1, len(a) - 1)], a[2] if len(a) > 2 else None)
+                )
+        self._fixed: list[Any] = [None if isinstance(e, Expr) else float(e) for e in outputs]
+        self._moving = [(k, place[e.index]) for k, e in enumerate(outputs) if isinstance(e, Expr)]
 
     def __call__(self, inputs: Mapping[str, Any]) -> list[Any]:
         """Return the values of the outputs; see ``evaluate``."""
         try:
-            return self._values(inputs, lambda x: x)
+            return self._evaluate(inputs, lambda x: x)
         except (ArithmeticError, ValueError):
             # plain numbers raise where arrays have an infinity or no value, which another branch may not use
             with np.errstate(all="ignore"):
-                arrays = self._values(inputs, np.atleast_1d)
+                arrays = self._evaluate(inputs, np.atleast_1d)
             return [float(x[0]) if isinstance(x, np.ndarray) else x for x in arrays]
 
-    def _values(self, inputs: Mapping[str, Any], taken: Callable[[Any], Any]) -> list[Any]:
-        value: dict[int, Any] = {}
-        for node in self.nodes:
-            if node.op == "sym":
-                _, group, position = node.value
-                value[node.index] = taken(inputs[group][position])
-            elif node.op == "const":
-                value[node.index] = taken(float(node.value))
-            else:
-                value[node.index] = apply(node, [value[a.index] for a in node.args])
-        return [value[e.index] if isinstance(e, Expr) else e for e in self.outputs]
+    def _evaluate(self, inputs: Mapping[str, Any], taken: Callable[[Any], Any]) -> list[Any]:
+        value = self._before.copy()
+        for k in self._constants:
+            value[k] = taken(value[k])
+        for k, group, position in self._symbols:
+            value[k] = taken(inputs[group][position])
+        for k, operation, a, b, c in self._steps:
+            value[k] = operation(value[a], value[b]) if c is None else operation(value[a], value[b], value[c])
+        out = self._fixed.copy()
+        for k, there in self._moving:
+            out[k] = value[there]
+        return out
 
 
 class Values:

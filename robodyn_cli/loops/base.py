@@ -10,7 +10,7 @@ import dataclasses
 from typing import Any
 
 from robodyn_cli.record import record
-from robodyn_cli.spatial.algebra import Matrix, Values, Vector, zeros
+from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, zeros
 
 
 @record
@@ -54,12 +54,28 @@ class LoopClosure:
 
 
 @record
+class Attitude:
+    """Two frames that a closure holds aligned.
+
+    e, f : (3, 3) axes as columns. Jw : (3, nv) Jacobian of the angular velocity of f relative to e.
+    """
+
+    e: Matrix
+    f: Matrix
+    Jw: Matrix
+
+    @property
+    def cosine(self) -> Any:
+        """Cosine of the angle between the frames: (trace of e^T f - 1) / 2."""
+        return (sum(dot(self.e[:, k], self.f[:, k]) for k in range(3)) - 1.0) * 0.5
+
+
+@record
 class Row:
     """One scalar constraint: eta = 0, Psi v + eta_t = 0, Psi v-dot + gamma = 0.
 
     gamma = Psi-dot v + d/dt eta_t. ``kind`` is what its multiplier is: ``force`` or ``moment``.
-    cosine : positive where the row is closed as it is meant, for a row that is the sine of an angle and also
-    vanishes half a turn away.
+    attitude : of a row that is a sine between two frames; such rows also vanish where the frames are not aligned.
     """
 
     name: str
@@ -68,7 +84,12 @@ class Row:
     gamma: Any
     eta_t: Any = 0.0
     kind: str = "force"
-    cosine: Any = 1.0
+    attitude: Attitude | None = None
+
+    @property
+    def cosine(self) -> Any:
+        """1 where the row is closed as it is meant, at most 0 where it vanishes in another attitude."""
+        return 1.0 if self.attitude is None else self.attitude.cosine
 
     @property
     def closure(self) -> str:

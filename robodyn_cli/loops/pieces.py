@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.loops.base import LoopFrame, Row
+from robodyn_cli.loops.base import Attitude, LoopFrame, Row
 from robodyn_cli.schema.fields import Direction, ListOf, Text, Vector, key
 from robodyn_cli.spatial import algebra
 from robodyn_cli.spatial.algebra import cross, dot, rotation_rpy, rotation_to_z
@@ -88,7 +88,12 @@ def distance(name: str, length: float, first: LoopFrame, second: LoopFrame) -> R
 
 
 def perpendicular(
-    name: str, u: algebra.Vector, n: algebra.Vector, first: LoopFrame, second: LoopFrame, cosine: Any = 1.0
+    name: str,
+    u: algebra.Vector,
+    n: algebra.Vector,
+    first: LoopFrame,
+    second: LoopFrame,
+    attitude: Attitude | None = None,
 ) -> Row:
     """Return the row of u in the first body staying perpendicular to n in the second: eta = u.n.
 
@@ -97,7 +102,7 @@ def perpendicular(
     lever = cross(u, n)
     rate = cross(cross(first.w, u), n) + cross(u, cross(second.w, n))
     gamma = dot(lever, first.wd - second.wd) + dot(rate, first.w - second.w)
-    return Row(name, dot(u, n), lever @ (first.Jw - second.Jw), gamma, kind="moment", cosine=cosine)
+    return Row(name, dot(u, n), lever @ (first.Jw - second.Jw), gamma, kind="moment", attitude=attitude)
 
 
 def parallel(
@@ -115,12 +120,12 @@ def aligned(name: str, rpy: Sequence[float], first: LoopFrame, second: LoopFrame
     """Return the rows turn_x, turn_y, turn_z of no relative rotation.
 
     With e the axes of the attitude wanted (``rpy`` in the first body) and f those of the second: e_y.f_z,
-    e_z.f_x and e_x.f_y vanish. They do so half a turn away as well; the rows' cosines tell that apart.
+    e_z.f_x and e_x.f_y vanish. They do so half a turn away as well; the rows' attitude tells that apart.
     """
     e, f = first.R @ rotation_rpy(rpy), second.R
+    attitude = Attitude(e, f, second.Jw - first.Jw)
     rows = []
     for k, axis in enumerate("xyz"):
         i, j = (k + 1) % 3, (k + 2) % 3
-        cosine = dot(e[:, i], f[:, i])
-        rows.append(perpendicular(f"{name}.turn_{axis}", e[:, i], f[:, j], first, second, cosine))
+        rows.append(perpendicular(f"{name}.turn_{axis}", e[:, i], f[:, j], first, second, attitude))
     return rows

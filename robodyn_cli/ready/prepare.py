@@ -164,14 +164,15 @@ def dependent_rows(problem: Problem, assembled: Assembled) -> tuple[Dependence, 
     constraints = problem.constraints
     loops = constraints.of_loops
     psi = problem.numbers(problem.psi, assembled.q)
-    whole = rank(psi[loops], RANK_TOLERANCE)
+    tolerance = assembled.closure.rank_tolerance if assembled.closure else RANK_TOLERANCE
+    whole = rank(psi[loops], tolerance)
     if whole + len(constraints.prescribed) != len(assembled.independent):
         return ()
     names = constraints.names
     groups: dict[str, list[int]] = {}
     for i in loops:
         groups.setdefault(constraints.rows[i].closure, []).append(i)
-    ranks = {loop: rank(psi[rows], RANK_TOLERANCE) for loop, rows in groups.items()}
+    ranks = {loop: rank(psi[rows], tolerance) for loop, rows in groups.items()}
     if sum(ranks.values()) != whole:
         return (Dependence(tuple(names[i] for i in loops), whole),)
     return tuple(

@@ -18,11 +18,16 @@ from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.closure import RANK as RANK_TOLERANCE
+from robodyn_cli.solve.closure import ROUNDED, mechanism_size, rank
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.mechanism import Mobility
+from robodyn_cli.summaries.assemble import Mobility
+from robodyn_cli.summaries.facts import ABSENT
 
 RANK = 1e-6  # ratio of singular values below which a located pose counts as having lost rank
+LEAST_ROUNDED = (
+    1e-10  # rad, or part of the size, that loops lack only where redundant rows contradict each other
+)
 START = 1e-9  # the same at the start of a deployment, which only rounding may part from a dead point
 
 
@@ -181,16 +186,28 @@ def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) ->
     )
 
 
-def mobility(problem: Problem, psi: Array) -> Mobility:
+def rank_tolerance(problem: Problem, q: Array, t: float = 0.0) -> float:
+    """Return the ratio of singular values below which rows depend on each other where the loops are closed at q (nq,):
+    larger where what they lack is rounding in the data."""
+    eta = problem.numbers([row.eta for row in problem.constraints.loop_rows], q, t)
+    residual = float(np.abs(eta).max(initial=0.0)) / max(mechanism_size(problem.model), 1e-300)
+    return ROUNDED if LEAST_ROUNDED < residual <= ROUNDED else RANK_TOLERANCE
+
+
+def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) -> Mobility:
     """Return degrees of freedom by Gruebler's count and by the rank of the loops' Psi (m, nv), or (T, m, nv).
 
     count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
     and joints in space (6 (n - 1) - sum of the joints' constraints). planar_count : less only the rows that do not
-    vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank.
+    vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank, which counts
+    singular values above ``tolerance`` times the largest.
     """
     nv, rows = problem.model.nv, len(problem.constraints.of_loops)
     vanishing = len(problem.constraints.dropped)
-    independent = rank(psi)
+    independent = rank(psi, tolerance)
+    sigma = np.linalg.svd(np.atleast_3d(psi.T).T, compute_uv=False)
+    sigma = sigma / np.maximum(sigma[:, :1], 1e-300)
+    clearest = sigma[np.argmax(sigma[:, independent - 1])] if independent else sigma[0]
     return Mobility(
         coordinates=nv,
         rows=rows + vanishing,
@@ -200,4 +217,7 @@ def mobility(problem: Problem, psi: Array) -> Mobility:
         count=nv - rows - vanishing,
         planar_count=nv - rows,
         actual=nv - independent,
+        rank_tolerance=tolerance,
+        smallest_kept=float(clearest[independent - 1]) if independent else ABSENT,
+        largest_dropped=float(clearest[independent]) if independent < len(clearest) else ABSENT,
     )

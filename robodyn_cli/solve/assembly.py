@@ -2,18 +2,66 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import CLOSED, ClosureEquations, Numbers, newton, rank
-from robodyn_cli.solve.independent_rows import RANK_TOLERANCE, independent_rows, is_truss
+from robodyn_cli.solve.closure import (
+    CLOSED,
+    CUT,
+    MOST_STEP,
+    ROUNDED,
+    Aligned,
+    ClosureEquations,
+    Numbers,
+    descend,
+    newton,
+    rank,
+    starts_around,
+)
+from robodyn_cli.solve.independent_rows import RANK_TOLERANCE, independent_rows
+from robodyn_cli.solve.open_loops import Closable, open_loop
 from robodyn_cli.spatial.algebra import Array
 
-ATTEMPTS = 24  # random starts
+NEAREST = 2  # closed configurations that are moved nearer
+FEW = 8  # random starts of damped steps at each distance
+NEARLY = 1e-4  # rad, or part of the size, that Newton's steps, or rounding, may account for
+SLIDES = 60  # steps towards the nearest configuration at most
+REGULAR = 1e-2  # ratio of singular values down to which the nearest configuration is approached
+
+Pose = tuple[float, Array]  # distance from the start, or residual, and a configuration
+
+
+@record
+class Nearest:
+    """How the configuration nearest to q = 0 was found: starts, how many of them closed, and its distance, in rad and
+    sizes of the mechanism (root of the sum of squares)."""
+
+    starts: int
+    closed: int
+    distance: float
+
+
+@record
+class ClosedPose:
+    """A closed configuration (nq,), up to which residual, and how it was found where no coordinate had a value."""
+
+    q: Array
+    tolerance: float = CLOSED
+    nearest: Nearest | None = None
+
+    @property
+    def cut(self) -> float:
+        """Ratio of singular values below which directions are left alone."""
+        return ROUNDED if self.tolerance == ROUNDED else CUT
+
+    @property
+    def rank_tolerance(self) -> float:
+        """Ratio of singular values below which rows depend on each other."""
+        return max(RANK_TOLERANCE, self.cut)
 
 
 @record
@@ -26,6 +74,7 @@ class Assembled:
     velocity_residual: float
     independent: tuple[int, ...]
     redundant: tuple[str, ...]
+    closure: ClosedPose | None = None
 
 
 def assemble(
@@ -70,7 +119,8 @@ def assemble(
         if not any(model.q_names[c] in given or model.q_names[c] in hold for c in cs)
     ]
     held = [k for k, cs in enumerate(places) if any(model.q_names[c] in hold for c in cs)]
-    task = _Closing(
+    task = Closable(
+        given=bool(given or hold),
         free=[k for k in range(model.nv) if k not in held],
         missing=missing,
         turning=[
@@ -78,225 +128,206 @@ def assemble(
         ],
         held={name: q[place[name]] for name in hold},
     )
-    q = _close(numbers, q, task)
-    independent, redundant = independent_rows(numbers, q)
-    v, remaining = _close_rates(numbers, q, v, [rate_place[n] for n in rates], held)
+    closure = _close(numbers, q, task)
+    q = closure.q
+    independent, redundant = independent_rows(numbers, q, closure.rank_tolerance)
+    v, remaining = _close_rates(numbers, closure, v, [rate_place[n] for n in rates], held)
     return Assembled(
         q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
-        tuple(numbers.rows[i].name for i in redundant),
+        tuple(numbers.rows[i].name for i in redundant), closure,
     )  # fmt: skip
 
 
-@record
-class _Closing:
-    """Which coordinates may move while the loops are closed.
-
-    free : velocity coordinates that are not held. missing : those without an initial value. turning : places in q of
-    the missing ones that are angles. held : columns of q that are held, with their values.
-    """
-
-    free: list[int]
-    missing: list[int]
-    turning: list[int]
-    held: dict[str, float]
-
-
-def _close(numbers: Numbers, q: Array, task: _Closing) -> Array:
+def _close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     """Return the closed configuration nearest to q, from q itself or from starts around it.
 
-    Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes.
+    Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes
+    and damped steps, which reach further, find that the loops close at all.
     """
-    poses, tried = _close_from(numbers, q, task, [q, *starts_around(numbers, q, task.missing, np.pi, 1)])
-    for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
-        if not poses:
-            poses, more = _close_from(numbers, q, task, starts_around(numbers, q, task.free, spread, seed))
-            tried += more
+    if not task.given:
+        return _nearest_to_neutral(numbers, q, task)
+    starts = [q, *starts_around(numbers, q, task.missing, np.pi, 1)]
+    poses, tried = _close_from(numbers, q, task, starts)
+    near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
+    exact = _regular(numbers, poses)[0] if poses else None
+    if exact is None or _hides_dependence(numbers, exact[1]):
+        rounded = _close_rounded(numbers, q, task, near)
+        if rounded and (exact is None or _spends_freedom(numbers, exact, rounded)):
+            return ClosedPose(rounded[1], ROUNDED)
     if not poses:
-        raise _open_loop(numbers, task, tried)
-    # a regular configuration is preferred to any singular one
+        for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
+            around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
+            descended, further = _descend_from(numbers, q, task, around)
+            tried += further
+            if descended:
+                break
+        else:
+            raise open_loop(numbers, task, tried)
+        for seed, spread in enumerate((0.3, 1.0, np.pi), start=2):
+            if not poses:
+                around = starts_around(numbers, q, task.free, spread, seed)
+                poses, more = _close_from(numbers, q, task, around)
+                tried += more
+        poses = poses or [pose for pose in descended if not _far(numbers, q, pose[1], task)]
+    if not poses:
+        raise open_loop(numbers, task, tried)
+    return ClosedPose(_regular(numbers, poses)[0][1])
+
+
+def _hides_dependence(numbers: Numbers, closed: Array) -> bool:
+    """Tell whether rows depend on each other but for rounding in the data, there and nearby.
+
+    Such rows can often be closed exactly, but only far along a freedom that they seem to bind.
+    """
+    psi = numbers.psi(closed)
+    here = rank(psi, ROUNDED)
+    if here == rank(psi, CUT):
+        return False
+    away = 0.05 * np.random.default_rng(9).normal(size=numbers.nv) * numbers.lengths
+    moved, residual = newton(numbers, numbers.step(closed, away), range(numbers.nv), cut=ROUNDED)
+    return residual <= ROUNDED and rank(numbers.psi(moved), ROUNDED) == here
+
+
+def _spends_freedom(numbers: Numbers, exact: Pose, rounded: Pose) -> bool:
+    """Tell whether an exact pose is worse than one closed but for rounding: farther off, or with a freedom less."""
+    psi = numbers.psi(exact[1])
+    return rank(psi, RANK_TOLERANCE) > rank(psi, ROUNDED) or rounded[0] < exact[0] - ROUNDED
+
+
+def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> Pose | None:
+    """Return the nearest configuration with redundant rows that contradict each other by rounding in the data, if the
+    starts lead to one."""
+    poses = [
+        pose
+        for pose in _close_from(numbers, q, task, starts, ROUNDED)[0]
+        if rank(numbers.psi(pose[1]), ROUNDED) < len(numbers.rows)
+    ]
+    return _regular(numbers, poses)[0] if poses else None
+
+
+def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
+    """Tell whether a given coordinate has moved by more than the widest starts do."""
+    moved = np.abs(numbers.manifold.difference(q, closed)) / numbers.lengths
+    moved[task.missing] = 0.0
+    return bool(moved.max(initial=0.0) > np.pi)
+
+
+def _regular(numbers: Numbers, poses: list[Pose]) -> list[Pose]:
+    """Return the poses of highest rank, the nearest first: a regular one is preferred to any singular one."""
     ranks = [rank(numbers.psi(closed), RANK_TOLERANCE) for _, closed in poses]
-    return min((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])[1]
+    return sorted((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])
 
 
-def starts_around(
-    numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int
-) -> list[Array]:
-    """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
-    rng = np.random.default_rng(seed)
-    starts = []
-    for _ in range(ATTEMPTS if coordinates else 0):
-        step = np.zeros(numbers.nv)
-        step[coordinates] = rng.uniform(-spread, spread, len(coordinates)) * numbers.lengths[coordinates]
-        starts.append(numbers.manifold.integrate(q, step))
-    return starts
+def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
+    """Return the closed configuration nearest to q, where no coordinate has a value, of those that starts lead to."""
+
+    def distance(closed: Array) -> float:
+        return float(np.linalg.norm(numbers.manifold.difference(q, closed) / numbers.lengths))
+
+    poses: list[Pose] = []
+    tried: list[Pose] = []
+    starts: list[Array] = []
+    for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
+        if spread == np.pi and poses:
+            break
+        around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
+        closed, more = _descend_from(numbers, q, task, around)
+        poses, tried, starts = poses + closed, tried + more, starts + around
+    if not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1]):
+        near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
+        if rounded := _close_rounded(numbers, q, task, near):
+            return ClosedPose(rounded[1], ROUNDED, Nearest(len(tried), len(near), distance(rounded[1])))
+    if not poses:
+        raise open_loop(numbers, task, tried)
+
+    regular = sorted((closed for _, closed in _regular(numbers, poses)), key=distance)
+    nearest = min((_slide_nearer(numbers, q, closed) for closed in regular[:NEAREST]), key=distance)
+    return ClosedPose(nearest, CLOSED, Nearest(len(tried), len(poses), distance(nearest)))
+
+
+def _slide_nearer(numbers: Numbers, q: Array, closed: Array) -> Array:
+    """Return the configuration nearest to q that the closed mechanism moves to, short of singular ones.
+
+    Steps go along the freedoms, Psi n = 0, as far as they lessen the distance; Newton's closes the loops again.
+    """
+
+    def regularity(q: Array) -> float:
+        sigma = np.linalg.svd(numbers.psi(q) * lengths / numbers.sizes[:, None], compute_uv=False)
+        return float(sigma[kept - 1] / sigma[0]) if kept else 1.0
+
+    lengths, step = numbers.lengths, 1.0
+    kept = rank(numbers.psi(closed), RANK_TOLERANCE)
+    least = min(regularity(closed), REGULAR)
+    away = numbers.manifold.difference(closed, q) / lengths
+    for _ in range(SLIDES):
+        freedoms = np.linalg.svd(numbers.psi(closed) * lengths / numbers.sizes[:, None])[2][kept:]
+        along = freedoms.T @ (freedoms @ away)
+        if np.linalg.norm(along) < 1e-8 or step < 1e-3:
+            break
+        bounded = min(step, MOST_STEP / np.abs(along).max())
+        trial, residual = newton(numbers, numbers.step(closed, bounded * along * lengths), range(numbers.nv))
+        there = numbers.manifold.difference(trial, q) / lengths
+        nearer = residual <= CLOSED and not numbers.turned(trial) and there @ there < away @ away
+        if nearer and regularity(trial) >= least:
+            closed, away, step = trial, there, min(1.0, 2.0 * step)
+        else:
+            step *= 0.5
+    return closed
 
 
 def _close_from(
-    numbers: Numbers, q: Array, task: _Closing, starts: list[Array]
-) -> tuple[list[tuple[float, Array]], list[tuple[float, Array]]]:
+    numbers: Numbers, q: Array, task: Closable, starts: list[Array], tolerance: float = CLOSED
+) -> tuple[list[Pose], list[Pose]]:
     """Return (distance from q, configuration) of the starts that close, and (residual, configuration) of every
     start."""
-    given = [k for k in range(numbers.nv) if k not in task.missing]
+    cut = ROUNDED if tolerance == ROUNDED else CUT
     poses, tried = [], []
     for start in starts:
         if task.missing:  # first the unknown coordinates alone, so that the given ones pick the branch
-            start, _ = newton(numbers, start, task.missing)
-        closed, residual = newton(numbers, start, task.free)
+            start, _ = newton(numbers, start, task.missing, cut=cut)
+        closed, residual = newton(numbers, start, task.free, cut=cut)
         tried.append((residual, closed))
-        if residual > CLOSED or numbers.turned(closed):
+        if residual > tolerance or numbers.turned(closed):
             continue
-        wrapped = closed.copy()
-        wrapped[task.turning] = (closed[task.turning] + np.pi) % (2 * np.pi) - np.pi
-        if np.abs(numbers.relative(wrapped)).max() <= CLOSED:
-            closed = wrapped
-        moved = np.abs(numbers.manifold.difference(q, closed)) / numbers.lengths
-        # rounded, so that rounding errors do not choose between equal distances
-        poses.append((float(f"{moved[given].sum() + 1e-6 * moved[task.missing].sum():.9g}"), closed))
+        poses.append(_wrapped(numbers, q, task, closed, tolerance))
     return poses, tried
 
 
-def _open_loop(numbers: Numbers, task: _Closing, tried: list[tuple[float, Array]]) -> GeometryError:
-    """Return the error of a loop that cannot close, with the smallest gap that was found."""
-    from scipy.optimize import minimize  # takes 0.4 s to import: only where something is already wrong
-
-    free = task.free
-    best: tuple[float, Array] | None = None
-    for _, start in sorted(tried, key=lambda pair: pair[0])[:3]:
-
-        def moved(x: Array, start: Array = start) -> Array:
-            step = np.zeros(numbers.nv)
-            step[free] = x * numbers.lengths[free]
-            return numbers.manifold.integrate(start, step)
-
-        def squares(x: Array, moved: Callable[[Array], Array] = moved) -> tuple[float, Array]:
-            r = numbers.relative(moved(x))
-            J = numbers.psi(moved(x))[:, free] * numbers.lengths[free] / numbers.sizes[:, None]
-            return 0.5 * float(r @ r), J.T @ r
-
-        q = start
-        if free:
-            # with quasi-velocities the gradient away from the start needs the rate of the manifold's exponential
-            exact = not numbers.manifold.quasi
-            optimum = minimize(
-                squares if exact else lambda x: squares(x)[0],
-                np.zeros(len(free)), jac=exact, method="BFGS", options={"gtol": 1e-10},
-            )  # fmt: skip
-            q = moved(optimum.x)
-        sum_of_squares = float(np.sum(numbers.relative(q) ** 2))
-        if best is None or sum_of_squares < best[0]:
-            best = (sum_of_squares, q)
-    assert best is not None
-    eta = numbers.eta(best[1])
-    if np.abs(eta / numbers.sizes).max() <= CLOSED:
-        return _closed_elsewhere(numbers, best[1])
-    return _other_attitude(numbers, task, best[1]) or _smallest_gap(numbers, task, best[1], eta)
+def _descend_from(
+    numbers: Numbers, q: Array, task: Closable, starts: list[Array]
+) -> tuple[list[Pose], list[Pose]]:
+    """Return the same by damped steps on rotation vectors, from each start; Newton's make the end exact."""
+    aligned = Aligned(numbers)
+    poses, tried = [], []
+    for start in starts:
+        near, left = descend(aligned, start, task.free, aligned.sizes)
+        tried.append((left, near))
+        if left < NEARLY:
+            closed, residual = newton(numbers, near, task.free)
+            if residual <= CLOSED and not numbers.turned(closed):
+                poses.append(_wrapped(numbers, q, task, closed))
+    return poses, tried
 
 
-def _other_attitude(numbers: Numbers, task: _Closing, q: Array) -> GeometryError | None:
-    """Return the error of loops that close but for attitudes, None where their points do not meet either."""
-    rows = [k for k, row in enumerate(numbers.rows) if row.kind in ("force", "m")]
-    turns = [k for k in range(len(numbers.rows)) if k not in rows]
-    if not turns:
-        return None
-    meeting = _Some(numbers, rows)
-    starts = [q, *starts_around(numbers, q, task.free, 1.0, 5)] if rows else [q]
-    closed = [
-        there for there, left in (newton(meeting, start, task.free) for start in starts) if left <= CLOSED
-    ]
-    if not closed:
-        return None
-    nearest = min(closed, key=lambda there: float(np.abs(numbers.eta(there)[turns]).max()))
-    eta = numbers.eta(nearest)
-    worst = max(turns, key=lambda k: abs(eta[k]))
-    row, angle = numbers.rows[worst], float(np.arcsin(min(1.0, abs(eta[worst]))))
-    return GeometryError(
-        f"the loop {row.closure!r} cannot close: its points meet, but not in the attitude asked for: axes stay "
-        f"at least {angle:.6g} rad apart (row {row.name}) {_condition(task)}; check the axis, "
-        "the rpy and the kind of closure",
-        loop=row.closure, angle=angle, row=row.name, q=nearest.tolist(),
-    )  # fmt: skip
-
-
-class _Some:
-    """The conditions of some rows (see ``Conditions``)."""
-
-    def __init__(self, numbers: Numbers, rows: list[int]) -> None:
-        self._numbers, self._rows = numbers, rows
-        self.lengths, self.sizes = numbers.lengths, numbers.sizes[rows]
-
-    def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        F, J = self._numbers.at(q, t)
-        return F[self._rows], J[self._rows]
-
-    def step(self, q: Array, dq: Array) -> Array:
-        return self._numbers.step(q, dq)
-
-
-def _condition(task: _Closing) -> str:
-    held = ", ".join(f"{name} = {value:.6g}" for name, value in task.held.items())
-    return f"with {held} held" if held else "whatever the joints do"
-
-
-def _closed_elsewhere(numbers: Numbers, q: Array) -> GeometryError:
-    """Return the error of loops that close, but far from the start or in another attitude."""
-    names = ", ".join(numbers.turned(q))
-    if not names:
-        there = ", ".join(f"{n} {x:.6g}" for n, x in zip(numbers.q_names, q))
-        text = (
-            f"the loops close only far from 'initial.q', at {there}; give a start near that, or another one"
-        )
-        return GeometryError(text, gap=0.0, q=q.tolist())
-    text = f"the loops close only with {names} in another attitude than asked for; check its rpy"
-    return GeometryError(text, loop=names, gap=0.0, q=q.tolist())
-
-
-def _where_free(numbers: Numbers, task: _Closing, q: Array) -> str:
-    """Return words about where the loops close with nothing held."""
-    if not task.held:
-        return ""
-    free, residual = newton(numbers, q, range(numbers.nv))
-    if residual > CLOSED or numbers.turned(free):
-        return ""
-    free = np.where(np.abs(free) > CLOSED, free, 0.0)  # what is left of a zero
-    pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(numbers.q_names, free))
-    loops = ", ".join(dict.fromkeys(row.closure for row in numbers.rows))
-    stuck = f", where nothing can move: {loops} make a truss" if is_truss(numbers.psi(free)) else ""
-    return f"; with nothing held the loops close at {pose}{stuck}"
-
-
-def _smallest_gap(numbers: Numbers, task: _Closing, q: Array, eta: Array) -> GeometryError:
-    """Return the error of the loop with the largest gap at q, where the loops come nearest to closing."""
-    gaps: dict[str, float] = {}
-    for value, row in zip(eta, numbers.rows):
-        if row.kind == "force":
-            loop = row.closure
-            gaps[loop] = float(np.hypot(gaps.get(loop, 0.0), value))
-    condition = _condition(task) + _where_free(numbers, task, q)
-    worst = int(np.abs(eta / numbers.sizes).argmax())
-    row, apart = numbers.rows[worst], float(abs(eta[worst]))
-    loop = max(gaps, key=lambda name: gaps[name]) if gaps else ""
-    if row.closure in numbers.couplers:
-        text = (
-            f"the coupler {row.closure!r} cannot hold: at best its terms miss its offset by {apart:.6g} "
-            f"{row.unit} {condition}"
-        )
-        return GeometryError(text, coupler=row.closure, gap=apart, row=row.name, q=q.tolist())
-    if not gaps or gaps[loop] < apart:
-        loop, gap = row.closure, apart
-        text = (
-            f"the loop {loop!r} cannot close: the axes stay apart by {gap:.6g} (row {row.name}) {condition}"
-        )
-    else:
-        gap = gaps[loop]
-        text = f"the loop {loop!r} cannot close: at best a gap of {gap:.6g} m remains {condition}"
-    return GeometryError(text, loop=loop, gap=gap, row=row.name, q=q.tolist())
+def _wrapped(numbers: Numbers, q: Array, task: Closable, closed: Array, tolerance: float = CLOSED) -> Pose:
+    """Return the distance from q and the configuration with missing angles within half a turn."""
+    given = [k for k in range(numbers.nv) if k not in task.missing]
+    wrapped = closed.copy()
+    wrapped[task.turning] = (closed[task.turning] + np.pi) % (2 * np.pi) - np.pi
+    if np.abs(numbers.relative(wrapped)).max() <= tolerance:
+        closed = wrapped
+    moved = np.abs(numbers.manifold.difference(q, closed)) / numbers.lengths
+    distance = moved[given].sum() + 1e-6 * moved[task.missing].sum()
+    # rounded, so that rounding errors do not choose between equal distances
+    return float(f"{distance:.9g}"), closed
 
 
 def _close_rates(
-    numbers: Numbers, q: Array, v: Array, given: list[int], hold: list[int]
+    numbers: Numbers, closure: ClosedPose, v: Array, given: list[int], hold: list[int]
 ) -> tuple[Array, float]:
     """Return rates that satisfy Psi v + eta_t = 0, changing as few of the given ones as possible."""
-    psi, eta_t = numbers.psi(q), numbers.eta_t(q)
+    psi, eta_t = numbers.psi(closure.q), numbers.eta_t(closure.q)
+    agrees = max(1e-10, closure.cut)
     scale = max(float(np.abs(psi).max()), 1e-300) * max(float(np.abs(v).max()), 1.0)
     nv = len(v)
     for fixed in (set(given) | set(hold), set(hold) if not given else set(given), set()):
@@ -306,11 +337,11 @@ def _close_rates(
         for _ in range(3):
             if not free:
                 break
-            step, *_ = np.linalg.lstsq(psi[:, free], -residual, rcond=1e-12)
+            step, *_ = np.linalg.lstsq(psi[:, free], -residual, rcond=closure.cut)
             new[free] += step
             residual = psi @ new + eta_t
         remaining = float(np.abs(residual).max())
-        if remaining <= 1e-10 * scale:
+        if remaining <= agrees * scale:
             return new, remaining
         if fixed and given and fixed == set(given):
             row = numbers.rows[int(np.abs(residual).argmax())]

@@ -23,13 +23,19 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, vector
+from robodyn_cli.spatial.quaternion import logarithm
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 ITERATIONS = 60
 HALVINGS = 12  # of a step that does not lessen the residual
 PATIENT = 3  # steps in a row that may fail to halve the residual
 TINY = 1e-300
+DESCENT = 300  # damped steps
 CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
+CUT = 1e-12  # ratio of singular values below which steps leave a direction alone
+ROUNDED = (
+    1e-6  # the same, and the residual, for redundant rows that contradict each other by rounding in the data
+)
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
 
 
@@ -116,41 +122,118 @@ class Numbers:
         self._eta = Evaluator([row.eta for row in self.rows])
         self._eta_t = Evaluator([row.eta_t for row in self.rows])
         self._psi = Evaluator([x for row in self.rows for x in row.psi])
+        self._both = Evaluator([x for row in self.rows for x in (row.eta, *row.psi)])
         self._cosines = Evaluator([row.cosine for row in self.rows])
         self.parameters = list(parameters)
         self.size = mechanism_size(equations.model)
         self.sizes = np.array([self.size if row.kind in ("force", "m") else 1.0 for row in self.rows])
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in equations.model.v_units])
 
-    def _evaluate(self, outputs: Evaluator, q: Array, t: float) -> Array:
+    def evaluate(self, outputs: Evaluator, q: Array, t: float) -> Array:
         return np.array(outputs({"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
 
     def eta(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate(self._eta, q, t)
+        return self.evaluate(self._eta, q, t)
 
     def relative(self, q: Array) -> Array:
         return self.eta(q) / self.sizes
 
     def psi(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
+        return self.evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
 
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        return self.eta(q, t), self.psi(q, t)
+        both = self.evaluate(self._both, q, t).reshape(len(self.rows), 1 + self.nv)
+        return both[:, 0], both[:, 1:]
 
     def step(self, q: Array, dq: Array) -> Array:
         return self.manifold.integrate(q, dq)
 
     def turned(self, q: Array) -> list[str]:
         """Return the loops whose links are half a turn away from the attitude that is asked for."""
-        cosines = self._evaluate(self._cosines, q, 0.0)
+        cosines = self.evaluate(self._cosines, q, 0.0)
         return sorted({row.closure for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
 
     def eta_t(self, q: Array, t: float = 0.0) -> Array:
-        return self._evaluate(self._eta_t, q, t)
+        return self.evaluate(self._eta_t, q, t)
+
+
+class Aligned:
+    """The conditions of ``Numbers`` with a rotation vector in the place of each attitude's sines.
+
+    phi = log(e^T f) vanishes in one attitude alone, sines in others as well. Its rate is J^-1 e^T Jw v with the left
+    Jacobian J of rotation vectors: J^-1 = 1 - [phi]/2 + k [phi]^2, k = (1 - a/2 cot(a/2)) / a^2, a = |phi|
+    (Barfoot 2017, 7.76).
+    """
+
+    def __init__(self, numbers: Numbers) -> None:
+        self.numbers, self.lengths = numbers, numbers.lengths
+        turned = {id(row.attitude): row for row in numbers.rows if row.attitude is not None}
+        self._plain = [k for k, row in enumerate(numbers.rows) if row.attitude is None]
+        attitudes = [row.attitude for row in turned.values() if row.attitude is not None]
+        self._ends = Evaluator([x for a in attitudes for part in (a.e, a.f, a.Jw) for x in part.ravel()])
+        self.loops = [numbers.rows[k].closure for k in self._plain] + [
+            row.closure for row in turned.values() for _ in range(3)
+        ]
+        self.units = [numbers.rows[k].unit for k in self._plain] + ["rad"] * 3 * len(turned)
+        self.sizes = np.append(numbers.sizes[self._plain], np.ones(3 * len(turned)))
+
+    def at(self, q: Array, t: float) -> tuple[Array, Array]:
+        eta, psi = self.numbers.at(q, t)
+        ends = self.numbers.evaluate(self._ends, q, t).reshape(-1, 18 + 3 * self.numbers.nv)
+        e, f = ends[:, :9].reshape(-1, 3, 3), ends[:, 9:18].reshape(-1, 3, 3)
+        e = e.transpose(0, 2, 1)
+        phi = logarithm(e @ f)
+        half = 0.5 * np.maximum(np.linalg.norm(phi, axis=1), 1e-4)  # 1e-4: k is 1/12 to rounding
+        k = 0.25 * (1.0 - half / np.tan(half)) / half**2
+        skew = np.cross(np.eye(3), phi[:, None, :])
+        inverse = np.eye(3) - 0.5 * skew + k[:, None, None] * (skew @ skew)
+        turning = inverse @ e @ ends[:, 18:].reshape(-1, 3, self.numbers.nv)
+        return (
+            np.append(eta[self._plain], phi),
+            np.concatenate([psi[self._plain], turning.reshape(-1, self.numbers.nv)]),
+        )
+
+    def step(self, q: Array, dq: Array) -> Array:
+        return self.numbers.step(q, dq)
+
+
+def descend(
+    conditions: Conditions, q: Array, free: Sequence[int], sizes: Array, gain: float = 1e-2
+) -> tuple[Array, float]:
+    """Return q moved to a least sum of squares of F / sizes, and its root, by Levenberg's damped steps.
+
+    Parameters
+    ----------
+    free : velocity coordinates that may move. gain : part of the sum of squares that one of a few steps takes off.
+    """
+    columns = list(free)
+    lengths = conditions.lengths[columns]
+    F, J = conditions.at(q, 0.0)
+    squares, slow = float(np.sum((F / sizes) ** 2)), 0
+    damping = 1e-3  # of the largest diagonal entry
+    dq = np.zeros(len(conditions.lengths))
+    for _ in range(DESCENT):
+        if not np.all(np.isfinite(J)) or squares < 1e-28 or damping > 1e12 or slow > SLOW:
+            break
+        A = J[:, columns] * lengths / sizes[:, None]
+        gram = A.T @ A
+        relative = damping * max(float(gram.diagonal().max(initial=0.0)), TINY)
+        step = -np.linalg.solve(gram + relative * np.eye(len(columns)), A.T @ (F / sizes))
+        step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), TINY))
+        dq[columns] = step * lengths
+        trial = conditions.step(q, dq)
+        F_new, J_new = conditions.at(trial, 0.0)
+        new = float(np.sum((F_new / sizes) ** 2))
+        if new < squares:
+            slow = slow + 1 if new > (1.0 - gain) * squares else 0
+            q, F, J, squares, damping = trial, F_new, J_new, new, max(0.2 * damping, 1e-14)
+        else:
+            damping *= 6.0
+    return q, float(np.sqrt(squares))
 
 
 def newton(
-    conditions: Conditions, q: Array, free: Sequence[int], patience: int = PATIENT
+    conditions: Conditions, q: Array, free: Sequence[int], patience: int = PATIENT, cut: float = CUT
 ) -> tuple[Array, float]:
     """Return q moved onto F = 0 at t = 0 by damped Gauss-Newton steps, and the largest relative residual.
 
@@ -159,6 +242,7 @@ def newton(
     Parameters
     ----------
     free : velocity coordinates that may move. patience : steps in a row that may fail to halve the residual.
+    cut : ratio of singular values below which a direction is left alone.
     """
     columns, lengths, sizes = list(free), conditions.lengths, conditions.sizes
     F, J = conditions.at(q, 0.0)
@@ -168,7 +252,7 @@ def newton(
         if not np.isfinite(size) or not np.all(np.isfinite(J)) or size < TINY or slow > patience:
             break
         scaled = J[:, columns] * lengths[columns] / sizes[:, None]
-        step, *_ = np.linalg.lstsq(scaled, -F / sizes, rcond=1e-12)
+        step, *_ = np.linalg.lstsq(scaled, -F / sizes, rcond=cut)
         step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), TINY))
         dq = np.zeros(len(lengths))
         for _ in range(HALVINGS):
@@ -248,10 +332,26 @@ def least_steps(J: Array, F: Array) -> Array:
             transposed = np.swapaxes(J, 1, 2)
             steps = transposed @ np.linalg.solve(J @ transposed, right)
         else:
-            steps = np.linalg.pinv(J, rcond=1e-12) @ right
+            steps = np.linalg.pinv(J, rcond=CUT) @ right
     except np.linalg.LinAlgError:
-        steps = np.linalg.pinv(J, rcond=1e-12) @ right
+        steps = np.linalg.pinv(J, rcond=CUT) @ right
     return steps[..., 0]
+
+
+ATTEMPTS = 24  # random starts
+
+
+def starts_around(
+    numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int, count: int = ATTEMPTS
+) -> list[Array]:
+    """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
+    rng = np.random.default_rng(seed)
+    starts = []
+    for _ in range(count if coordinates else 0):
+        step = np.zeros(numbers.nv)
+        step[coordinates] = rng.uniform(-spread, spread, len(coordinates)) * numbers.lengths[coordinates]
+        starts.append(numbers.manifold.integrate(q, step))
+    return starts
 
 
 SAME = 1e-6  # rad, or part of the size of the mechanism, for configurations that count as one

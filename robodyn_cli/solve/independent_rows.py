@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.errors import SingularConfigurationError
-from robodyn_cli.solve.closure import CLOSED, Numbers, newton, rank
+from robodyn_cli.solve.closure import CLOSED, CUT, ROUNDED, Numbers, newton, rank
 from robodyn_cli.spatial.algebra import Array
 
 RANK_TOLERANCE = 1e-7  # ratio of singular values below which a configuration counts as singular
@@ -29,26 +29,31 @@ def is_truss(psi: Array) -> bool:
     return bool(psi.size) and rank(psi, RANK_TOLERANCE) == psi.shape[1]
 
 
-def independent_rows(numbers: Numbers, q: Array) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def independent_rows(
+    numbers: Numbers, q: Array, tolerance: float = RANK_TOLERANCE
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Return independent rows and redundant ones, which depend on the others in every configuration.
+
+    tolerance : of the rank, and of closed loops if it is ``ROUNDED``.
 
     Raises
     ------
     SingularConfigurationError : rows depend on each other at this configuration alone.
     """
     psi = numbers.psi(q)
-    here = rank(psi, RANK_TOLERANCE)
+    here = rank(psi, tolerance)
     m = len(numbers.rows)
     if here == m:
         return tuple(range(m)), ()
+    cut, closed = (ROUNDED, ROUNDED) if tolerance == ROUNDED else (CUT, CLOSED)
     # the rank at nearby closed configurations is that of the mechanism itself
     rng = np.random.default_rng(7)
     generic, example = here, psi
     for _ in range(6):
         start = numbers.manifold.integrate(q, 0.05 * rng.normal(size=numbers.nv) * numbers.lengths)
-        moved, residual = newton(numbers, start, range(numbers.nv))
-        if residual < 1e-9:
-            there = rank(numbers.psi(moved), RANK_TOLERANCE)
+        moved, residual = newton(numbers, start, range(numbers.nv), cut=cut)
+        if residual < max(1e-9, closed):
+            there = rank(numbers.psi(moved), tolerance)
             if there > generic:
                 generic, example = there, numbers.psi(moved)
     pose = ", ".join(f"{name} {x:.6g}" for name, x in zip(numbers.q_names, q))
@@ -58,7 +63,7 @@ def independent_rows(numbers: Numbers, q: Array) -> tuple[tuple[int, ...], tuple
             f"({here} of {generic} independent rows), so multipliers are not unique; start away from it",
             rank=here, generic_rank=generic, kind="bifurcation", q=q.tolist(),
         )  # fmt: skip
-    if (row := _bent(numbers, q, psi)) is not None:
+    if (row := _bent(numbers, q, psi, tolerance)) is not None:
         raise SingularConfigurationError(
             f"the start ({pose}) is a singular configuration: to first order the constraints leave "
             f"{numbers.nv - here} freedoms, but {numbers.rows[row].name} bends away from some of them, so that they "
@@ -66,10 +71,10 @@ def independent_rows(numbers: Numbers, q: Array) -> tuple[tuple[int, ...], tuple
             "folded there",
             rank=here, kind="bifurcation", row=numbers.rows[row].name, q=q.tolist(),
         )  # fmt: skip
-    return _best_rows([example, *_along_the_motion(numbers, q)], generic, m)
+    return _best_rows([example, *_along_the_motion(numbers, q, tolerance)], generic, m)
 
 
-def _bent(numbers: Numbers, q: Array, psi: Array) -> int | None:
+def _bent(numbers: Numbers, q: Array, psi: Array, tolerance: float) -> int | None:
     """Return the row most concerned where first-order freedoms are no motions, None where all may be.
 
     With N spanning Psi v = 0 and w the rows that depend on each other, w^T Psi = 0, a motion along N x needs
@@ -78,7 +83,7 @@ def _bent(numbers: Numbers, q: Array, psi: Array) -> int | None:
     """
     lengths, sizes = numbers.lengths, numbers.sizes[:, None]
     rows, _, motions = np.linalg.svd(psi * lengths / sizes)
-    r = rank(psi, RANK_TOLERANCE)
+    r = rank(psi, tolerance)
     w, N = rows[:, r:], motions[r:].T
     rng = np.random.default_rng(13)
     for x in [*np.eye(N.shape[1]), *rng.normal(size=(3, N.shape[1]))]:
@@ -90,23 +95,24 @@ def _bent(numbers: Numbers, q: Array, psi: Array) -> int | None:
     return None
 
 
-def _along_the_motion(numbers: Numbers, q: Array) -> list[Array]:
+def _along_the_motion(numbers: Numbers, q: Array, tolerance: float) -> list[Array]:
     """Return Psi at closed configurations on both sides of q along the mechanism's motion."""
     rng, lengths = np.random.default_rng(11), numbers.lengths
+    cut, closed = (ROUNDED, ROUNDED) if tolerance == ROUNDED else (CUT, CLOSED)
     jacobians = []
     for way in (1.0, -1.0):
         here = q.copy()
         last = way * rng.normal(size=numbers.nv)
         for _ in range(MOTION_SAMPLES):
             psi = numbers.psi(here) * lengths
-            free = np.linalg.svd(psi)[2][rank(psi, RANK_TOLERANCE) :]
+            free = np.linalg.svd(psi)[2][rank(psi, tolerance) :]
             step = free.T @ (free @ last)
             if not np.any(step):
                 break
             last = step / np.abs(step).max()
             ahead = numbers.manifold.integrate(here, MOTION_STEP * last * lengths)
-            here, residual = newton(numbers, ahead, range(numbers.nv))
-            if residual > CLOSED:
+            here, residual = newton(numbers, ahead, range(numbers.nv), cut=cut)
+            if residual > closed:
                 break
             jacobians.append(numbers.psi(here))
     return jacobians

@@ -1,10 +1,11 @@
-"""The summaries of ``assemble``, ``kinematics``, ``reach`` and ``statics``, and of a scene at one state (``info``)."""
+"""The summaries of ``kinematics``, ``reach`` and ``statics``, and of a scene at one state (``info``)."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from robodyn_cli.record import record
+from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.extremes import OF_COLUMNS, Extremes
 from robodyn_cli.summaries.facts import (
     ABSENT,
@@ -13,7 +14,6 @@ from robodyn_cli.summaries.facts import (
     COLUMN,
     LINK,
     LOAD,
-    LOOP,
     OWN,
     POINT,
     RATE,
@@ -27,68 +27,6 @@ from robodyn_cli.summaries.facts import (
 )
 
 Matrix = list[list[float]]  # by rows
-
-
-@record
-class Mobility:
-    """Degrees of freedom by counting and by rank."""
-
-    coordinates: int = fact("velocity coordinates of the tree")
-    rows: int = fact("of the closures, those that vanish identically included")
-    vanishing_rows: int = fact("rows that vanish identically")
-    rank: int = fact("of the loops' Jacobian Psi")
-    redundant_rows: int = fact("rows that follow from others")
-    count: int = fact("degrees of freedom by Gruebler and Kutzbach in space: coordinates less all rows")
-    planar_count: int = fact("coordinates less the rows that do not vanish identically")
-    actual: int = fact("degrees of freedom by the rank of the loops' rows")
-
-
-@record
-class ClosedBranch:
-    """One way in which the loops close."""
-
-    configuration: dict[str, float] = fact("joint positions", OWN)
-    determinant: float | None = fact(
-        "of the block of Psi of the coordinates that were solved; its unit follows the rows and these coordinates"
-    )
-    orientation: int | None = fact("sign of the determinant")
-    singular_ratio: float = fact("smallest over largest singular value of that block")
-    residual: float = fact("largest residual of the loops", "m or rad", errors=None)
-    chosen: bool = fact("whether it is the configuration of the result")
-
-
-@record
-class BranchSearch:
-    """The effort of the search for branches, and what it proves."""
-
-    starts: int = fact("of Newton's method")
-    closed: int = fact("starts that closed the loops")
-    found: int = fact("ways in which they close")
-    complete: str = fact(
-        "whether these are all", default="not proved: what many quasi-random starts of Newton's method found"
-    )
-
-
-@record
-class AssembleSummary:
-    """The summary of an assembly."""
-
-    termination: Termination = fact("how the run ended")
-    samples: int = fact("number of samples: 1")
-    configuration: dict[str, float] = fact("joint positions with the loops closed", OWN, column="position")
-    units: dict[str, str] = fact("unit of each coordinate: `rad`, `m` or `1`")
-    rates: dict[str, float] = fact("their rates; those that are not given are of least norm", RATE)
-    accelerations: dict[str, float] = fact("of least norm", ACCELERATION)
-    held: list[str] = fact("joints that stayed")
-    solved: list[str] = fact("joints that closed the loops")
-    residual: LoopResidual = fact("what the loops lack", errors=None)
-    residual_by_loop: dict[str, float] = fact(
-        "largest residual of positions", "m or rad", names=LOOP, errors=None
-    )
-    redundant_rows: list[str] = fact("rows that follow from others")
-    mobility: Mobility = fact("degrees of freedom")
-    branches: list[ClosedBranch] | Absent = fact("the ways in which the loops close, where asked for")
-    branch_search: BranchSearch | Absent = fact("how they were sought")
 
 
 @record

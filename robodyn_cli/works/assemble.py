@@ -11,26 +11,34 @@ import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.expr.rebuild import Evaluator, Values
 from robodyn_cli.given.loop_conditions import LoopConditions, nothing_led
 from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.observe.evaluation import refuse_result
 from robodyn_cli.observe.observe import add_sample
 from robodyn_cli.observe.units import JointColumns
 from robodyn_cli.ready.doors import at_rest
-from robodyn_cli.ready.prepare import held_columns, initial_positions
+from robodyn_cli.ready.prepare import held_columns, initial_positions, passive_coordinates
 from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.assembly import ClosedPose
 from robodyn_cli.solve.assembly import assemble as close_loops
 from robodyn_cli.solve.closure import RANK, halton, rank, search
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
-from robodyn_cli.summaries.mechanism import AssembleSummary, BranchSearch, ClosedBranch
+from robodyn_cli.summaries.assemble import (
+    AssembleSummary,
+    BranchSearch,
+    ClosedBranch,
+    NearestClosure,
+    UndrivenFreedoms,
+)
+from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.trajectories.led import position_columns
 
+COUPLED = 1e-9  # entries of a projector that are no rounding
 SINGULAR = 1e-7  # smallest over largest singular value below which a determinant has no sign
 
 
@@ -161,6 +169,7 @@ class Closed:
     rates: Array
     accelerations: Array
     redundant: tuple[str, ...]
+    closure: ClosedPose
 
 
 @np.errstate(all="ignore")  # ``refuse_result`` names numbers that are not finite
@@ -228,16 +237,17 @@ def close(problem: Problem) -> Closed:
     conditions = LoopConditions(problem, nothing_led(), np.zeros(1))
     F, J = conditions.at(state.q, 0.0)
     c, b = conditions.rates(state.q, state.v, 0.0)
-    a, *_ = np.linalg.lstsq(J, b, rcond=RANK)
-    return Closed(
-        problem, conditions, state.q, state.v, a, F, J, J @ state.v - c, J @ a - b, tuple(state.redundant)
-    )
+    closure = state.closure or ClosedPose(state.q)
+    a, *_ = np.linalg.lstsq(J, b, rcond=max(RANK, closure.cut))
+    residuals = J @ state.v - c, J @ a - b
+    return Closed(problem, conditions, state.q, state.v, a, F, J, *residuals, tuple(state.redundant), closure)
 
 
 def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) -> AssembleSummary:
     """Return the summary of an assembly."""
-    problem = closed.problem
-    model = problem.model
+    problem, nearest = closed.problem, closed.closure.nearest
+    model, psi = problem.model, closed.J[problem.constraints.of_loops]
+    tolerance = max(RANK, closed.closure.cut)
     return AssembleSummary(
         termination=Termination("closed", 0.0),
         samples=1,
@@ -251,8 +261,14 @@ def summarise(closed: Closed, held: tuple[str, ...], branches: Branches | None) 
             *(float(np.abs(x).max(initial=0.0)) for x in (closed.F, closed.rates, closed.accelerations))
         ),
         residual_by_loop=_by_loop(problem, closed.F),
+        tolerance=closed.closure.tolerance,
+        nearest=ABSENT
+        if nearest is None
+        else NearestClosure(nearest.starts, nearest.closed, nearest.distance),
         redundant_rows=list(closed.redundant),
-        mobility=mobility(problem, closed.J[problem.constraints.of_loops]),
+        mobility=mobility(problem, psi, tolerance),
+        undriven=_undriven(problem, closed.J, tolerance),
+        mass_condition=_mass_condition(closed, tolerance),
         branches=ABSENT if branches is None else branches.described,
         branch_search=ABSENT if branches is None else branches.search,
     )
@@ -265,3 +281,40 @@ def _by_loop(problem: Problem, F: Array) -> dict[str, float]:
         loop = problem.constraints.rows[i].closure
         largest[loop] = max(largest.get(loop, 0.0), float(abs(F[i])))
     return largest
+
+
+def _undriven(problem: Problem, J: Array, tolerance: float) -> list[UndrivenFreedoms] | Absent:
+    """Return the freedoms of the passive coordinates, J v = 0, in parts that share no joint; absent if none is driven.
+
+    Two coordinates belong together if the projector onto the freedoms couples them.
+    """
+    from scipy.sparse.csgraph import connected_components
+
+    model, passive = problem.model, list(passive_coordinates(problem))
+    if len(passive) == model.nv:
+        return ABSENT
+    motions = np.linalg.svd(J[:, passive])[2][rank(J[:, passive], tolerance) :]
+    P = motions.T @ motions
+    _, part = connected_components(np.abs(P) > COUPLED, directed=False)
+    parts = []
+    for k in range(part.max(initial=-1) + 1):
+        own = np.flatnonzero(part == k)
+        if (count := round(float(np.trace(P[np.ix_(own, own)])))) > 0:
+            joints = list(dict.fromkeys(model.joint_of(passive[j]) for j in own))
+            parts.append(UndrivenFreedoms(count, joints))
+    return parts
+
+
+def _mass_condition(closed: Closed, tolerance: float) -> float | Absent:
+    """Return the condition number of N^T M N, the inertia of the mechanism's freedoms N; absent without freedoms, with
+    missing data, or where a freedom moves no mass."""
+    motions = np.linalg.svd(closed.J)[2][rank(closed.J, tolerance) :]
+    M = closed.problem.mass_matrix
+    inputs = {"t": [0.0], "q": closed.q.tolist(), "p": closed.problem.at_start}
+    known = Values(inputs).of(list(M.ravel()))
+    if not len(motions) or any(x is None for x in known):
+        return ABSENT
+    sigma = np.linalg.svd(
+        motions @ np.array(known, dtype=float).reshape(M.shape) @ motions.T, compute_uv=False
+    )
+    return float(sigma[0] / sigma[-1]) if sigma[-1] > 1e-15 * sigma[0] else ABSENT

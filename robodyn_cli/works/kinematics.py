@@ -36,13 +36,13 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import CLOSED
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual, Termination
 from robodyn_cli.summaries.mechanism import (
     ClosureErrors,
     JointRange,
     KinematicsSummary,
-    Mobility,
     PathErrors,
     PlacesAt,
     PointPath,

@@ -25,15 +25,16 @@ from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
 from robodyn_cli.ready.doors import at_rest
 from robodyn_cli.ready.prepare import held_columns, initial_positions
-from robodyn_cli.ready.singularity import mobility, psi_at
+from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerance
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.assembly import assemble
 from robodyn_cli.solve.load_sharing import Balance, LostRank, Shared, TooFewActuators, balance, share
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.assemble import Mobility
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination, rounded_up
-from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, Mobility, StaticsSummary
+from robodyn_cli.summaries.mechanism import Balanced, ForceResidual, Held, StaticsSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.torques.closed import lost_rank
 from robodyn_cli.trajectories.led import led_joints, position_columns
@@ -305,7 +306,7 @@ def loads_at_rest(state: AtRest) -> Loads:
 def mobility_at(state: AtRest) -> Mobility:
     """Return the degrees of freedom of the configuration."""
     problem = state.problem
-    return mobility(problem, psi_at(problem, state.q))
+    return mobility(problem, psi_at(problem, state.q), rank_tolerance(problem, state.q))
 
 
 def report(state: AtRest, loads: Loads | None) -> Result:

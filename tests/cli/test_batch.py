@@ -132,7 +132,7 @@ def test_failures_that_are_expected(tmp_path: Path) -> None:
     text = (tmp_path / "wild.yaml").read_text().replace("exit_code: 5", "exit_code: 4, lock.time: 3")
     (tmp_path / "wild.yaml").write_text(text)
     code, scenes = run(tmp_path / "wild.yaml", "--out", tmp_path / "out")
-    assert code == 5 and "cannot close" in scenes["wild"]["message"]
+    assert code == 5 and "does not close" in scenes["wild"]["message"]
 
 
 def test_a_directory_in_use(tmp_path: Path) -> None:

@@ -120,7 +120,7 @@ def test_files_that_are_no_scene(tmp_path: Path) -> None:
 def test_loops_that_do_not_close(tmp_path: Path) -> None:
     path = changed(tmp_path, "four_bar_deploy", ("theta1: 0.01, phi1: 0.0102", "theta1: 3.0, phi1: 0.0102"))
     code, output = validate(path)
-    assert code == 5 and f"{path}:9:5: loops.0: the loop 'pin' cannot close" in output
+    assert code == 5 and f"{path}:9:5: loops.0: the loop 'pin' does not close" in output
 
 
 def test_target_out_of_reach(tmp_path: Path) -> None:

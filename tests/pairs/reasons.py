@@ -32,7 +32,7 @@ REASONS: dict[str, str] = {
     r"initial rates contradict the constraints|contradicts prescribed": "positions and rates of the start agree with loops and prescribed motions",
     r"singular configuration|singular pose": "a singular pose is no start, and no way",
     # loops and couplers
-    r"the loops? .*cannot close|gap of .* remains": "loops close",
+    r"the loops? .*does not close|gap of .* remains": "loops close",
     r"closes loops; this scene has none|deploy needs a mechanism with closed loops": "what closes or locks needs loops or a latch",
     r"its actuated joints \(.*\) command|the driven joints \(.*\) command|needs as many driven joints as degrees":
         "in a mechanism as many independent joints are driven as there are degrees of freedom",

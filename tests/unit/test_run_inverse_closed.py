@@ -198,7 +198,7 @@ def test_what_stands_in_the_way_is_named() -> None:
     both = "trajectory={type: joint, duration: 0.2, q: {a: 2.2 + t, c: 0.9 - t}}"
     refusal(CapabilityError, r"2 degrees of freedom.*\(a\) command 1", FIVE_BAR, both, "actuated=[a]")
     too_much = "trajectory={type: joint, duration: 1, q: {crank: 0.2 + t, slide: 1.19 + 0.1*t}}"
-    refusal(GeometryError, "'pin' cannot close", SLIDER, too_much, none)
+    refusal(GeometryError, "'pin' does not close", SLIDER, too_much, none)
     x = "0.3*cos(0.2) + sqrt(0.81 - 0.09*sin(0.2)^2)"
     too_much = f"trajectory={{type: joint, duration: 1, q: {{crank: 0.2 + t, slide: '{x} + 0.1*t'}}}}"
     error = refusal(

@@ -320,14 +320,14 @@ def test_starts_whose_run_fails_are_replaced_and_counted() -> None:
     }
     result, ended, maker = searched(family, vary=vary, reach=target, starts=6)
     assert len(ended.ways) == 6 and result.status == "ok"
-    assert maker.failures[5] > 0 and "cannot close" in result.summary["search"]["reasons"]["5"]
+    assert maker.failures[5] > 0 and "does not close" in result.summary["search"]["reasons"]["5"]
     assert result.summary["keys"]["robot.points.tip.at#1"]["value"] == pytest.approx(0.8, abs=1e-8)
     assert sum(result["runs/exit_code"] != 0) == maker.failures[5]
 
 
 def test_a_search_without_any_run_that_ends_well_is_refused_with_the_reason() -> None:
     family = Family(EXAMPLES / "five_point_four_bar.yaml")
-    with pytest.raises(CapabilityError, match="no run ends as it should at any of the .* cannot close"):
+    with pytest.raises(CapabilityError, match="no run ends as it should at any of the .* does not close"):
         searched(family, vary={"robot.points.tip.at#1": "uniform(0.01, 0.02)"}, starts=2)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Annotated, Any
 
@@ -11,6 +12,9 @@ from robodyn_cli.cli.options import SceneFile, SharedOptions, Strict, utf8
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import closure_text, coordinate_table, mobility_lines, number, table
 from robodyn_cli.summaries.facts import ACCELERATION, OWN, RATE
+
+ILL_CONDITIONED = 1e6  # condition number of the inertia that is told
+ROUNDING = 1e-9  # tolerance from which on loops do not close exactly
 
 
 def command(
@@ -57,9 +61,29 @@ def describe(summary: Mapping[str, Any]) -> str:
     ]
     lines.append(coordinate_table(summary["units"], columns))
     lines.append("  residual           " + closure_text(summary["residual"]))
+    if summary["tolerance"] >= ROUNDING:
+        lines.append(
+            f"  not exact          redundant rows contradict each other by rounding in the data: closed to "
+            f"{summary['tolerance']:g} (rad, or part of the size), as far as the residual tells"
+        )
+    if "nearest" in summary:
+        near = summary["nearest"]
+        lines.append(
+            f"  start              none given: of {near['closed']} poses closed from {near['starts']} starts the "
+            f"nearest to q = 0, {number(near['distance'], 6)} away (rad, sizes of the mechanism); other branches may "
+            "exist: initial.q chooses, --branches lists them"
+        )
     if summary["redundant_rows"]:
         lines.append(f"  redundant rows     {', '.join(summary['redundant_rows'])}")
     lines += mobility_lines(summary)
+    for part in summary.get("undriven", ()):
+        lines.append(f"  nothing drives     {part['count']} of the freedoms: of {', '.join(part['joints'])}")
+    if summary.get("mass_condition", 0.0) > ILL_CONDITIONED:
+        digits = math.log10(summary["mass_condition"])
+        lines.append(
+            f"  inertia            condition number {number(summary['mass_condition'], 3)} over the freedoms, as very "
+            f"light links make it: accelerations lose {digits:.0f} digits"
+        )
     branches = summary.get("branches")
     if branches:
         names = list(branches[0]["configuration"])

@@ -16,8 +16,15 @@ from robodyn_cli.over.many.keys import START
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
-from robodyn_cli.solve.assembly import starts_around
-from robodyn_cli.solve.closure import CLOSED, SAME, Numbers, has_full_rank, least_steps, newton_of_many
+from robodyn_cli.solve.closure import (
+    CLOSED,
+    SAME,
+    Numbers,
+    has_full_rank,
+    least_steps,
+    newton_of_many,
+    starts_around,
+)
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
@@ -145,7 +152,9 @@ class _ManyClosing:
 
     def close(self, q: Array, v: Array) -> Starts:
         """Return closed positions and rates that agree with them, from what is given."""
-        if self.one.manifold.quasi:
+        if (
+            self.one.manifold.quasi or len(self.missing) == self.nv
+        ):  # the nearest to q = 0 is the command's to find
             return Starts(q, v, np.zeros(len(q), dtype=bool))
         start = q
         if self.missing:

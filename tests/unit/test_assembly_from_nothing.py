@@ -1,0 +1,275 @@
+"""Closing the loops where nothing is given, or nothing closes: half-turn traps, the least that is left, rounded data."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from robodyn_cli import load_scene, load_scene_text, simulate
+from robodyn_cli.cli.commands.assemble import describe
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import GeometryError
+from robodyn_cli.results.result import Result
+from robodyn_cli.solve.closure import CLOSED, ROUNDED, Aligned, Numbers, descend, newton, starts_around
+from robodyn_cli.works.assemble import assemble
+from tests.mechanisms import CONFIGS
+
+AXES = ("[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]")
+
+
+def chain(axes: str, loop: str, reach: float = 0.5) -> str:
+    """Return an arm of revolute joints about the axes x, y, z, each ``reach`` along x from the last, with a loop."""
+    joints, links = [], []
+    for k, axis in enumerate(axes):
+        origin = f", origin: {{xyz: [{reach}, 0, 0]}}" if k else ""
+        parent = f"l{k - 1}" if k else "base"
+        joints.append(
+            f"    - {{name: j{k}, type: revolute, parent: {parent}, link: l{k}, axis: {AXES['xyz'.index(axis)]}{origin}}}"
+        )
+        links.append(
+            f"    - {{name: l{k}, mass: 1, com: [0.1, 0, 0], inertia: {{xx: 0.01, yy: 0.01, zz: 0.01}}}}"
+        )
+    body = "\n".join(joints) + "\n  links:\n" + "\n".join(links)
+    return f"schema: 1\ngravity: [0, 0, -9.81]\nrobot:\n  joints:\n{body}\n  points:\n" + loop
+
+
+def weld(axes: str, at: str = "[0.3, 0.4, 0.2]", rpy: str = "[0.4, -1.1, 2.5]") -> str:
+    last = len(axes) - 1
+    return chain(
+        axes,
+        f"    goal: {{link: base, at: {at}}}\n    hand: {{link: l{last}, at: [0.3, 0, 0]}}\n"
+        f"loops: [{{name: grip, type: fixed, between: [goal, hand], rpy: {rpy}}}]\n",
+    )
+
+
+def numbers_of(text: str) -> Numbers:
+    return Numbers(Problem(load_scene_text(text)), ())
+
+
+def assembled(text: str, *overrides: str) -> Result:
+    return assemble(load_scene_text(text, overrides=overrides))
+
+
+# -- attitudes -----------------------------------------------------------------------------------------------
+def test_rotation_vectors_have_their_own_jacobian() -> None:
+    """Against central differences, from small angles to almost half a turn."""
+    numbers = numbers_of(weld("zyxzyxz"))
+    aligned, rng = Aligned(numbers), np.random.default_rng(3)
+    largest = 0.0
+    for q in starts_around(numbers, numbers.manifold.neutral(), list(range(numbers.nv)), np.pi, 4):
+        v, h = rng.normal(size=numbers.nv), 1e-6
+        F, J = aligned.at(q, 0.0)
+        largest = max(largest, float(np.linalg.norm(F[3:])))
+        if np.linalg.norm(F[3:]) < 3.1:  # it jumps at half a turn
+            ahead, behind = (aligned.at(numbers.step(q, way * h * v), 0.0)[0] for way in (1, -1))
+            np.testing.assert_allclose((ahead - behind) / (2 * h), J @ v, atol=1e-6)
+    assert largest > 2.5
+
+
+@pytest.mark.parametrize("axes", ["zyxzyxz", "xyzxyzxy", "zyzyxyz"])
+def test_sines_fall_into_half_turns_and_rotation_vectors_do_not(axes: str) -> None:
+    numbers = numbers_of(weld(axes))
+    aligned, free = Aligned(numbers), range(numbers.nv)
+    turned, closed = 0, 0
+    for start in starts_around(numbers, numbers.manifold.neutral(), list(free), np.pi, 8):
+        by_sines, residual = newton(numbers, start, free)
+        turned += residual <= CLOSED and bool(numbers.turned(by_sines))
+        near, _ = descend(aligned, start, free, aligned.sizes)
+        q, residual = newton(numbers, near, free)
+        closed += residual <= CLOSED and not numbers.turned(q)
+    assert turned >= 3 and closed >= 10  # of 24; an arm near its full reach has other least gaps too
+
+
+def test_a_weld_closes_from_nothing_as_it_is_meant() -> None:
+    text = weld("zyxzyxz")
+    result = assembled(text)
+    q = result["q"][0]
+    numbers = numbers_of(text)
+    F, _ = Aligned(numbers).at(q, 0.0)
+    assert np.abs(F).max() < 1e-13 and not numbers.turned(q)
+    assert result.summary["nearest"]["closed"] > 5 and result.summary["mobility"]["actual"] == 1
+    assert result.summary["tolerance"] == CLOSED
+    assert "nearest to q = 0" in describe(result.summary) and "other branches may exist" in describe(
+        result.summary
+    )
+    assert np.array_equal(q, assembled(text)["q"][0])  # the same each time
+
+
+def test_simulate_starts_from_the_same_pose() -> None:
+    text = weld("zyxzyxz")
+    moved = simulate(load_scene_text(text + "simulate: {duration: 0.01, samples: 3}\n"))
+    assert np.array_equal(moved["q"][0], assembled(text)["q"][0])
+
+
+# -- the nearest ---------------------------------------------------------------------------------------------
+BARS = """schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {{name: crank, type: revolute, parent: base, link: c, axis: [0, 0, 1]}}
+    - {{name: coup, type: revolute, parent: c, link: k, axis: [0, 0, 1], origin: {{xyz: [0.1, 0, 0], rpy: {tilt}}}}}
+    - {{name: rock, type: revolute, parent: base, link: r, axis: [0, 0, 1], origin: {{xyz: [0.25, 0, {off}]}}}}
+  links:
+    - {{name: c, mass: 1, com: [0.05, 0, 0], inertia: {{xx: 1e-3, yy: 1e-3, zz: 1e-3}}}}
+    - {{name: k, mass: 1, com: [0.15, 0, 0], inertia: {{xx: 8e-3, yy: 8e-3, zz: 8e-3}}}}
+    - {{name: r, mass: 1, com: [0.1, 0, 0], inertia: {{xx: 4e-3, yy: 4e-3, zz: 4e-3}}}}
+  points: {{kp: {{link: k, at: [0.3, 0, 0]}}, rp: {{link: r, at: [0.2, 0, 0]}}}}
+loops: [{{name: pin, type: revolute, between: [kp, rp]}}]
+simulate: {{duration: 0.3, samples: 4}}
+"""
+
+
+def test_the_nearest_to_zero_is_taken() -> None:
+    """Against all configurations of a four-bar: crank angles on a fine grid, both branches by two circles."""
+    result = assembled(BARS.format(tilt="[0, 0, 0]", off="0"))
+    theta = np.linspace(-np.pi, np.pi, 400001)
+    elbow = 0.1 * np.array([np.cos(theta), np.sin(theta)])
+    d = np.array([[0.25], [0.0]]) - elbow
+    r = np.hypot(*d)
+    along = (r**2 + 0.3**2 - 0.2**2) / (2 * r)
+    high = np.sqrt(np.where(along**2 < 0.3**2, 0.3**2 - along**2, np.nan))
+    least = np.inf
+    for side in (1, -1):
+        pin = elbow + along * d / r + side * high * np.array([-d[1], d[0]]) / r
+        coup = np.arctan2(*(pin - elbow)[::-1]) - theta
+        rock = np.arctan2(pin[1], pin[0] - 0.25)
+        coup = (coup + np.pi) % (2 * np.pi) - np.pi
+        least = min(least, float(np.nanmin(np.sqrt(theta**2 + coup**2 + rock**2))))
+    assert result.summary["nearest"]["distance"] == pytest.approx(least, abs=1e-8)
+    assert float(np.linalg.norm(result["q"][0])) == pytest.approx(least, abs=1e-8)
+
+
+def test_a_given_value_is_a_start() -> None:
+    text = BARS.format(tilt="[0, 0, 0]", off="0")
+    assert "nearest" not in assembled(text, "initial.q={crank: 0.4}").summary
+
+
+# -- what does not close -------------------------------------------------------------------------------------
+def test_the_least_over_all_rows_is_told() -> None:
+    """One joint: the least of |p - goal|^2 + angle^2 is that of a function of one variable."""
+    x, y, yaw = 0.5, 0.1, 0.9
+    text = weld("z", f"[{x}, {y}, 0.05]", f"[0, 0, {yaw}]")
+    theta = np.linspace(-np.pi, np.pi, 2000001)
+    squares = (0.3 * np.cos(theta) - x) ** 2 + (0.3 * np.sin(theta) - y) ** 2 + 0.05**2 + (theta - yaw) ** 2
+    best = int(np.argmin(squares))
+    gap = np.sqrt(squares[best] - (theta[best] - yaw) ** 2)
+    with pytest.raises(GeometryError, match=r"'grip' does not close from any of \d+ starts") as caught:
+        assembled(text)
+    details, message = caught.value.details, caught.value.message
+    assert caught.value.exit_code == 5
+    assert details["residual"] == pytest.approx(np.sqrt(squares[best]), rel=1e-4)
+    assert details["gap"] == pytest.approx(gap, rel=1e-4)
+    assert f"{details['residual']:.5g}" in message and "proves nothing" in message
+    assert "whatever" not in message
+
+
+def test_the_loop_with_the_largest_part_is_named() -> None:
+    text = chain(
+        "zyxzyxz",
+        "    near: {link: base, at: [0.2, 0.3, 0.1]}\n    far: {link: base, at: [9, 0, 0]}\n"
+        "    hand: {link: l6, at: [0.3, 0, 0]}\n    elbow: {link: l3, at: [0.2, 0, 0]}\n"
+        "loops:\n  - {name: low, type: spherical, between: [near, elbow]}\n"
+        "  - {name: high, type: spherical, between: [far, hand]}\n",
+    )
+    with pytest.raises(GeometryError, match="'high' does not close") as caught:
+        assembled(text)
+    numbers = numbers_of(text)
+    eta = numbers.eta(np.array(caught.value.details["q"]))
+    assert caught.value.details["residual"] == pytest.approx(float(np.linalg.norm(eta)), rel=1e-9)
+    assert caught.value.details["gap"] == pytest.approx(float(np.linalg.norm(eta[3:])), rel=1e-9)
+    assert "over all loops" in caught.value.message
+
+
+# -- rounded data --------------------------------------------------------------------------------------------
+@pytest.mark.parametrize("initial", ["initial={}", "initial={q: {crank: 0.5}, hold: [crank]}"])
+@pytest.mark.parametrize(
+    ("tilt", "off"), [("[3e-8, -2e-8, 0]", "3e-8"), ("[0, 0, 0]", "-3e-8"), ("[0, 3e-8, 0]", "0")]
+)
+def test_redundant_rows_that_contradict_by_rounding(tilt: str, off: str, initial: str) -> None:
+    """A plane mechanism in space whose data are rounded: it moves, and what it lacks is told."""
+    result = assembled(BARS.format(tilt=tilt, off=off), initial)
+    summary, mobility = result.summary, result.summary["mobility"]
+    assert summary["tolerance"] == ROUNDED == mobility["rank_tolerance"]
+    assert 5e-9 < summary["residual_by_loop"]["pin"] < 1e-7
+    assert (mobility["rank"], mobility["actual"]) == (2, 1)
+    assert mobility["smallest_kept"] > 1e-2 and mobility["largest_dropped"] < 1e-6
+    exact = assembled(BARS.format(tilt="[0, 0, 0]", off="0"), f"initial.q.crank={result['q'][0, 0]}",
+                      f"initial.q.coup={result['q'][0, 1]}", "initial.hold=[crank]")  # fmt: skip
+    np.testing.assert_allclose(result["q"][0], exact["q"][0], atol=1e-6)
+    assert exact.summary["tolerance"] == CLOSED and exact.summary["residual"]["position"] < 1e-15
+
+
+def test_a_freedom_is_not_spent_on_rounding() -> None:
+    """With a ball the tilt closes an offset exactly, but only where the coupler stands at asin(off / (0.3 tilt))."""
+    text = BARS.format(tilt="[2e-7, 0, 0]", off="3e-8").replace(
+        "type: revolute, between", "type: spherical, between"
+    )
+    summary = assembled(text, "initial={q: {crank: 0.5, coup: 0, rock: 1}}").summary
+    assert summary["tolerance"] == ROUNDED and summary["mobility"]["actual"] == 1
+    assert summary["mobility"]["largest_dropped"] > 1e-8
+    exact = assembled(
+        BARS.format(tilt="[0, 0, 0]", off="0"), "initial={q: {crank: 0.5, coup: 0, rock: 1}}"
+    ).summary
+    for joint, angle in exact["configuration"].items():
+        assert summary["configuration"][joint] == pytest.approx(angle, abs=1e-6)
+
+
+def test_what_closes_exactly_stays_exact() -> None:
+    """Rows that nearly depend on each other where the mechanism is near a singular pose hide nothing."""
+    near = "initial={q: {theta1: 1e-6, phi2: -1e-6, phi1: 1e-6}, hold: [theta1]}"
+    result = assemble(load_scene(CONFIGS / "parallelogram.yaml", (near,)))
+    assert result.summary["tolerance"] == CLOSED and result.summary["residual"]["position"] < 1e-15
+
+
+def test_rounded_data_move_as_exact_ones() -> None:
+    start = "initial={q: {crank: 0.5}, hold: [crank]}"
+    ends = []
+    for tilt, off in (("[3e-8, -2e-8, 0]", "3e-8"), ("[0, 0, 0]", "0")):
+        scene = load_scene_text(BARS.format(tilt=tilt, off=off), overrides=(start,))
+        ends.append(simulate(scene)["q"][-1])
+    np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
+    assert abs(ends[0][0] - 0.5) > 0.1
+
+
+def test_more_than_rounding_is_refused() -> None:
+    with pytest.raises(GeometryError, match="a gap of 3e-05 m remains"):
+        assembled(BARS.format(tilt="[0, 0, 0]", off="3e-5"), "initial.q.crank=0.5")
+
+
+# -- freedoms that nothing drives ----------------------------------------------------------------------------
+def test_the_spin_of_a_rod_between_balls() -> None:
+    text = """schema: 1
+gravity: [0, 0, -9.81]
+robot:
+  joints:
+    - {name: crank, type: revolute, parent: base, link: c, axis: [0, 0, 1]}
+    - {name: ball, type: spherical, parent: c, link: rod, origin: {xyz: [0.1, 0, 0]}}
+    - {name: slide, type: prismatic, parent: base, link: s, axis: [1, 0, 0]}
+  links:
+    - {name: c, mass: 1, com: [0.05, 0, 0], inertia: {xx: 1e-3, yy: 1e-3, zz: 1e-3}}
+    - {name: rod, mass: 1, com: [0.2, 0, 0], inertia: {xx: 1e-4, yy: 4e-3, zz: 4e-3}}
+    - {name: s, mass: 1}
+  points: {tip: {link: rod, at: [0.4, 0, 0]}, pin: {link: s, at: [0, 0, 0.05]}}
+loops: [{name: ball2, type: spherical, between: [tip, pin]}]
+actuated: [crank]
+"""
+    result = assembled(text)
+    assert result.summary["undriven"] == [{"count": 1, "joints": ["ball"]}]
+    assert "undriven" not in assembled(text.replace("actuated: [crank]\n", "")).summary
+
+
+def test_light_links_are_told_by_the_condition_of_the_inertia() -> None:
+    """Two slides across each other, the first of which carries both masses."""
+    text = """schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints:
+    - {name: x, type: prismatic, parent: base, link: a, axis: [1, 0, 0]}
+    - {name: y, type: prismatic, parent: a, link: b, axis: [0, 1, 0]}
+  links: [{name: a, mass: 0.5}, {name: b, mass: 1e-9}]
+loops: [{name: table, type: planar, between: [base.origin, b.origin], axis: [0, 0, 1]}]
+"""
+    summary = assembled(text).summary
+    assert summary["mass_condition"] == pytest.approx((0.5 + 1e-9) / 1e-9, rel=1e-12)
+    assert "accelerations lose 9 digits" in describe(summary)
+    assert "accelerations lose" not in describe(assembled(text.replace("1e-9", "1.0")).summary)
