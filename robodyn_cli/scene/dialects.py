@@ -67,6 +67,7 @@ dialects: Registry[Callable[[XmlElement, Faults, Packages], Description | None]]
     "robodyn_cli.scene",
     {
         "robot": "urdf.read:read_urdf",
+        "sdf": "sdf.read:read_sdf",
     },
 )
 
