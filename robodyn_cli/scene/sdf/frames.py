@@ -57,6 +57,7 @@ class Frames:
         self.frames = {WORLD: SdfFrame(root, WORLD, UrdfPose(), WORLD, WORLD)}
         self._poses: dict[str, Any] = {WORLD: matrix(UrdfPose())}
         self._bodies = {WORLD: WORLD}
+        self._circles: set[str] = set()
 
     def add(self, frame: SdfFrame) -> None:
         """Add a frame.
@@ -123,15 +124,18 @@ class Frames:
         chain: dict[str, None] = {}
         name = frame.name
         while name not in self._bodies:
-            if name in chain:
+            if name in chain or name in self._circles:
+                self._circles |= chain.keys()
                 raise frame.element.error(f"{name!r} is attached to itself, and to no link")
             chain[name] = None
             above = self._known(frame, frame.attached_to, "attached to")
-            if above == name:
+            if above == name and frame.element.tag == "link":
                 self._bodies[name] = name
                 break
             name, frame = above, self.frames[above]
-        return self._bodies.setdefault(next(iter(chain), name), self._bodies[name])
+        body = self._bodies[name]
+        self._bodies |= dict.fromkeys(chain, body)
+        return body
 
 
 # -- poses as matrices -------------------------------------------------------------------------------------

@@ -30,7 +30,7 @@ class SdfMimic:
 
 @record
 class SdfAxis:
-    """An axis in the frame ``expressed_in``, empty for the joint's own; ``limits`` as far as there are some."""
+    """A unit axis in the frame ``expressed_in``, empty for the joint's own; ``limits`` as far as there are some."""
 
     element: XmlElement
     xyz: tuple[float, ...]
@@ -47,6 +47,11 @@ class SdfAxis:
         """Whether it says nothing of a coordinate."""
         limited = any(x or key in ("lower", "upper") for key, x in self.limits.items())
         return not (limited or self.damping or self.friction or self.stiffness or self.mimic)
+
+    @property
+    def crossed(self) -> bool:
+        """Whether its limits leave no room."""
+        return "lower" in self.limits and self.limits["lower"] >= self.limits.get("upper", math.inf)
 
 
 @record
@@ -125,8 +130,10 @@ class Joints:
         direction = (0.0, 0.0, 1.0) if xyz is None else tuple(xyz.values(owner, 3))
         if xyz is not None:
             expressed_in = self.given.reference(xyz, "expressed_in", scope)
-            if not any(direction):
-                raise xyz.error(f"{owner}: the axis is zero; allowed: a direction")
+            length = math.hypot(*direction)
+            if not 0.0 < length < math.inf:
+                raise xyz.error(f"{owner}: the axis has the length {length:g}; allowed: a direction")
+            direction = tuple(x / length for x in direction)
         in_model = element.one("use_parent_model_frame", owner)
         if in_model is not None:
             if self.given.version >= FRAMES_SINCE:

@@ -86,6 +86,9 @@ def _warnings(robot: SdfRobot, structure: Structure) -> Iterator[str]:
             f"links without gravity, on which that of the scene acts (gravity: [0, 0, 0] stands for theirs): "
             f"{listed(weightless)}"
         )
+    crossed = [joint.name for joint in robot.joints if any(axis.crossed for axis in joint.axes)]
+    if crossed:
+        yield f"limits that leave no room, which are left out: {listed(crossed)}"
     apart = [joint.name for joint in robot.joints if _is_apart(robot, joint)]
     if apart:
         yield (
@@ -118,5 +121,5 @@ def _is_apart(robot: SdfRobot, joint: SdfJoint) -> bool:
         axis = joint.axes[0]
         given = frames.pose(frames.frames[axis.expressed_in]) if axis.expressed_in else own
         u = given[:3, :3] @ list(axis.xyz)
-        gap = gap - u * (u @ gap) / (u @ u)
+        gap = gap - u * (u @ gap)
     return bool(gap @ gap > 1e-12 * (1.0 + own[:3, 3] @ own[:3, 3]))

@@ -123,8 +123,8 @@ class _Tree:
         """Return the named frames of the file as ``frames``."""
         frames = {}
         names = scene_names((frame.name for frame in self.robot.named), points)
-        for frame in self.robot.named:
-            with self.faults:
+        with self.faults:
+            for frame in self.robot.named:
                 body = self.robot.frames.body(frame)
                 pose = pose_between(between(self.seats[body], self.robot.frames.pose(frame)))
                 entry = {"link": self.links[body], "at": pose.xyz, "rpy": pose.rpy}
@@ -189,7 +189,7 @@ class _Tree:
         return move.joint.axes[::-1] if move.backward else move.joint.axes
 
     def direction(self, joint: SdfJoint, axis: SdfAxis, seat: str, sign: float = 1.0) -> tuple[float, ...]:
-        """Return an axis as a unit vector in the frame of a link at q = 0."""
+        """Return the unit vector of an axis in the frame of a link at q = 0."""
         frames = self.robot.frames
         given = joint.frame
         if axis.expressed_in:
@@ -199,8 +199,7 @@ class _Tree:
                 )
             given = frames.frames[axis.expressed_in]
         turned = between(self.seats[seat], frames.pose(given))[:3, :3] @ list(axis.xyz)
-        length = sum(x * x for x in turned) ** 0.5
-        return tuple(cleaned(sign * float(x) / length) + 0.0 for x in turned)
+        return tuple(cleaned(sign * float(x)) + 0.0 for x in turned)
 
     # -- loops ------------------------------------------------------------------------------------------
     def closures(self) -> Iterator[Closure]:
@@ -320,10 +319,9 @@ def _check_mimic(joint: SdfJoint, axis: SdfAxis, coupled: Mapping[str, SdfJoint]
 def _acting(axis: SdfAxis, remarks: list[str]) -> dict[str, Any]:
     """Return limits, friction and spring of a coordinate."""
     limits = dict(axis.limits)
-    lower, upper = limits.get("lower"), limits.get("upper")
-    if lower is not None and upper is not None and lower >= upper:
+    if axis.crossed:
+        lower, upper = limits.pop("lower"), limits.pop("upper")
         remarks.append(f"its limits {lower:g} and {upper:g} leave no room: taken as not stated")
-        del limits["lower"], limits["upper"]
     for k in ("effort", "velocity"):
         if limits.get(k) == 0.0:
             remarks.append(f"{k} {limits.pop(k):g}: taken as not stated")
