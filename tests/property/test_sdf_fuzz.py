@@ -53,8 +53,8 @@ def mutated(rng: random.Random) -> str:
     """Return the file with one to three changes: values, texts, tags and elements left out, put in, twice."""
     text = TEXT
     for _ in range(rng.choice((1, 1, 1, 2, 3))):
-        way = rng.randrange(6)
-        pattern = (r'"[^"]*"', r">[^<>\n]+<", r"<(\w+)[^<>]*/?>")[way % 3]
+        way = rng.choice((0, 0, 1, 1, 2, 2, 3, 4, 5))
+        pattern = (r'"[^"]*"', r">[^<>\n]+<", r"<(\w+)[^<>]*>[^<>]*</\1>")[way % 3]
         spots = list(re.finditer(pattern, text))
         if way < 3 and spots:
             spot = rng.choice(spots)
@@ -89,4 +89,4 @@ def test_anything_in_an_sdf(seed: int, tmp_path: Path) -> None:
         again = load_scene_text(f"schema: 1\ngravity: [0, 0, 0]\nrobot:\n{written}")
         assert (again.robot, again.couplers, again.loops) == (scene.robot, scene.couplers, scene.loops)
         read += 1
-    assert read > 10  # many changes are allowed
+    assert read > 15  # many changes are allowed

@@ -6,9 +6,9 @@ from collections import Counter
 
 from robodyn_cli.errors import SceneError, shown
 from robodyn_cli.record import record
-from robodyn_cli.scene.sdf.frames import MODEL, WORLD, Frames, Scope, SdfFrame
-from robodyn_cli.scene.sdf.given import Given, flag, is_true, text_of
-from robodyn_cli.scene.sdf.joints import Joints, SdfJoint
+from robodyn_cli.scene.sdf.frames import MODEL, WORLD, Scope, SdfFrame, SdfFrames
+from robodyn_cli.scene.sdf.given import SdfReading, flag, is_true, text_of
+from robodyn_cli.scene.sdf.joints import SdfJoint, SdfJoints
 from robodyn_cli.scene.sdf.unread import left_out
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfPose, UrdfShape
@@ -39,7 +39,7 @@ class SdfRobot:
 
     element: XmlElement
     name: str
-    frames: Frames
+    frames: SdfFrames
     links: tuple[SdfLink, ...]
     joints: tuple[SdfJoint, ...]
     named: tuple[SdfFrame, ...]
@@ -61,7 +61,7 @@ def read_elements(root: XmlElement, faults: Faults) -> SdfRobot:
         place = tops[1] if tops else root
         raise place.error(f"the file has {len(tops)} <model> or <world>; allowed: one")
     ignored = left_out(root, faults)
-    reader = _Reader(root, int(version[2:]), faults)
+    reader = _SdfReader(root, int(version[2:]), faults)
     if tops[0].tag == "world":
         reader.scope(tops[0], Scope("", WORLD))
     else:
@@ -78,11 +78,11 @@ def read_elements(root: XmlElement, faults: Faults) -> SdfRobot:
     )
 
 
-class _Reader:
+class _SdfReader:
     def __init__(self, root: XmlElement, version: int, faults: Faults) -> None:
-        self.given, self.faults = Given(version), faults
-        self.frames = Frames(root)
-        self.joints = Joints(self.given, self.frames)
+        self.given, self.faults = SdfReading(version), faults
+        self.frames = SdfFrames(root)
+        self.joints = SdfJoints(self.given, self.frames)
         self.links: list[SdfLink] = []
         self.named: list[SdfFrame] = []
 

@@ -50,7 +50,7 @@ class SdfFrame:
     placement: str = ""
 
 
-class Frames:
+class SdfFrames:
     """All frames of a file; the world is one of them."""
 
     def __init__(self, root: XmlElement) -> None:

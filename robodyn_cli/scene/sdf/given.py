@@ -12,7 +12,7 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 FRAMES_SINCE = 7  # relative_to, attached_to and expressed_in; joints have frames with names
 
 
-class Given:
+class SdfReading:
     """How elements are read in a version 1.``version`` of SDF."""
 
     def __init__(self, version: int) -> None:

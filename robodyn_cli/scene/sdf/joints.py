@@ -6,8 +6,8 @@ import math
 
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.record import record
-from robodyn_cli.scene.sdf.frames import WORLD, Frames, Scope, SdfFrame
-from robodyn_cli.scene.sdf.given import FRAMES_SINCE, Given, flag, text_of
+from robodyn_cli.scene.sdf.frames import WORLD, Scope, SdfFrame, SdfFrames
+from robodyn_cli.scene.sdf.given import FRAMES_SINCE, SdfReading, flag, text_of
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 SINGLE = ("revolute", "continuous", "prismatic", "screw")
@@ -74,10 +74,10 @@ class SdfJoint:
     cut: bool = False
 
 
-class Joints:
+class SdfJoints:
     """Reads joints, and puts their frames among those of the file."""
 
-    def __init__(self, given: Given, frames: Frames) -> None:
+    def __init__(self, given: SdfReading, frames: SdfFrames) -> None:
         self.given, self.frames = given, frames
         self.all: dict[str, SdfJoint] = {}
 

@@ -11,7 +11,7 @@ from robodyn_cli.scene.dialects import Description, Packages
 from robodyn_cli.scene.sdf.elements import SdfRobot, read_elements
 from robodyn_cli.scene.sdf.frames import MODEL, WORLD
 from robodyn_cli.scene.sdf.joints import SdfJoint
-from robodyn_cli.scene.sdf.structure import Structure, structure_of
+from robodyn_cli.scene.sdf.structure import SdfStructure, structure_of
 from robodyn_cli.scene.sdf.tree import robot_tree
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.unread import refuse_acting
@@ -54,7 +54,7 @@ def _heading(robot: SdfRobot) -> tuple[str, ...]:
     )
 
 
-def _notes(robot: SdfRobot, structure: Structure) -> Iterator[str]:
+def _notes(robot: SdfRobot, structure: SdfStructure) -> Iterator[str]:
     loops = [move.joint.name for move in structure.closing]
     welded = [move.joint.name for move in structure.moves if move.end]
     backward = [move.joint.name for move in structure.moves if move.backward]
@@ -71,7 +71,7 @@ def _notes(robot: SdfRobot, structure: Structure) -> Iterator[str]:
     yield from (f"{title}: {names}" for title, names in texts.items() if names)
 
 
-def _warnings(robot: SdfRobot, structure: Structure) -> Iterator[str]:
+def _warnings(robot: SdfRobot, structure: SdfStructure) -> Iterator[str]:
     moving = structure.moving
     bare = [
         link.name for link in robot.links if link.inertial.element is link.element and link.name in moving

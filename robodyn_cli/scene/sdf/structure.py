@@ -33,7 +33,7 @@ class Move:
 
 
 @record
-class Structure:
+class SdfStructure:
     """The tree: ``moves`` in the order of the file; ``floating`` and ``held`` : links at its roots.
 
     closing : the joints that became loops. static : joints inside what does not move, which are left out.
@@ -63,7 +63,7 @@ class Structure:
         return {link for link, moved in moves.items() if moved}
 
 
-def structure_of(robot: SdfRobot, faults: Faults) -> Structure | None:
+def structure_of(robot: SdfRobot, faults: Faults) -> SdfStructure | None:
     """Return the structure of a robot; None where joints or frames are wrong, which is reported."""
     links = [link.name for link in robot.links]
     held = tuple(link.name for link in robot.links if link.static)
@@ -96,7 +96,7 @@ def structure_of(robot: SdfRobot, faults: Faults) -> Structure | None:
             oriented[move.joint.name] = Move(
                 move.joint, move.parent, move.link, end=f"{move.link}::{move.joint.name}"
             )
-    return Structure(
+    return SdfStructure(
         tuple(oriented[joint.name] for joint in robot.joints if joint.name in oriented),
         tuple(move for move in closing if move.joint.name not in oriented),
         floating,

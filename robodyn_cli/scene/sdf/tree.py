@@ -15,12 +15,12 @@ from robodyn_cli.scene.dialects import Packages, RobotTree
 from robodyn_cli.scene.sdf.elements import SdfLink, SdfRobot
 from robodyn_cli.scene.sdf.frames import WORLD, between, cleaned, pose_between
 from robodyn_cli.scene.sdf.joints import CROSS, SINGLE, SdfAxis, SdfJoint
-from robodyn_cli.scene.sdf.structure import Move, Structure
+from robodyn_cli.scene.sdf.structure import Move, SdfStructure
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
 from robodyn_cli.scene.urdf.closures import Closure, Coupling, End, Ties, loop_of
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape, drawn_shapes
-from robodyn_cli.scene.urdf.tree import ROOT_JOINT, Links, origin_of
+from robodyn_cli.scene.urdf.tree import ROOT_JOINT, LinkEntries, origin_of
 from robodyn_cli.scene.urdf.xml import GROUND, joint_names, link_names, scene_names
 
 TYPES = {"continuous": "revolute", "ball": "spherical", "screw": "helical", "revolute2": "universal"}
@@ -28,13 +28,13 @@ _STAYS = ("fixed", "prismatic")  # the origin of the link's frame is its own
 _RIGHT = 1e-3  # cosine up to which axes count as at right angles, and what is left of 1 as parallel
 
 
-def robot_tree(robot: SdfRobot, structure: Structure, packages: Packages, faults: Faults) -> RobotTree:
+def robot_tree(robot: SdfRobot, structure: SdfStructure, packages: Packages, faults: Faults) -> RobotTree:
     """Return the tree of a robot; what is wrong with frames, axes and couplings is reported."""
-    return _Tree(robot, structure, faults).tree(packages)
+    return _SdfTree(robot, structure, faults).tree(packages)
 
 
-class _Tree:
-    def __init__(self, robot: SdfRobot, structure: Structure, faults: Faults) -> None:
+class _SdfTree:
+    def __init__(self, robot: SdfRobot, structure: SdfStructure, faults: Faults) -> None:
         self.robot, self.structure, self.faults = robot, structure, faults
         self.file = robot.element.place.source.name
         moves = structure.moves
@@ -66,7 +66,7 @@ class _Tree:
         place = self.robot.element.place
         own = [self.link(link) for link in self.robot.links]
         shapes = {link.name: drawn_shapes(link, self.file, packages) for link in own}
-        written = Links(self.links, shapes, os.path.dirname(os.path.abspath(self.file)), "SDF")
+        written = LinkEntries(self.links, shapes, os.path.dirname(os.path.abspath(self.file)), "SDF")
         links = [written.link(link) for link in own]
         links += [plain(m.joint.element.place, {"name": self.links[m.end], "mass": 0.0}) for m in self.ends]
         for move in self.ends:

@@ -56,7 +56,7 @@ class _Tree:
         self.root_joint = scene_names([ROOT_JOINT], self.joints.values())[ROOT_JOINT]
         self.links = link_names(link.name for link in robot.links)
         self.joint_remarks: dict[str, list[str]] = {}
-        self.written = Links(self.links, shapes, folder, "URDF")
+        self.written = LinkEntries(self.links, shapes, folder, "URDF")
 
     def tree(self, ties: Ties) -> RobotTree:
         place = self.robot.element.place
@@ -167,7 +167,7 @@ class _Tree:
         return plain(coupling.place, entries | ({"value": value} if value else {}))
 
 
-class Links:
+class LinkEntries:
     """Links as entries of ``links``.
 
     names : theirs in the scene, which the ``remarks`` are by. shapes : what each is drawn with. folder : of the file.
