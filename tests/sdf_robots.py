@@ -89,6 +89,8 @@ class Text:
             return self.assembled(name.removesuffix("::__model__"))
         relative = default if given is None else given.get("relative_to") or default
         numbers = [0.0] * 6 if given is None else [float(x) for x in (given.text or "").split()]
+        if given is not None and given.get("degrees") == "true":
+            numbers[3:] = np.radians(numbers[3:])
         return self.assembled(prefix + relative) @ matrix(numbers)
 
     def body(self, name: str) -> str:

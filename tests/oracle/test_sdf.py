@@ -336,3 +336,62 @@ def test_springs_friction_and_limits(tmp_path: Path) -> None:
     )
     limits = scene.robot.limits_of("J")
     assert (limits.lower, limits.upper, limits.speed, limits.effort) == (-1.0, None, 5.0, None)
+
+
+@pytest.mark.parametrize("damped", [("elbow",), ("drive", "elbow", "swing", "pin")])
+def test_accelerations_of_a_loop(tmp_path: Path, damped: tuple[str, ...]) -> None:
+    """Of three bodies in the plane and four pins, by their own coordinates; a damped pin keeps its coordinate."""
+    robot = (Path(__file__).parents[2] / "configs/robots/crank_rocker.sdf").read_text(encoding="utf-8")
+    damping = "<dynamics><damping>0.01</damping></dynamics>"
+    axis = "<xyz>0 0 1</xyz></axis>"
+    robot = robot.replace(damping, "").replace(axis, axis.replace("</axis>", f"{damping}</axis>"))
+    for name in {"drive", "elbow", "swing", "pin"} - {*damped}:
+        head, mark, tail = robot.partition(f'<joint name="{name}"')
+        robot = head + mark + tail.replace(damping, "", 1)
+    (tmp_path / "robot.sdf").write_text(robot, encoding="utf-8")
+    (tmp_path / "scene.yaml").write_text(
+        "schema: 1\ngravity: [1, -9.81, 0]\nrobot: robot.sdf\ninitial: {qd: {drive: 2}}\n"
+        "simulate: {duration: 0.01, samples: 3}\n"
+    )
+    scene = load_scene(tmp_path / "scene.yaml")
+    result = simulate(scene)
+    measured = Text(robot)
+    links = ("crank", "coupler", "rocker")
+    mass, moment = {}, {}
+    com = {}
+    for name in links:
+        inertial = measured.elements[name][0].find("inertial")
+        assert inertial is not None
+        mass[name], moment[name] = (float(inertial.findtext(tag) or "nan") for tag in ("mass", "inertia/izz"))
+        offset = [float(x) for x in (inertial.findtext("pose") or "").split()]
+        com[name] = (measured.assembled(name) @ [*offset[:3], 1.0])[:2]
+    pins = {"drive": (None, "crank"), "elbow": ("crank", "coupler"), "swing": (None, "rocker"), "pin": ("coupler", "rocker")}  # fmt: skip
+    J, arms = np.zeros((8, 9)), {}
+    for row, (pin, ends) in enumerate(pins.items()):
+        at = measured.assembled(pin)[:2, 3]
+        for sign, end in zip((-1.0, 1.0), ends):
+            if end is not None:
+                k, r = 3 * links.index(end), at - com[end]
+                arms[pin, end] = sign * r
+                J[2 * row : 2 * row + 2, k : k + 2] = sign * np.eye(2)
+                J[2 * row : 2 * row + 2, k + 2] = sign * np.array([-r[1], r[0]])
+    motion = np.linalg.svd(J)[2][-1]
+    v = motion * 2.0 / motion[2]
+    w = dict(zip(links, v[2::3]), **{"": 0.0})
+    force = np.array([x for name in links for x in (mass[name], -9.81 * mass[name], 0.0)])
+    gamma = np.zeros(8)
+    for row, (pin, (parent, child)) in enumerate(pins.items()):
+        for end in (parent, child):
+            if end is not None:
+                gamma[2 * row : 2 * row + 2] += w[end] ** 2 * arms[pin, end]
+        torque = 0.01 * (w[child] - w[parent or ""]) * (pin in damped)
+        force[3 * links.index(child) + 2] -= torque
+        if parent is not None:
+            force[3 * links.index(parent) + 2] += torque
+    M = np.diag([x for name in links for x in (mass[name], mass[name], moment[name])])
+    a = np.linalg.solve(np.block([[M, J.T], [J, np.zeros((8, 8))]]), np.concatenate([force, gamma]))[:9]
+    alpha = dict(zip(links, a[2::3]))
+    expected = [alpha["crank"], alpha["coupler"] - alpha["crank"], alpha["rocker"]]
+    expected += [alpha["rocker"] - alpha["coupler"]] if "pin" in damped else []
+    assert [c for j in scene.robot.joints for c in _columns(j)] == [*pins][: len(expected)]
+    assert_close(result["qdd"][0], np.array(expected), 1e-10)
