@@ -5,6 +5,7 @@ A robot that was read from one as readable YAML: one line a value, with comments
 
 from __future__ import annotations
 
+import contextlib
 import os
 import textwrap
 from collections.abc import Callable
@@ -19,6 +20,7 @@ from robodyn_cli.scene.text.nodes import (
     Scalar,
     Sequence,
     Source,
+    TooMany,
     mapping,
     scalar,
     sequence,
@@ -67,6 +69,7 @@ dialects: Registry[Callable[[XmlElement, Faults, Packages], Description | None]]
     "robodyn_cli.scene",
     {
         "robot": "urdf.read:read_urdf",
+        "sdf": "sdf.read:read_sdf",
     },
 )
 
@@ -85,7 +88,7 @@ def read_description(text: str, source: Source, faults: Faults, packages: Packag
         known = ", ".join(f"<{tag}>" for tag in dialects)
         raise root.error(f"the root element is <{root.tag}>; allowed: {known}")
     own, found = Faults(), None
-    with own:
+    with contextlib.suppress(TooMany), own:
         found = dialects[root.tag](root, own, packages)
     if found is None or own.found:
         for error in own.found[:-1]:

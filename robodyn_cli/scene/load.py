@@ -110,7 +110,9 @@ def load_description(
         robot = includer.include(OrFile(Section(Robot), robot=True), scalar(place, name), ())
         found.extend(includer.descriptions)
         if not found:
-            raise located(place, "", "this is no URDF, whose first character is '<'; allowed: a URDF file")
+            raise located(
+                place, "", "this is neither URDF nor SDF, whose first character is '<'; allowed: one of them"
+            )
         gravity = sequence(place, [scalar(place, 0)] * 3)
         values = {"schema": scalar(place, 1), "gravity": gravity, "robot": robot}
         return mapping(place, [(scalar(place, key), value) for key, value in values.items()])

@@ -202,7 +202,9 @@ class Attachment:
         default=None,
         doc="Joint of the new link, without `parent`, `link`, and `origin` where that is given; default: fixed.",
     )
-    include: str | None = key(Text(), default=None, doc="Or: path of the file of a robot, in YAML or URDF.")
+    include: str | None = key(
+        Text(), default=None, doc="Or: path of the file of a robot, in YAML, URDF or SDF."
+    )
     prefix: str = key(Text(), default="", doc="Prefix of all names of that robot.")
 
 

@@ -14,9 +14,9 @@ from robodyn_cli.cli.runner import warn
 
 
 def command(
-    urdf: Annotated[
+    description: Annotated[
         Path,
-        typer.Argument(metavar="FILE.urdf", help="Robot to read.", callback=file, show_default=False),
+        typer.Argument(metavar="FILE", help="Robot to read: URDF or SDF.", callback=file, show_default=False),
     ],
     robot: Annotated[
         Path | None,
@@ -28,22 +28,22 @@ def command(
             "--package",
             metavar="NAME=DIR",
             parser=utf8,
-            help="Folder of a package of meshes; others are looked for beside FILE.urdf and above it.",
+            help="Folder of a package of meshes; others are looked for beside FILE and above it.",
         ),
     ] = None,
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> int:
-    """Write a URDF as a robot in YAML, never over another file; return the exit code."""
+    """Write a URDF or SDF as a robot in YAML, never over another file; return the exit code."""
     from robodyn_cli.results.atomic import write_new
     from robodyn_cli.scene.dialects import robot_yaml
     from robodyn_cli.scene.load import load_description
 
     console = Console(quiet=quiet)
     folders = _folders(packages or ())
-    path = robot or urdf.with_suffix(".yaml")
-    with console.waiting(lambda: f"reading {urdf}"):
-        document, scene = load_description(urdf, folders)
+    path = robot or description.with_suffix(".yaml")
+    with console.waiting(lambda: f"reading {description}"):
+        document, scene = load_description(description, folders)
         warn(scene, strict, console)
         write_new(path, robot_yaml(document, str(path.parent)))
     moving = sum(joint.type != "fixed" for joint in scene.robot.joints)

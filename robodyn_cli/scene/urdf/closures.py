@@ -26,7 +26,7 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 _OF_LOOP = {"continuous": "revolute", **{x: x for x in ("revolute", "prismatic", "planar", "fixed")}}
 _OF_CONSTRAINT = {"spherical": "spherical", "revolute": "revolute", "fixed": "fixed", "LINK": "fixed"}
 _OF_LOOP_JOINT = {"spherical": "spherical"}
-WITH_AXES = ("revolute", "prismatic", "planar")
+WITH_AXES = ("revolute", "prismatic", "planar", "universal")
 
 
 @record
@@ -236,7 +236,7 @@ def loop_of(closure: Closure, name: str, links: Mapping[str, str]) -> tuple[dict
     axes = [[float(x) for x in R @ list(end.axis)] for R, end in zip(turned, closure.ends)]
     if closure.type in WITH_AXES:
         entry["axis"] = axes[0]
-    if closure.type in ("revolute", "planar") and axes[0] != axes[1]:
+    if closure.type == "universal" or (closure.type in ("revolute", "planar") and axes[0] != axes[1]):
         entry["axis2"] = axes[1]
     if closure.type in ("prismatic", "fixed"):
         rpy = rpy_of((turned[0] @ turned[1].T).tolist())

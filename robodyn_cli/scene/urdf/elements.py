@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import SceneError, shown, unknown_name
@@ -228,13 +228,16 @@ def pose_of(element: XmlElement, owner: str, tag: str = "origin") -> UrdfPose:
     if "quat_xyzw" in origin.attributes:
         if "rpy" in origin.attributes:
             raise origin.error(f"{owner}: <{tag}> has rpy and quat_xyzw; allowed: one of them")
-        x, y, z, w = origin.numbers("quat_xyzw", owner, 4)
-        if abs(math.hypot(x, y, z, w) - 1.0) > 1e-3:
-            raise origin.error(
-                f"{owner}: quat_xyzw has length {math.hypot(x, y, z, w):.6g}; allowed: 1, to three digits"
-            )
-        return UrdfPose(xyz, quaternion=(w, x, y, z))
+        return turned_by(origin, f"{owner}: quat_xyzw", xyz, origin.numbers("quat_xyzw", owner, 4))
     return UrdfPose(xyz, tuple(origin.numbers("rpy", owner, 3, ZERO)))
+
+
+def turned_by(element: XmlElement, label: str, xyz: Iterable[float], xyzw: Sequence[float]) -> UrdfPose:
+    """Return a pose whose orientation is a quaternion (x, y, z, w)."""
+    x, y, z, w = xyzw
+    if abs(math.hypot(x, y, z, w) - 1.0) > 1e-3:
+        raise element.error(f"{label} has length {math.hypot(x, y, z, w):.6g}; allowed: 1, to three digits")
+    return UrdfPose(tuple(xyz), quaternion=(w, x, y, z))
 
 
 def _joint(element: XmlElement) -> UrdfJoint:

@@ -51,12 +51,12 @@ class _Tree:
     def __init__(
         self, robot: UrdfRobot, relations: dict[str, Relation], shapes: dict[str, list[Drawn]], folder: str
     ) -> None:
-        self.robot, self.relations, self.shapes, self.folder = robot, relations, shapes, folder
+        self.robot, self.relations = robot, relations
         self.joints = joint_names(joint.name for joint in robot.joints)
         self.root_joint = scene_names([ROOT_JOINT], self.joints.values())[ROOT_JOINT]
         self.links = link_names(link.name for link in robot.links)
         self.joint_remarks: dict[str, list[str]] = {}
-        self.link_remarks: dict[str, list[str]] = {}
+        self.written = LinkEntries(self.links, shapes, folder, "URDF")
 
     def tree(self, ties: Ties) -> RobotTree:
         place = self.robot.element.place
@@ -66,7 +66,7 @@ class _Tree:
         self.joint_remarks[self.root_joint] = [
             "holds the robot in the world; a robot that stands or flies freely has type: floating here"
         ]
-        links = [self.link(link) for link in self.robot.links]
+        links = [self.written.link(link) for link in self.robot.links]
         entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
         couplers = [
             self.coupler(joint, relation)
@@ -87,7 +87,7 @@ class _Tree:
             entries["points"] = plain(place, points)
         if loops:
             entries["loops"] = sequence(place, loops)
-        return RobotTree(plain(place, entries), self.joint_remarks, self.link_remarks)
+        return RobotTree(plain(place, entries), self.joint_remarks, self.written.remarks)
 
     # -- joints ---------------------------------------------------------------------------------------
     def joint(self, joint: UrdfJoint) -> Mapping:
@@ -107,11 +107,11 @@ class _Tree:
         }
         if held and relation is not None and joint.mimic is not None:
             remarks.append(f"mimics {joint.mimic.joint!r}, which does not move: held at {relation.offset!r}")
-            entries |= _origin(place, _moved(joint, relation.offset))
+            entries |= origin_of(place, _moved(joint, relation.offset))
         else:
             if joint.mimic is not None and kind == "fixed":
                 remarks.append(f"mimics {joint.mimic.joint!r}, which means nothing for a fixed joint")
-            entries |= _origin(place, joint.pose)
+            entries |= origin_of(place, joint.pose)
             entries |= {} if kind in WITHOUT_AXIS else {"axis": plain(place, joint.axis)}
             entries |= {} if joint.axis2 is None else {"axis2": plain(place, joint.axis2)}
             entries |= self.drive(joint, remarks)
@@ -166,12 +166,25 @@ class _Tree:
         entries: dict[str, Any] = {"name": name, "terms": terms}
         return plain(coupling.place, entries | ({"value": value} if value else {}))
 
-    # -- links ----------------------------------------------------------------------------------------
+
+class LinkEntries:
+    """Links as entries of ``links``.
+
+    names : theirs in the scene, which the ``remarks`` are by. shapes : what each is drawn with. folder : of the file.
+    """
+
+    def __init__(
+        self, names: dict[str, str], shapes: dict[str, list[Drawn]], folder: str, format: str
+    ) -> None:
+        self.names, self.shapes, self.folder, self.format = names, shapes, folder, format
+        self.remarks: dict[str, list[str]] = {}
+
     def link(self, link: UrdfLink) -> Mapping:
-        name = self.links[link.name]
-        remarks = self.link_remarks.setdefault(name, [])
+        """Return a link with its inertia and what it is drawn with."""
+        name = self.names[link.name]
+        remarks = self.remarks.setdefault(name, [])
         if name != link.name:
-            remarks.append(f"in the URDF: {link.name!r}")
+            remarks.append(f"in the {self.format}: {link.name!r}")
         place, inertial = link.element.place, link.inertial
         if inertial is None or link.massless:
             remarks.append("massless: " + ("no <inertial>" if inertial is None else "mass and inertia are 0"))
@@ -197,7 +210,7 @@ class _Tree:
         return {"visual": sequence(link.element.place, shapes)} if shapes else {}
 
     def shape(self, shape: UrdfShape, file: str) -> Mapping:
-        """Return a shape; the file of a mesh is named from the folder of the URDF."""
+        """Return a shape; the file of a mesh is named from the folder of the file."""
         place = shape.element.place
         if shape.kind == "mesh":
             entries: dict[str, Any] = {"mesh": os.path.relpath(file, self.folder)}
@@ -207,10 +220,10 @@ class _Tree:
             entries = {"sphere": shape.sizes[0]}
         else:
             entries = {shape.kind: plain(place, shape.sizes)}
-        return plain(place, entries | _origin(place, shape.pose))
+        return plain(place, entries | origin_of(place, shape.pose))
 
 
-def _origin(place: Node, pose: UrdfPose) -> dict[str, Any]:
+def origin_of(place: Node, pose: UrdfPose) -> dict[str, Any]:
     """Return the key ``origin``, left out where the frames coincide."""
     entries: dict[str, Any] = {"xyz": plain(place, pose.xyz)} if pose.xyz != ZERO else {}
     if pose.quaternion is not None:

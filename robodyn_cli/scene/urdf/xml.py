@@ -26,12 +26,13 @@ _NUMBER = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 
 @mutable_record
 class XmlElement:
-    """An element of XML: its tag, attributes and children, and its place."""
+    """An element of XML: its tag, attributes, children and text, and its place."""
 
     tag: str
     attributes: dict[str, str]
     place: Scalar
     children: list[XmlElement]
+    content: str = ""
 
     def all(self, tag: str) -> list[XmlElement]:
         """Return the children with a tag."""
@@ -62,18 +63,30 @@ class XmlElement:
         """Return the ``size`` numbers of an attribute, separated by blanks; without a default it must be there."""
         if name not in self.attributes and default is not None:
             return list(default)
-        words = self.attributes.get(name, "").split()
-        values = [float(word) if _NUMBER.fullmatch(word) else math.nan for word in words]
-        if name in self.attributes and len(values) == size and all(math.isfinite(x) for x in values):
-            return values
-        wanted = "a finite number" if size == 1 else f"{size} finite numbers, separated by blanks"
-        given = shown(self.attributes[name]) if name in self.attributes else "nothing"
-        hint = "; '${' is an expression of xacro, which must run first" if "${" in given else ""
-        raise self.error(f"{owner}: {name} of <{self.tag}> is {given}; allowed: {wanted}{hint}")
+        given = self.attributes.get(name)
+        return self._finite(given, size, f"{owner}: {name} of <{self.tag}>")
 
     def number(self, name: str, owner: str, default: float | None = None) -> float:
         """Return the number of an attribute; without a default it must be there."""
         return self.numbers(name, owner, 1, None if default is None else (default,))[0]
+
+    def values(self, owner: str, size: int) -> list[float]:
+        """Return the ``size`` numbers of its text, separated by blanks."""
+        return self._finite(self.content, size, f"{owner}: <{self.tag}>")
+
+    def value(self, tag: str, owner: str, default: float) -> float:
+        """Return the number that is the text of the child with a tag."""
+        child = self.one(tag, owner)
+        return default if child is None else child.values(owner, 1)[0]
+
+    def _finite(self, text: str | None, size: int, label: str) -> list[float]:
+        values = [float(word) if _NUMBER.fullmatch(word) else math.nan for word in (text or "").split()]
+        if len(values) == size and all(math.isfinite(x) for x in values):
+            return values
+        wanted = "a finite number" if size == 1 else f"{size} finite numbers, separated by blanks"
+        given = "nothing" if text is None else shown(text.strip())
+        hint = "; '${' is an expression of xacro, which must run first" if "${" in given else ""
+        raise self.error(f"{label} is {given}; allowed: {wanted}{hint}")
 
     def error(self, message: str) -> SceneError:
         """Return the error at the place of this element."""
@@ -81,13 +94,28 @@ class XmlElement:
 
 
 def parse_xml(text: str, source: Source) -> XmlElement:
-    """Return the root element of a text.
+    """Return the root element of a text; comments end at their first ``-->``, as robots' readers take them.
 
     Raises
     ------
     SceneError : broken XML, a document type (entities), nesting deeper than ``MAX_DEPTH``.
     """
     return _Parser(source).parse(text)
+
+
+def _without_comments(text: str) -> str:
+    """Return XML with blanks in the place of comments, in which expat allows no ``--``; lines stay where they are."""
+    parts, at = [], 0
+    while (start := text.find("<!", at)) >= 0:
+        opening, closing = ("<!--", "-->") if text.startswith("<!--", start) else ("<![CDATA[", "]]>")
+        end = text.find(closing, start + len(opening)) if text.startswith(opening, start) else start + 2
+        if end < 0:
+            break  # it is not closed, which expat tells
+        end += len(closing) if text.startswith(opening, start) else 0
+        comment = opening == "<!--"
+        parts += [text[at:start], re.sub(r"[^\n]", " ", text[start:end]) if comment else text[start:end]]
+        at = end
+    return "".join([*parts, text[at:]])
 
 
 class _Parser:
@@ -98,11 +126,13 @@ class _Parser:
         self.expat: Any = expat.ParserCreate("utf-8")
         self.expat.StartElementHandler = self.start
         self.expat.EndElementHandler = self.end
+        self.expat.CharacterDataHandler = self.characters
+        self.expat.buffer_text, self.expat.buffer_size = True, 1 << 20  # so that long texts grow in few steps
         self.expat.StartDoctypeDeclHandler = self.refuse_document_type
 
     def parse(self, text: str) -> XmlElement:
         try:
-            self.expat.Parse(text.encode("utf-8"), True)
+            self.expat.Parse(_without_comments(text).encode("utf-8"), True)
         except expat.ExpatError as error:
             place = Scalar(self.source, error.lineno, error.offset + 1, "", None)
             raise located(place, "", f"this is not XML: {expat.ErrorString(error.code)}") from None
@@ -124,6 +154,9 @@ class _Parser:
 
     def end(self, tag: str) -> None:
         self.open.pop()
+
+    def characters(self, text: str) -> None:
+        self.open[-1].content += text
 
     def refuse_document_type(self, *declared: Any) -> None:
         message = "a document type (<!DOCTYPE>) can define entities that grow without end or read other files"
