@@ -9,19 +9,8 @@ import numpy as np
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import (
-    CLOSED,
-    CUT,
-    MOST_STEP,
-    ROUNDED,
-    Aligned,
-    ClosureEquations,
-    Numbers,
-    descend,
-    newton,
-    rank,
-    starts_around,
-)
+from robodyn_cli.solve.closure import CLOSED, CUT, MOST_STEP, ROUNDED, ClosureEquations, Numbers, newton, rank
+from robodyn_cli.solve.descent import Aligned, descend, starts_around
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE, independent_rows
 from robodyn_cli.solve.open_loops import Closable, open_loop
 from robodyn_cli.spatial.algebra import Array

@@ -23,14 +23,12 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array, vector
-from robodyn_cli.spatial.quaternion import logarithm
 
 MOST_STEP = 0.7  # rad, or part of the size of the mechanism
 ITERATIONS = 60
 HALVINGS = 12  # of a step that does not lessen the residual
 PATIENT = 3  # steps in a row that may fail to halve the residual
 TINY = 1e-300
-DESCENT = 300  # damped steps
 CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
 CUT = 1e-12  # ratio of singular values below which steps leave a direction alone
 ROUNDED = (
@@ -157,81 +155,6 @@ class Numbers:
         return self.evaluate(self._eta_t, q, t)
 
 
-class Aligned:
-    """The conditions of ``Numbers`` with a rotation vector in the place of each attitude's sines.
-
-    phi = log(e^T f) vanishes in one attitude alone, sines in others as well. Its rate is J^-1 e^T Jw v with the left
-    Jacobian J of rotation vectors: J^-1 = 1 - [phi]/2 + k [phi]^2, k = (1 - a/2 cot(a/2)) / a^2, a = |phi|
-    (Barfoot 2017, 7.76).
-    """
-
-    def __init__(self, numbers: Numbers) -> None:
-        self.numbers, self.lengths = numbers, numbers.lengths
-        turned = {id(row.attitude): row for row in numbers.rows if row.attitude is not None}
-        self._plain = [k for k, row in enumerate(numbers.rows) if row.attitude is None]
-        attitudes = [row.attitude for row in turned.values() if row.attitude is not None]
-        self._ends = Evaluator([x for a in attitudes for part in (a.e, a.f, a.Jw) for x in part.ravel()])
-        self.loops = [numbers.rows[k].closure for k in self._plain] + [
-            row.closure for row in turned.values() for _ in range(3)
-        ]
-        self.units = [numbers.rows[k].unit for k in self._plain] + ["rad"] * 3 * len(turned)
-        self.sizes = np.append(numbers.sizes[self._plain], np.ones(3 * len(turned)))
-
-    def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        eta, psi = self.numbers.at(q, t)
-        ends = self.numbers.evaluate(self._ends, q, t).reshape(-1, 18 + 3 * self.numbers.nv)
-        e, f = ends[:, :9].reshape(-1, 3, 3), ends[:, 9:18].reshape(-1, 3, 3)
-        e = e.transpose(0, 2, 1)
-        phi = logarithm(e @ f)
-        half = 0.5 * np.maximum(np.linalg.norm(phi, axis=1), 1e-4)  # 1e-4: k is 1/12 to rounding
-        k = 0.25 * (1.0 - half / np.tan(half)) / half**2
-        skew = np.cross(np.eye(3), phi[:, None, :])
-        inverse = np.eye(3) - 0.5 * skew + k[:, None, None] * (skew @ skew)
-        turning = inverse @ e @ ends[:, 18:].reshape(-1, 3, self.numbers.nv)
-        return (
-            np.append(eta[self._plain], phi),
-            np.concatenate([psi[self._plain], turning.reshape(-1, self.numbers.nv)]),
-        )
-
-    def step(self, q: Array, dq: Array) -> Array:
-        return self.numbers.step(q, dq)
-
-
-def descend(
-    conditions: Conditions, q: Array, free: Sequence[int], sizes: Array, gain: float = 1e-2
-) -> tuple[Array, float]:
-    """Return q moved to a least sum of squares of F / sizes, and its root, by Levenberg's damped steps.
-
-    Parameters
-    ----------
-    free : velocity coordinates that may move. gain : part of the sum of squares that one of a few steps takes off.
-    """
-    columns = list(free)
-    lengths = conditions.lengths[columns]
-    F, J = conditions.at(q, 0.0)
-    squares, slow = float(np.sum((F / sizes) ** 2)), 0
-    damping = 1e-3  # of the largest diagonal entry
-    dq = np.zeros(len(conditions.lengths))
-    for _ in range(DESCENT):
-        if not np.all(np.isfinite(J)) or squares < 1e-28 or damping > 1e12 or slow > SLOW:
-            break
-        A = J[:, columns] * lengths / sizes[:, None]
-        gram = A.T @ A
-        relative = damping * max(float(gram.diagonal().max(initial=0.0)), TINY)
-        step = -np.linalg.solve(gram + relative * np.eye(len(columns)), A.T @ (F / sizes))
-        step *= min(1.0, MOST_STEP / max(float(np.abs(step).max(initial=0.0)), TINY))
-        dq[columns] = step * lengths
-        trial = conditions.step(q, dq)
-        F_new, J_new = conditions.at(trial, 0.0)
-        new = float(np.sum((F_new / sizes) ** 2))
-        if new < squares:
-            slow = slow + 1 if new > (1.0 - gain) * squares else 0
-            q, F, J, squares, damping = trial, F_new, J_new, new, max(0.2 * damping, 1e-14)
-        else:
-            damping *= 6.0
-    return q, float(np.sqrt(squares))
-
-
 def newton(
     conditions: Conditions, q: Array, free: Sequence[int], patience: int = PATIENT, cut: float = CUT
 ) -> tuple[Array, float]:
@@ -336,22 +259,6 @@ def least_steps(J: Array, F: Array) -> Array:
     except np.linalg.LinAlgError:
         steps = np.linalg.pinv(J, rcond=CUT) @ right
     return steps[..., 0]
-
-
-ATTEMPTS = 24  # random starts
-
-
-def starts_around(
-    numbers: Numbers, q: Array, coordinates: list[int], spread: float, seed: int, count: int = ATTEMPTS
-) -> list[Array]:
-    """Return starts that differ from q by up to ``spread`` in the given coordinates; none without coordinates."""
-    rng = np.random.default_rng(seed)
-    starts = []
-    for _ in range(count if coordinates else 0):
-        step = np.zeros(numbers.nv)
-        step[coordinates] = rng.uniform(-spread, spread, len(coordinates)) * numbers.lengths[coordinates]
-        starts.append(numbers.manifold.integrate(q, step))
-    return starts
 
 
 SAME = 1e-6  # rad, or part of the size of the mechanism, for configurations that count as one

@@ -18,7 +18,7 @@ from robodyn_cli.scene.sdf.joints import CROSS, SINGLE, SdfAxis, SdfJoint
 from robodyn_cli.scene.sdf.structure import Move, SdfStructure
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
-from robodyn_cli.scene.urdf.closures import Closure, Coupling, End, Ties, loop_of
+from robodyn_cli.scene.urdf.closures import Closure, Coupling, LoopEnd, Ties, loop_of
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape, drawn_shapes
 from robodyn_cli.scene.urdf.tree import ROOT_JOINT, LinkEntries, origin_of
 from robodyn_cli.scene.urdf.xml import GROUND, joint_names, link_names, scene_names
@@ -209,7 +209,7 @@ class _SdfTree:
                 yield self.closure(move)
         for move in self.ends:
             at = between(self.seats[move.link], self.seats[move.end])[:3, 3]
-            ends = End(move.end), End(move.link, UrdfPose(tuple(float(x) for x in at)))
+            ends = LoopEnd(move.end), LoopEnd(move.link, UrdfPose(tuple(float(x) for x in at)))
             yield Closure(move.joint.element.place, f"{move.joint.name}_weld", "fixed", ends)
 
     def closure(self, move: Move) -> Closure:
@@ -224,7 +224,7 @@ class _SdfTree:
             # both frames have the axes of the first link, so that the attitude of the second follows
             rpy = pose_between(turn).rpy if k == 1 and kind in ("prismatic", "fixed") else (0.0, 0.0, 0.0)
             direction = (1.0, 0.0, 0.0) if axis is None else self.direction(joint, axis, body)
-            ends.append(End(body, UrdfPose(pose.xyz, rpy), direction))
+            ends.append(LoopEnd(body, UrdfPose(pose.xyz, rpy), direction))
         return Closure(joint.element.place, joint.name, kind, (ends[0], ends[1]))
 
     # -- couplers ---------------------------------------------------------------------------------------
