@@ -16,7 +16,7 @@ from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
 from robodyn_cli.loops.base import closure_of
 from robodyn_cli.observe.places import in_world
 from robodyn_cli.record import record
-from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.solve.closing.assembly import assemble
 from robodyn_cli.solve.closure import Numbers, rank
 from robodyn_cli.solve.guided import Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array

@@ -19,7 +19,7 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.observe.observe import Observer, all_missing_data
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import Assembled
+from robodyn_cli.solve.closing.assembly import Assembled
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import Gains
 

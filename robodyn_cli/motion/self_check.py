@@ -19,7 +19,7 @@ from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
-from robodyn_cli.solve.assembly import Assembled
+from robodyn_cli.solve.closing.assembly import Assembled
 from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array

@@ -18,7 +18,7 @@ from robodyn_cli.given.guided_motion import Interpolated, motion_along
 from robodyn_cli.ready.doors import along, at_rest
 from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.solve.closing.assembly import assemble
 from robodyn_cli.solve.closure import RANK
 from robodyn_cli.solve.load_sharing import allowed_motions
 from robodyn_cli.spatial.algebra import Array, Vector

@@ -12,7 +12,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.ready.mass_matrix import braces, refuse_indefinite
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import Assembled, assemble
+from robodyn_cli.solve.closing.assembly import Assembled, assemble
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.tools.progress import Stopwatch

@@ -23,8 +23,8 @@ from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import ClosedPose
-from robodyn_cli.solve.assembly import assemble as close_loops
+from robodyn_cli.solve.closing.assembly import assemble as close_loops
+from robodyn_cli.solve.closing.nearest import ClosedPose
 from robodyn_cli.solve.closure import RANK, halton, rank, search
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import (

@@ -29,7 +29,7 @@ from robodyn_cli.ready.singularity import mobility, psi_at, rank_tolerance
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.solve.closing.assembly import assemble
 from robodyn_cli.solve.load_sharing import Balance, LostRank, Shared, TooFewActuators, balance, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility

@@ -22,7 +22,7 @@ from robodyn_cli.kernels.compiler import REPORT
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.scene.load import load_scene
 from robodyn_cli.scene.types import Baumgarte
-from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.solve.closing.assembly import assemble
 from tests.systems import told
 
 CONFIGS = Path(__file__).parents[2] / "configs"

@@ -21,7 +21,7 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.scene.load import load_scene, load_scene_text
-from robodyn_cli.solve.assembly import assemble
+from robodyn_cli.solve.closing.assembly import assemble
 from tests.methods import each_adaptive, each_adaptive_family, each_family, taking
 from tests.systems import collect, settings, system, within_reach
 

@@ -10,7 +10,7 @@ import pytest
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.errors import GeometryError, RobodynError, SceneError, SingularConfigurationError
 from robodyn_cli.ready.prepare import prepare
-from robodyn_cli.solve.assembly import Assembled
+from robodyn_cli.solve.closing.assembly import Assembled
 from tests.mechanisms import BENNETT, LONG, SIX_BAR, SKEW, SLIDER, TWIST
 
 CONFIGS = Path(__file__).parents[2] / "configs"

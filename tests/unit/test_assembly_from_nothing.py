@@ -10,8 +10,8 @@ from robodyn_cli.cli.commands.assemble import describe
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.results.result import Result
+from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
 from robodyn_cli.solve.closure import CLOSED, ROUNDED, Numbers, newton
-from robodyn_cli.solve.descent import Aligned, descend, starts_around
 from robodyn_cli.works.assemble import assemble
 from tests.mechanisms import CONFIGS
 

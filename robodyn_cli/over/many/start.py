@@ -16,8 +16,8 @@ from robodyn_cli.over.many.keys import START
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.prepare import held_columns
 from robodyn_cli.record import record
+from robodyn_cli.solve.closing.descent import starts_around
 from robodyn_cli.solve.closure import CLOSED, SAME, Numbers, has_full_rank, least_steps, newton_of_many
-from robodyn_cli.solve.descent import starts_around
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.record import record
+from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
 from robodyn_cli.solve.closure import CLOSED, Numbers, newton
-from robodyn_cli.solve.descent import Aligned, descend, starts_around
 from robodyn_cli.solve.independent_rows import is_truss
 from robodyn_cli.spatial.algebra import Array
 

@@ -1,18 +1,14 @@
-"""Close the loops: exact positions and consistent velocities from approximate initial values."""
+"""The closed configuration nearest to a start, or to q = 0 where no start is given."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import numpy as np
 
-from robodyn_cli.errors import GeometryError
-from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.closure import CLOSED, CUT, MOST_STEP, ROUNDED, ClosureEquations, Numbers, newton, rank
-from robodyn_cli.solve.descent import Aligned, descend, starts_around
-from robodyn_cli.solve.independent_rows import RANK_TOLERANCE, independent_rows
-from robodyn_cli.solve.open_loops import Closable, open_loop
+from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
+from robodyn_cli.solve.closing.open_loops import Closable, open_loop
+from robodyn_cli.solve.closure import CLOSED, CUT, MOST_STEP, ROUNDED, Numbers, newton, rank
+from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
 NEAREST = 2  # closed configurations that are moved nearer
@@ -53,81 +49,7 @@ class ClosedPose:
         return max(RANK_TOLERANCE, self.cut)
 
 
-@record
-class Assembled:
-    """A closed configuration: q (nq,), v (nv,), the largest residuals, independent rows, and the other rows."""
-
-    q: Array
-    v: Array
-    position_residual: float
-    velocity_residual: float
-    independent: tuple[int, ...]
-    redundant: tuple[str, ...]
-    closure: ClosedPose | None = None
-
-
-def assemble(
-    equations: ClosureEquations,
-    given: dict[str, float],
-    rates: dict[str, float],
-    hold: Sequence[str] = (),
-    parameters: Sequence[float] = (),
-) -> Assembled:
-    """Close the loops at t = 0.
-
-    Parameters
-    ----------
-    given : initial values by column of q; coordinates that are not given are found from many starts.
-    rates : initial rates by column of v; the others follow from the velocity constraints, with least norm.
-    hold : columns of q whose position stays exactly as given.
-
-    Raises
-    ------
-    GeometryError : a loop cannot close (which, and by how much), or the rates contradict the constraints.
-    SingularConfigurationError : the start is a singular configuration.
-    """
-    model = equations.model
-    manifold = Manifold(model)
-    place = {name: k for k, name in enumerate(model.q_names)}
-    rate_place = {name: k for k, name in enumerate(model.v_names)}
-    q = manifold.neutral()
-    for name, value in given.items():
-        q[place[name]] = value
-    v = np.zeros(model.nv)
-    for name, value in rates.items():
-        v[rate_place[name]] = value
-    if not equations.constraint_rows:
-        return Assembled(q, v, 0.0, 0.0, (), ())
-    numbers = Numbers(equations, parameters)
-    lengths = numbers.lengths
-    # a value for a quaternion counts for all three of its velocities
-    places = [manifold.columns(k) for k in range(model.nv)]
-    missing = [
-        k
-        for k, cs in enumerate(places)
-        if not any(model.q_names[c] in given or model.q_names[c] in hold for c in cs)
-    ]
-    held = [k for k, cs in enumerate(places) if any(model.q_names[c] in hold for c in cs)]
-    task = Closable(
-        given=bool(given or hold),
-        free=[k for k in range(model.nv) if k not in held],
-        missing=missing,
-        turning=[
-            int(manifold.position[k]) for k in missing if manifold.position[k] >= 0 and lengths[k] == 1.0
-        ],
-        held={name: q[place[name]] for name in hold},
-    )
-    closure = _close(numbers, q, task)
-    q = closure.q
-    independent, redundant = independent_rows(numbers, q, closure.rank_tolerance)
-    v, remaining = _close_rates(numbers, closure, v, [rate_place[n] for n in rates], held)
-    return Assembled(
-        q, v, float(np.abs(numbers.eta(q)).max()), remaining, independent,
-        tuple(numbers.rows[i].name for i in redundant), closure,
-    )  # fmt: skip
-
-
-def _close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
+def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     """Return the closed configuration nearest to q, from q itself or from starts around it.
 
     Missing coordinates start anywhere. The others start further and further from q, but only if nothing nearer closes
@@ -309,35 +231,3 @@ def _wrapped(numbers: Numbers, q: Array, task: Closable, closed: Array, toleranc
     distance = moved[given].sum() + 1e-6 * moved[task.missing].sum()
     # rounded, so that rounding errors do not choose between equal distances
     return float(f"{distance:.9g}"), closed
-
-
-def _close_rates(
-    numbers: Numbers, closure: ClosedPose, v: Array, given: list[int], hold: list[int]
-) -> tuple[Array, float]:
-    """Return rates that satisfy Psi v + eta_t = 0, changing as few of the given ones as possible."""
-    psi, eta_t = numbers.psi(closure.q), numbers.eta_t(closure.q)
-    agrees = max(1e-10, closure.cut)
-    scale = max(float(np.abs(psi).max()), 1e-300) * max(float(np.abs(v).max()), 1.0)
-    nv = len(v)
-    for fixed in (set(given) | set(hold), set(hold) if not given else set(given), set()):
-        free = [k for k in range(nv) if k not in fixed]
-        new = v.copy()
-        residual = psi @ new + eta_t
-        for _ in range(3):
-            if not free:
-                break
-            step, *_ = np.linalg.lstsq(psi[:, free], -residual, rcond=closure.cut)
-            new[free] += step
-            residual = psi @ new + eta_t
-        remaining = float(np.abs(residual).max())
-        if remaining <= agrees * scale:
-            return new, remaining
-        if fixed and given and fixed == set(given):
-            row = numbers.rows[int(np.abs(residual).argmax())]
-            unit = "m/s" if row.kind in ("force", "m") else "rad/s"
-            raise GeometryError(
-                f"the initial rates contradict the constraints: {row.name} moves at {remaining:.6g} {unit}; "
-                "give fewer of initial.qd",
-                key="initial.qd", row=row.name, residual=remaining,
-            )  # fmt: skip
-    return new, remaining
