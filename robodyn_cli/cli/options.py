@@ -68,7 +68,7 @@ def quantity(unit: str) -> Callable[[str], float]:
     def read(word: str) -> float:
         from robodyn_cli.expr import formula, units
 
-        tree = formula.parse(word)
+        tree = formula.parse(str(word))  # typer gives defaults too
         if tree.constant is None:
             raise SceneError(f"{word!r} is not a number")
         if tree.dims is not None and (fault := units.fault(tree.dims, unit, word)):

@@ -286,6 +286,8 @@ class Guide:
         Stuck : the branch ends before.
         """
         whole = end - now.t
+        if whole == 0.0:
+            return now
         h = min(whole, 2.0 * self._h)
         while True:
             last = now.t + 1.0000001 * h >= end

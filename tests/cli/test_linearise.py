@@ -49,7 +49,10 @@ def test_along_a_motion(tmp_path: Path) -> None:
         (("--at", "theta1=1", "--along"), "--at STATE and --along exclude each other"),
         (("--input", "elbow"), "--input elbow: unknown"),
         (("--instants", "1"), "--instants are those of a motion; allowed: with --along"),
-        (("--along", "--instants", "0,soon"), "--instants 0,soon: allowed: numbers [s]"),
+        (
+            ("--along", "--instants", "0,soon"),
+            "--instants 0,soon: 'soon' is not a number; allowed: numbers [s]",
+        ),
     ],
 )
 def test_mistakes(options: tuple[str, ...], words: str, tmp_path: Path) -> None:

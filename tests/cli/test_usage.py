@@ -29,7 +29,7 @@ MISTAKES = {
     "not finite": (["compare", "a", "b", "--atol", "nan"], "'--atol': 'nan'; allowed: a number", "compare"),
     "too small": (["run", SCENE, "-j", "0"], "'-j': '0'; allowed: a whole number >= 1", "run"),
     "not whole": (["run", SCENE, "--jobs", "1.5"], "'1.5'; allowed: a whole number >= 1", "run"),
-    "no time": (["run", SCENE, "--timeout", "inf"], "'--timeout': 'inf'; allowed: a number > 0", "run"),
+    "no time": (["run", SCENE, "--timeout", "inf"], "'--timeout': 'inf' is not a number; allowed: a number > 0", "run"),
     "too large": (["work-precision", SCENE, "--repeats", "1001"], "'1001'; allowed: a whole number from 1 to 1000", "work-precision"),
     "tolerance": (["work-precision", SCENE, "--tolerances", "1e-6,2"], "'--tolerances': '2'; allowed: numbers from 1e-15 to 0.1", "work-precision"),
     "no text": (["simulate", SCENE, "--set", "title=\udcff"], "'--set': b'title=\\xff' is no text; allowed: text in UTF-8", "simulate"),
