@@ -10,7 +10,6 @@ import numpy as np
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.record import record
-from robodyn_cli.solve.closing.open_loops import Closable
 from robodyn_cli.solve.closure import ClosureEquations, Numbers
 from robodyn_cli.solve.independent_rows import independent_rows
 from robodyn_cli.spatial.algebra import Array
@@ -65,26 +64,11 @@ def assemble(
     if not equations.constraint_rows:
         return Assembled(q, v, 0.0, 0.0, (), ())
     numbers = Numbers(equations, parameters)
-    lengths = numbers.lengths
-    # a value for a quaternion counts for all three of its velocities
-    places = [manifold.columns(k) for k in range(model.nv)]
-    missing = [
-        k
-        for k, cs in enumerate(places)
-        if not any(model.q_names[c] in given or model.q_names[c] in hold for c in cs)
-    ]
-    held = [k for k, cs in enumerate(places) if any(model.q_names[c] in hold for c in cs)]
     from robodyn_cli.solve.closing.nearest import close
+    from robodyn_cli.solve.closing.open_loops import Closable
 
-    task = Closable(
-        given=bool(given or hold),
-        free=[k for k in range(model.nv) if k not in held],
-        missing=missing,
-        turning=[
-            int(manifold.position[k]) for k in missing if manifold.position[k] >= 0 and lengths[k] == 1.0
-        ],
-        held={name: q[place[name]] for name in hold},
-    )
+    task = Closable.of(numbers, q, given, hold)
+    held = [k for k in range(model.nv) if k not in task.free]
     closure = close(numbers, q, task)
     q = closure.q
     independent, redundant = independent_rows(numbers, q, closure.rank_tolerance)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -31,6 +31,23 @@ class Closable:
     missing: list[int]
     turning: list[int]
     held: dict[str, float]
+
+    @staticmethod
+    def of(numbers: Numbers, q: Array, given: Mapping[str, float], hold: Sequence[str]) -> Closable:
+        """Return the task of closing the loops from q (nq,); given, hold : columns of q with a value, and those that
+        keep theirs."""
+        manifold, names = numbers.manifold, numbers.q_names
+        # a value for a quaternion counts for all three of its velocities
+        columns = [[names[c] for c in manifold.columns(k)] for k in range(numbers.nv)]
+        missing = [k for k, own in enumerate(columns) if not any(c in given or c in hold for c in own)]
+        place = {k: int(manifold.position[k]) for k in missing}
+        return Closable(
+            given=bool(given or hold),
+            free=[k for k, own in enumerate(columns) if not any(c in hold for c in own)],
+            missing=missing,
+            turning=[c for k, c in place.items() if c >= 0 and numbers.lengths[k] == 1.0],
+            held={name: q[names.index(name)] for name in hold},
+        )
 
 
 def open_loop(numbers: Numbers, task: Closable, tried: Sequence[tuple[float, Array]]) -> GeometryError:
