@@ -200,14 +200,13 @@ def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) ->
     count : velocity coordinates of the tree less all rows of the closures, as Gruebler and Kutzbach count links
     and joints in space (6 (n - 1) - sum of the joints' constraints). planar_count : less only the rows that do not
     vanish identically, which for a mechanism in a plane is 3 (n - 1) - 2 j. actual : less the rank, which counts
-    singular values above ``tolerance`` times the largest.
+    singular values above ``tolerance`` times the largest. Of one pose the values beside that bound are told, too.
     """
     nv, rows = problem.model.nv, len(problem.constraints.of_loops)
     vanishing = len(problem.constraints.dropped)
     independent = rank(psi, tolerance)
-    sigma = np.linalg.svd(np.atleast_3d(psi.T).T, compute_uv=False)
-    sigma = sigma / np.maximum(sigma[:, :1], 1e-300)
-    clearest = sigma[np.argmax(sigma[:, independent - 1])] if independent else sigma[0]
+    sigma = np.linalg.svd(psi, compute_uv=False) if psi.ndim == 2 else np.empty(0)
+    relative = sigma / max(sigma.max(initial=0.0), 1e-300)
     return Mobility(
         coordinates=nv,
         rows=rows + vanishing,
@@ -218,6 +217,6 @@ def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) ->
         planar_count=nv - rows,
         actual=nv - independent,
         rank_tolerance=tolerance,
-        smallest_kept=float(clearest[independent - 1]) if independent else ABSENT,
-        largest_dropped=float(clearest[independent]) if independent < len(clearest) else ABSENT,
+        smallest_kept=float(relative[independent - 1]) if 0 < independent <= len(relative) else ABSENT,
+        largest_dropped=float(relative[independent]) if independent < len(relative) else ABSENT,
     )

@@ -22,6 +22,7 @@ from robodyn_cli.over.many.guides import Guided, ManyMotions, guided_reasons
 from robodyn_cli.over.many.keys import Key, settings
 from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import CLOSED
@@ -194,7 +195,7 @@ class ManyFigures:
         problem = self.structure.problem
         if not problem.constraints.of_loops:
             return {}
-        own = [dataclasses.asdict(mobility(problem, self.psi[:, k])) for k in range(len(self.values))]
+        own = [as_keys(mobility(problem, self.psi[:, k])) for k in range(len(self.values))]
         return _exact({name: np.array([float(x[name]) for x in own]) for name in own[0]})
 
     def _samples(self, _: str) -> Figures:
