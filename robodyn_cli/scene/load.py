@@ -151,8 +151,12 @@ class Family:
         self.root: Node = examined.root
 
     @staticmethod
-    def of(scene: Scene) -> Family:
-        """Return the family of a scene that was read before; files are those that it has read then."""
+    def of(scene: Scene | Family | str | os.PathLike[str]) -> Family:
+        """Return the family of a scene: of a file, or of one that was read before, with the files that it read then."""
+        if isinstance(scene, Family):
+            return scene
+        if not isinstance(scene, Scene):
+            return Family(scene)
         family = Family.__new__(Family)
         family.overrides = ()
         family._take(scene.path, _examined_text(scene.text, scene.path))

@@ -42,7 +42,7 @@ class Mechanism(ModelFunctions):
     """
 
     def __init__(self, scene: Scene | Family | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
-        self.family = scene if isinstance(scene, Family) else _family_of(scene)
+        self.family = Family.of(scene)
         super().__init__(self.family.own)
         refuse_doubles(self.family.root, vary, "vary")
         self.keys: tuple[Key, ...] = tuple(understand(self.family, name) for name in vary)
@@ -248,7 +248,3 @@ class Mechanism(ModelFunctions):
                 f"for each of {', '.join(names)}"
             )
         return array
-
-
-def _family_of(scene: Scene | str | os.PathLike[str]) -> Family:
-    return Family.of(scene) if isinstance(scene, Scene) else Family(scene)

@@ -307,13 +307,7 @@ def optimise(
     SceneError : the search makes no sense. CapabilityError : no run ends as it should wherever it would begin.
     """
     start = time.perf_counter()
-    family = (
-        scene
-        if isinstance(scene, Family)
-        else Family.of(scene)
-        if isinstance(scene, Scene)
-        else Family(scene)
-    )
+    family = Family.of(scene)
     given: dict[str, Any] = {**search, "vary": {key: parse_variation(x) for key, x in (vary or {}).items()}}
     for name in ("reach", "keep"):
         given[name] = {key: parse_expectation(x) for key, x in search.get(name, {}).items()}

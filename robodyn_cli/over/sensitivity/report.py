@@ -389,12 +389,6 @@ def sensitivity(
         output is not in the summary, or is no number.
     """
     start = time.perf_counter()
-    family = (
-        scene
-        if isinstance(scene, Family)
-        else Family.of(scene)
-        if isinstance(scene, Scene)
-        else Family(scene)
-    )
+    family = Family.of(scene)
     derivatives = sensitivities(prepare(family, to, of), jobs)
     return report(derivatives, time.perf_counter() - start)
