@@ -345,11 +345,16 @@ class Problem:
     def _solved(self) -> tuple[Multipliers, list[Scalar]]:
         return self.solution(self.independent_rows.gamma)
 
-    def solution(self, gamma: Sequence[Scalar]) -> tuple[Multipliers, list[Scalar]]:
-        """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints."""
+    def solution(
+        self, gamma: Sequence[Scalar], applied: Vector | None = None
+    ) -> tuple[Multipliers, list[Scalar]]:
+        """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints.
+
+        applied : generalised forces (nv,), by default those of the scene.
+        """
         from robodyn_cli.algorithms.constraints import Multipliers, solve_with_multipliers
 
-        f = self.applied - self.bias
+        f = (self.applied if applied is None else applied) - self.bias
         if not self.has_multipliers:
             return Multipliers(self.free_accelerations(f), zeros(0)), []
         from robodyn_cli.equations.latches import held_rows, without_held

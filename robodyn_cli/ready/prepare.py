@@ -20,6 +20,7 @@ from robodyn_cli.trajectories.led import position_columns, velocity_columns
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import Dependence
+    from robodyn_cli.model.model import Model
 
 
 @record
@@ -63,13 +64,29 @@ def prepare(scene: Scene, watch: Stopwatch | None = None, neutral: bool = False)
                 check_formulas_ahead(problem, assembled.q, assembled.v)
         model = build_model(scene) if problem.model.switched else problem.model
         refuse_indefinite(scene, [assembled.q])
-        needed = braces(problem, model, assembled.q)
-    if assembled.redundant or needed:
-        with watch.stage("equations"):
-            groups = dependent_rows(problem, assembled) if assembled.redundant else ()
-            keep = assembled.independent if assembled.redundant and not groups else None
-            problem = Problem(scene, keep_rows=keep, model=problem.model, dependent=groups, braces=needed)
+    with watch.stage("equations"):
+        problem = solvable(problem, assembled, model)
     return Setup(problem, assembled)
+
+
+def solvable(problem: Problem, assembled: Assembled, model: Model) -> Problem:
+    """Return the equations with independent combinations of redundant rows, and with inertias along the rows where the
+    opened tree's M has no inverse or a bad one; as they are where they need neither.
+
+    Parameters
+    ----------
+    model : the bodies as they are at the start.
+
+    Raises
+    ------
+    NumericalError : the closed mechanism has a motion that moves nothing with inertia.
+    """
+    needed = braces(problem, model, assembled.q)
+    if not (assembled.redundant or needed):
+        return problem
+    groups = dependent_rows(problem, assembled) if assembled.redundant else ()
+    keep = assembled.independent if assembled.redundant and not groups else None
+    return Problem(problem.scene, keep_rows=keep, model=problem.model, dependent=groups, braces=needed)
 
 
 def refuse_changes(scene: Scene, command: str) -> None:

@@ -23,6 +23,9 @@ from robodyn_cli.solve.closure import RANK, SLOW, Conditions, newton
 from robodyn_cli.spatial.algebra import Array
 
 
+REFINED = 3  # solutions of the same equations, each of what is left by the ones before
+
+
 class LostRank(Exception):
     """Psi (``what`` is ``loops``) or N^T B (``actuators``) loses rank at a sample.
 
@@ -197,21 +200,35 @@ def least_norm_change(P: Array, x: Array, dP: Array, right: Array) -> Array:
     return change + free - np.einsum("tnm,tm->tn", inverse, np.einsum("tmn,tn->tm", P, free))
 
 
-def accelerations(M: Array, f: Array, psi: Array, gamma: Array) -> Array:
-    """Return v-dot (T, nv) of M v-dot = f + Psi^T lambda, Psi v-dot + gamma = 0, whatever the rank of Psi.
+def constrained(M: Array, psi: Array, f: Array, c: Array) -> tuple[Array, Array]:
+    """Return a (T, nv, k) and lambda (T, m, k) with M a - Psi^T lambda = f (T, nv, k) and Psi a = c (T, m, k).
 
-    v-dot = a + N z with Psi a = -gamma and N^T M N z = N^T (f - M a).
+    a = Psi^+ c + N z with N^T M N z = N^T (f - M Psi^+ c), lambda = (Psi^T)^+ (M a - f): whatever the rank of Psi,
+    whose rows may depend on each other, and for M that has an inverse along the motions N alone. lambda has the least
+    norm.
     """
-    N, rank = allowed_motions(psi)
-    a = np.zeros_like(f)
-    if rank:
-        a = -np.einsum("tvm,tm->tv", np.linalg.pinv(psi, rcond=RANK), gamma)
-    if not N.shape[2]:
-        return a
-    reduced = np.swapaxes(N, 1, 2) @ M @ N
-    force = np.einsum("tvf,tv->tf", N, f - np.einsum("tij,tj->ti", M, a))
-    z: Array = np.linalg.solve(reduced, force[:, :, None])[:, :, 0]
-    return a + np.einsum("tvf,tf->tv", N, z)
+    U, s, Vt = np.linalg.svd(psi, full_matrices=True)
+    ranks = (s > RANK * s[:, :1]).sum(axis=1)
+    a, lam = np.zeros(f.shape), np.zeros(c.shape)
+    for rank in np.unique(ranks):
+        at = ranks == rank
+        rows, size = np.swapaxes(U[at][:, :, :rank], 1, 2), s[at][:, :rank, None]
+        held, free = np.split(Vt[at], [rank], axis=1)
+        here, there, N = M[at], psi[at], np.swapaxes(free, 1, 2)
+        reduced = free @ here @ N
+        for _ in range(REFINED):  # steps from what the ones before have left
+            rest = f[at] + np.swapaxes(there, 1, 2) @ lam[at] - here @ a[at]
+            own = np.swapaxes(held, 1, 2) @ (rows @ (c[at] - there @ a[at]) / size)
+            step = own + N @ np.linalg.solve(reduced, free @ (rest - here @ own))
+            a[at] += step
+            lam[at] += np.swapaxes(rows, 1, 2) @ (held @ (here @ step - rest) / size)
+    return a, lam
+
+
+def accelerations(M: Array, f: Array, psi: Array, gamma: Array) -> Array:
+    """Return v-dot (T, nv) of M v-dot = f + Psi^T lambda, Psi v-dot + gamma = 0, whatever the rank of Psi."""
+    a, _ = constrained(M, psi, f[:, :, None], -gamma[:, :, None])
+    return a[:, :, 0]
 
 
 MOST_STEP = 0.3  # rad, or part of the size of the mechanism

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cache
 from pathlib import Path
+from typing import cast
 
+import mpmath
 import numpy as np
 import pytest
 
-from robodyn_cli import Mechanism, load_scene, simulate
+from robodyn_cli import Mechanism, assemble, load_scene, simulate
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.load_sharing import constrained
+from robodyn_cli.works.functions.constrained import MANY, ConstrainedDynamics
 from tests.numeric import assert_close
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
@@ -101,6 +106,75 @@ def test_what_torques_cause(name: str) -> None:
     assert_close(W, np.swapaxes(W, 1, 2), 1e-10, size)
     assert_close(psi @ W, np.zeros_like(psi @ W), 1e-10, size * float(np.abs(psi).max()))
     assert_close(W @ M @ W, W, 1e-9, size)
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_many_states_have_the_accelerations_of_few(name: str) -> None:
+    """Many are eliminated in compiled code, also where redundant rows are combined anew along the motion."""
+    samples = 700
+    scene = SCENES[name]
+    longer = dataclasses.replace(scene.simulate, duration=1.5, samples=samples)
+    result = simulate(dataclasses.replace(scene, simulate=longer))
+    q, v = result["q"], result["qd"]
+    tau = np.random.default_rng(3).normal(size=v.shape)
+    m = Mechanism(scene)
+    at = np.arange(0, samples, 7)
+    few = m.forward_dynamics(q[at], v[at], tau[at])
+    dynamics = cast(ConstrainedDynamics, m.forward_dynamics)
+    assert dynamics._elimination is None, "few states must not compile anything"
+    many = m.forward_dynamics(q, v, tau)
+    assert dynamics._elimination is not None and samples >= MANY
+    assert_close(many[at], few, 1e-8, float(np.abs(few).max()))
+    held = dynamics._elimination(q, v, tau)[1]
+    assert held.mean() > 0.9, "states that elimination leaves take singular values each"
+
+
+def test_states_at_which_loops_lose_rank_are_solved_too() -> None:
+    """A parallelogram that lies flat at some of many states: elimination fails there, and is seen to."""
+    scene = load_scene(CONFIGS / "parallelogram.yaml", ["command=simulate", "expect=null"])
+    m = Mechanism(scene)
+    q0 = assemble(scene)["q"].ravel()
+    closed = Closed(scene)
+    free = np.linalg.svd(closed.problem.numbers(closed.problem.psi, q0))[2][-1]
+    states = [q0]
+    for _ in range(MANY):
+        states.append(closed.near(closed.manifold.integrate(states[-1], 0.01 * free), 0.0 * free)[0])
+    flat = np.zeros_like(q0)
+    states.insert(MANY // 2, flat)
+    q = np.array(states)
+    zero = np.zeros((len(q), len(m.qd_names)))
+    tau = zero + np.arange(1.0, zero.shape[1] + 1.0)
+    every = m.forward_dynamics(q, zero, tau)
+    assert np.isfinite(every).all()
+    some = [0, MANY // 2, MANY]
+    assert_close(every[some], m.forward_dynamics(q[some], zero[some], tau[some]), 1e-9)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_light_bodies_and_redundant_rows_keep_their_digits(seed: int) -> None:
+    """M of bodies from 1e-9 kg to 1 kg, rows that depend on each other, against a solution with 60 digits."""
+    rng = np.random.default_rng(seed)
+    nv, m, rank = 9, 6, 4
+    size = 10.0 ** rng.uniform(-4.5, 0.0, nv)
+    A = rng.normal(size=(nv, nv))
+    M = size[:, None] * (A @ A.T + nv * np.eye(nv)) * size
+    mix = rng.normal(size=(m, rank))
+    psi, c = mix @ rng.normal(size=(rank, nv)), mix @ rng.normal(size=rank)
+    f = rng.normal(size=nv)
+    a, lam = constrained(M[None], psi[None], f[None, :, None], c[None, :, None])
+    with mpmath.workdps(60):
+        rows = np.linalg.svd(mix)[0][:, :rank].T
+        P, right = mpmath.matrix(rows.tolist()) * mpmath.matrix(psi.tolist()), rows @ c
+        system = mpmath.zeros(nv + rank)
+        for i in range(nv):
+            for k in range(nv):
+                system[i, k] = M[i, k]
+            for k in range(rank):
+                system[i, nv + k], system[nv + k, i] = -P[k, i], P[k, i]
+        exact = mpmath.lu_solve(system, mpmath.matrix([*f, *right]))
+        expected = np.array([float(x) for x in exact[:nv]])
+    assert_close(a[0, :, 0], expected, 1e-9, float(np.abs(expected).max()))
+    assert_close(M @ a[0] - psi.T @ lam[0], f[:, None], 1e-9, float(np.abs(M @ a[0]).max() + 1.0))
 
 
 def test_what_is_refused() -> None:

@@ -12,15 +12,14 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from robodyn_cli.equations.constraints import inertias_along
 from robodyn_cli.equations.linear.residuals import Residuals, States, drift
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.record import record
+from robodyn_cli.solve.load_sharing import constrained
 from robodyn_cli.spatial.algebra import Array
 
 RANK = 1e-9  # a singular value this small beside the largest counts as zero
 ROUNDING = 32.0 * np.finfo(float).eps  # of the terms of a sum: what the sum may be off by
-LIGHT = 1e-4  # eigenvalue of M with a unit diagonal: less costs digits of the accelerations
 PREFERRED = 1e-2  # so much worse may a choice of independent coordinates be that keeps those wished for
 
 
@@ -100,29 +99,6 @@ def held_by(
     tau[0, list(inputs)] = torques
     left = load - T.T[:, list(inputs)] @ torques
     return States(states.times, states.q, states.v, None, tau), left
-
-
-def constrained(M: Array, psi: Array, f: Array, c: Array) -> tuple[Array, Array]:
-    """Return a (T, nv, k) and lambda (T, m, k) with M a - Psi^T lambda = f (T, nv, k) and Psi a = c (T, m, k).
-
-    lambda has the least norm where rows depend on each other; a is the same for all. M of the opened tree may be
-    singular: inertias b along the rows, and the forces Psi^T b c that these take, change neither.
-    """
-    k = f.shape[2]
-    if len(M) and psi.shape[1] and _is_light(M):
-        lever = np.swapaxes(psi, 1, 2) * np.array(inertias_along(M[0], psi[0]))
-        M, f = M + lever @ psi, f + lever @ c
-    free = np.linalg.solve(M, np.concatenate([f, np.swapaxes(psi, 1, 2)], axis=2))
-    own, lever = free[:, :, :k], free[:, :, k:]
-    lam = np.linalg.pinv(psi @ lever, rcond=RANK, hermitian=True) @ (c - psi @ own)
-    return own + lever @ lam, lam
-
-
-def _is_light(M: Array) -> bool:
-    """Tell whether in some of the matrices M (T, nv, nv) a motion has next to no inertia beside those of the joints."""
-    size = np.sqrt(np.diagonal(M, axis1=1, axis2=2))
-    size = np.where(size > 0.0, size, 1.0)
-    return bool(np.linalg.eigvalsh(M / (size[:, :, None] * size[:, None, :])).min() < LIGHT)
 
 
 def accelerations(values: Mapping[str, Array], tau: Array) -> tuple[Array, Array]:

@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from robodyn_cli.given.poses.inverse_kinematics import InverseKinematics
     from robodyn_cli.scene.types import Scene
     from robodyn_cli.torques.dynamics import ForwardDynamics, InverseDynamics
+    from robodyn_cli.works.functions.constrained import ConstrainedDynamics
     from robodyn_cli.works.functions.derivatives import (
         AccelerationDerivatives,
-        ConstrainedDynamics,
         InertialParameters,
         Regressor,
         TorqueDerivatives,
@@ -141,7 +141,7 @@ class ModelFunctions(ThreadSafe):
         Of a mechanism with loops those under the forces of the loops, which q and qd must satisfy.
         """
         if self._problem.model.closures:
-            from robodyn_cli.works.functions.derivatives import ConstrainedDynamics
+            from robodyn_cli.works.functions.constrained import ConstrainedDynamics
 
             return ConstrainedDynamics(self._problem)
 
