@@ -8,13 +8,13 @@ from robodyn_cli.errors import unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.sdf.frames import WORLD, Scope, SdfFrame, SdfFrames
 from robodyn_cli.scene.sdf.given import FRAMES_SINCE, SdfReading, flag, text_of
+from robodyn_cli.scene.urdf.elements import UNLIMITED
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 SINGLE = ("revolute", "continuous", "prismatic", "screw")
 CROSS = ("universal", "revolute2")
 JOINT_TYPES = (*SINGLE, *CROSS, "ball", "fixed", "gearbox")
 _AXES = {**dict.fromkeys(SINGLE, 1), **dict.fromkeys((*CROSS, "gearbox"), 2)}
-_UNLIMITED = 1e15
 
 
 @record
@@ -208,6 +208,6 @@ def _limits(axis: XmlElement, owner: str) -> dict[str, float]:
         if child is None or word.lstrip("+-") in ("inf", "infinity"):
             continue
         value = child.values(owner, 1)[0]
-        if abs(value) < _UNLIMITED and (tag in ("lower", "upper") or value >= 0.0):
+        if abs(value) < UNLIMITED and (tag in ("lower", "upper") or value >= 0.0):
             limits[tag] = value
     return limits

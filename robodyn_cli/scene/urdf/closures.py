@@ -12,7 +12,7 @@ that no file decides in which frame its ``<axis>`` is meant: here it is the loop
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import did_you_mean, shown, unknown_name
@@ -190,25 +190,36 @@ def _coupling(element: XmlElement, above: Mapping[str, UrdfJoint], links: list[s
         chains.append(list(_joints_to(link, above)))
     ratio = element.one("ratio", owner)
     factor = 1.0 if ratio is None else ratio.number("value", owner)
-    terms: dict[str, float] = {}
-    for chain, other, sign in ((chains[0], chains[1], factor), (chains[1], chains[0], -1.0)):
-        shared = {joint.name for joint in other}
-        for joint in chain:
-            if joint.name in shared or joint.type == "fixed":
-                continue
-            if joint.type not in SINGLE:
-                raise element.error(
-                    f"{owner} sums the coordinates of joint {joint.name!r}, which is {joint.type}; allowed: joints "
-                    "with one coordinate"
-                )
-            if sign != 0.0:
-                terms[joint.name] = sign
+    pairs = [[(joint.name, joint.type) for joint in chain] for chain in chains]
+    terms = chain_terms(pairs[0], pairs[1], factor)
+    for joint in (*chains[0], *chains[1]):
+        if joint.name in terms and joint.type not in SINGLE:
+            raise element.error(
+                f"{owner} sums the coordinates of joint {joint.name!r}, which is {joint.type}; allowed: joints "
+                "with one coordinate"
+            )
+    terms = {name: x for name, x in terms.items() if x != 0.0}
     if len(terms) < 2:
         raise element.error(
             f"{owner} relates {len(terms)} joint(s) that move; allowed: two or more on the way between its links, and "
             "a ratio that is not zero"
         )
     return Coupling(element.place, name, terms)
+
+
+def chain_terms(
+    first: Sequence[tuple[str, str]], second: Sequence[tuple[str, str]], factor: float
+) -> dict[str, float]:
+    """Return the coefficients of: factor times the sum over a chain of joints, minus the sum over another.
+
+    first, second : names and types of the joints from a link to the root. Those on both ways, and fixed ones, do not
+    count.
+    """
+    terms: dict[str, float] = {}
+    for chain, other, sign in ((first, second, factor), (second, first, -1.0)):
+        shared = {name for name, _ in other}
+        terms |= {name: sign for name, kind in chain if name not in shared and kind != "fixed"}
+    return terms
 
 
 def _joints_to(link: str, above: Mapping[str, UrdfJoint]) -> Iterator[UrdfJoint]:

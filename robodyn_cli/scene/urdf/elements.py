@@ -20,6 +20,7 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 ZERO = (0.0, 0.0, 0.0)
 X_AXIS = (1.0, 0.0, 0.0)  # the format's default
+UNLIMITED = 1e15  # a limit of this size or more is none
 _INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 

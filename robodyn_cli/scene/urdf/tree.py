@@ -11,6 +11,7 @@ from robodyn_cli.scene.dialects import RobotTree
 from robodyn_cli.scene.text.nodes import Mapping, Node, plain, sequence
 from robodyn_cli.scene.urdf.closures import Coupling, Ties, loop_of
 from robodyn_cli.scene.urdf.elements import (
+    UNLIMITED,
     ZERO,
     Inertial,
     UrdfJoint,
@@ -136,6 +137,7 @@ class _Tree:
         for k in ("effort", "velocity"):
             if limits.get(k, 1.0) <= 0.0:
                 remarks.append(f"{k} {limits.pop(k):g}: taken as not stated")
+        limits = {k: x for k, x in limits.items() if abs(x) < UNLIMITED}
         order = {"lower": "lower", "upper": "upper", "speed": "velocity", "effort": "effort"}
         stated = {name: limits[k] for name, k in order.items() if k in limits}
         if stated:
