@@ -7,6 +7,7 @@ from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
 
+from robodyn_cli.errors import listed
 from robodyn_cli.over.export.robot import (
     GROUND,
     Coordinate,
@@ -42,7 +43,7 @@ def joints_of(link: ExportedLink) -> tuple[tuple[str, int], ...]:
     return _FREE if free else JOINTS[link.type]
 
 
-def write_mjcf(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[str, str]:
+def write_mjcf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
     """Return the file of a robot in MJCF."""
     root = mujoco_element(robot)
     sites, equality = _closures(robot)
@@ -63,7 +64,7 @@ def write_mjcf(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[str, s
         for name in actuated:
             SubElement(actuator, "motor", {"name": f"{name}_motor", "joint": name})
     notes += _notes(robot)
-    return {f"{stem}.xml": xml_text(root, robot.title)}
+    return {f"{robot.name}.xml": xml_text(root)}
 
 
 def _notes(robot: ExportedRobot) -> Iterator[str]:
@@ -72,17 +73,17 @@ def _notes(robot: ExportedRobot) -> Iterator[str]:
         yield "equalities of MuJoCo are soft: loops and couplers give way as solref and solimp let them"
     pins = [loop.name for loop in robot.loops if loop.type == "revolute"]
     if pins:
-        yield f"pins are two points each, {ACROSS} m apart along the axis: {', '.join(pins)}"
+        yield f"pins are two points each, {ACROSS} m apart along the axis: {listed(pins)}"
     if any({"lower", "upper"} <= one.limits.keys() for link in robot.links for one in link.coordinates):
         yield "ranges of joints are stops in MuJoCo, and soft"
     flying = [link.joint for link in robot.links if link.type == "floating" and joints_of(link) is not _FREE]
     if flying:
-        yield f"floating joints that begin off the world's frame are three slides and a ball: {', '.join(flying)}"
+        yield f"floating joints that begin off the world's frame are three slides and a ball: {listed(flying)}"
 
 
 def mujoco_element(robot: ExportedRobot, flags: Mapping[str, str] | None = None) -> Element:
     """Return the head of an MJCF, with what is computed as it is written."""
-    root = Element("mujoco", {"model": robot.title})
+    root = Element("mujoco", {"model": robot.name})
     SubElement(root, "compiler", {"angle": "radian", "inertiafromgeom": "false", "balanceinertia": "false"})
     option = SubElement(root, "option", {"gravity": words(robot.gravity)})
     if flags:

@@ -104,10 +104,10 @@ class ExportedCoupler:
 class ExportedRobot:
     """A robot with all numbers. gravity : in world axes. links : in the order of the joints in the scene.
 
-    actuated : joints with a motor, None where the scene does not say. title : of the scene.
+    actuated : joints with a motor, None where the scene does not say.
     """
 
-    title: str
+    name: str
     gravity: Array
     links: tuple[ExportedLink, ...]
     loops: tuple[ExportedLoop, ...] = ()
@@ -297,12 +297,11 @@ def words(x: Any) -> str:
     return " ".join(repr(e) for e in floats(x))
 
 
-def xml_text(root: Element, title: str) -> str:
+def xml_text(root: Element) -> str:
     """Return the text of an XML file."""
-    comment = " ".join(title.replace("--", "-").split())
     ElementTree.indent(root)
     body = ElementTree.tostring(root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="utf-8"?>\n<!-- {comment}, by `robodyn export`. SI units. -->\n{body}\n'
+    return f'<?xml version="1.0" encoding="utf-8"?>\n<!-- by `robodyn export`; SI units -->\n{body}\n'
 
 
 def fresh(name: str, taken: Collection[str]) -> str:

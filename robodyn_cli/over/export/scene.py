@@ -45,14 +45,14 @@ class Format:
     along : kinds with several coordinates whose forces and limits it has, coordinate by coordinate. springs : whether
     joints may have some. in_space : whether dampers of balls. assembled : whether poses of links must close the loops.
     reserved : names that no link may have.
-    write : f(robot, what to say of it) -> texts by name of file, for the name of the robot's own.
+    write : f(robot, what there is to say, to which it adds) -> texts by name of file.
     problems : what else it cannot hold, one text each.
     """
 
     name: str
     joints: tuple[str, ...]
     loops: tuple[str, ...]
-    write: Callable[[ExportedRobot, str, list[str]], dict[str, str]]
+    write: Callable[[ExportedRobot, list[str]], dict[str, str]]
     problems: Callable[[ExportedRobot], Iterator[str]]
     turned: tuple[str, ...] = ()
     along: tuple[str, ...] = ()
@@ -84,8 +84,7 @@ def export_robot(scene: Scene, kind: str, directory: Path) -> tuple[list[Path], 
 
     form = formats[kind]
     robot, notes = exported(scene, form)
-    stem = os.path.splitext(os.path.basename(scene.path))[0] or "robot"
-    texts = form.write(robot, stem, notes)
+    texts = form.write(robot, notes)
     with output_errors(directory):
         directory.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
@@ -115,7 +114,7 @@ def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
     else:
         ordered = tuple(_from(reference, model, link) for link in ordered)
     robot = ExportedRobot(
-        scene.title or "robot",
+        os.path.splitext(os.path.basename(scene.path))[0] or "robot",
         np.array(floats(np.array(model.base.E, dtype=float).T @ np.array(model.gravity, dtype=float))),
         ordered,
         loops_of(model, frames),
@@ -211,13 +210,17 @@ def completed(scene: Scene) -> tuple[Scene, list[str]]:
         raise CapabilityError(
             f"{scene.path}: the motion depends on data that the scene does not give: {listed(sorted(set(missing)))}"
         )
-    links = tuple(_completed(link) for link in scene.robot.links)
-    made_up = [new.name for old, new in zip(scene.robot.links, links) if _differs(old, new)]
-    robot: Robot = dataclasses.replace(scene.robot, links=links)
+    robot = filled(scene)
+    made_up = [new.name for old, new in zip(scene.robot.links, robot.links) if _differs(old, new)]
     notes = [
         f"data that the scene does not give, and no motion depends on, are made up in links {listed(made_up)}"
     ]
     return dataclasses.replace(scene, robot=robot), notes if made_up else []
+
+
+def filled(scene: Scene) -> Robot:
+    """Return the robot with numbers in place of data that are not given."""
+    return dataclasses.replace(scene.robot, links=tuple(_completed(link) for link in scene.robot.links))
 
 
 def _differs(old: Link, new: Link) -> bool:

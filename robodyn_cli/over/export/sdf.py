@@ -27,10 +27,10 @@ _KINDS = {"helical": "screw", "spherical": "ball"}
 _TURNING = ("revolute", "prismatic", "helical")
 
 
-def write_sdf(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[str, str]:
+def write_sdf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
     """Return the file of a robot in SDF."""
     root = Element("sdf", {"version": VERSION, "xmlns:drake": "http://drake.mit.edu"})
-    model = SubElement(root, "model", {"name": robot.title})
+    model = SubElement(root, "model", {"name": robot.name})
     mimics, _ = followers(robot.couplers)
     for link in robot.links:
         _link(model, link)
@@ -59,7 +59,7 @@ def write_sdf(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[str, st
     if massless:
         notes.append(f"massless links, which not every reader of SDF takes: {listed(massless)}")
     notes.append("gravity is not written: it is that of the world into which an SDF model is put")
-    return {f"{stem}.sdf": xml_text(root, robot.title)}
+    return {f"{robot.name}.sdf": xml_text(root)}
 
 
 def _link(model: Element, link: ExportedLink) -> None:

@@ -39,7 +39,7 @@ class UrdfWriter:
 
     def __init__(self, robot: ExportedRobot, notes: list[str]) -> None:
         self.robot, self.notes = robot, notes
-        self.root = Element("robot", {"name": robot.title, "xmlns:drake": "http://drake.mit.edu"})
+        self.root = Element("robot", {"name": robot.name, "xmlns:drake": "http://drake.mit.edu"})
         self.links = [link.name for link in robot.links]
         self.joints = [link.joint for link in robot.links]
         self.mimics, self.others = followers(robot.couplers)
@@ -136,7 +136,7 @@ def _problems(robot: ExportedRobot) -> Iterator[str]:
 
 
 # -- URDF+ -------------------------------------------------------------------------------------------------
-def write_plus(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[str, str]:
+def write_plus(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
     """Return the file of a robot in URDF+."""
     writer = UrdfWriter(robot, notes)
     _mark_dependent(writer)
@@ -154,7 +154,7 @@ def write_plus(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[str, s
         SubElement(element, "predecessor", {"link": writer.name(predecessor)})
         SubElement(element, "successor", {"link": writer.name(successor)})
         SubElement(element, "ratio", {"value": words(ratio)})
-    return {f"{stem}.urdf": xml_text(writer.root, robot.title)}
+    return {f"{robot.name}.urdf": xml_text(writer.root)}
 
 
 def frames_of(loop: ExportedLoop) -> tuple[UrdfPose, UrdfPose]:
@@ -229,7 +229,7 @@ def _coupling(robot: ExportedRobot, coupler: ExportedCoupler) -> Any:
 
 
 # -- the Extended URDF -------------------------------------------------------------------------------------
-def write_extended(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[str, str]:
+def write_extended(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
     """Return the files of a robot in the Extended URDF; points and turned frames of loops become massless links."""
     writer = UrdfWriter(robot, notes)
     beside: dict[str, list[Any]] = {"closed_loop": [], "type": []}
@@ -246,9 +246,9 @@ def write_extended(robot: ExportedRobot, stem: str, notes: list[str]) -> dict[st
     retyped = [link for link in robot.links if link.type in ("universal", "spherical")]
     beside["joint_name"] = [link.joint for link in retyped]
     beside["joint_type"] = ["SPHERICAL" if link.type == "spherical" else "UJOINT_ZX" for link in retyped]
-    place = Scalar(Source(stem, "."), 1, 1, "", None)
+    place = Scalar(Source(robot.name, "."), 1, 1, "", None)
     text = emit(plain(place, {key: x for key, x in beside.items() if x or key == "closed_loop"}))
-    return {f"{stem}.urdf": xml_text(writer.root, robot.title), f"{stem}.yaml": text}
+    return {f"{robot.name}.urdf": xml_text(writer.root), f"{robot.name}.yaml": text}
 
 
 def _marker(writer: UrdfWriter, loop: str, role: str, link: str, pose: UrdfPose) -> str:
