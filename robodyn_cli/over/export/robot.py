@@ -149,6 +149,14 @@ class Frames:
         inside = placed(frame.R, frame.p)
         return self.own[BASE] @ inside if frame.body == BASE else between(self.own[frame.body], inside)
 
+    def axes(self, body: Body) -> Array:
+        """Return the axes (3, 3) of a joint in its body's frame, at the reference: z first of two, x the second."""
+        q = self.reference[body.q : body.q + body.joint.nq]
+        axes = np.eye(3)
+        if body.joint.type == "universal":
+            axes[:, 2] = np.array(body.joint.transform(q).E, dtype=float)[:, 2]
+        return axes
+
     def pose(self, body: int) -> Array:
         """Return the pose (4, 4) of a link's frame in that of its parent, at the reference."""
         one = self.model.bodies[body]
@@ -179,7 +187,7 @@ def links_of(
     links = []
     for k, body in enumerate(model.bodies):
         parent = GROUND if body.parent == BASE else model.bodies[body.parent].name
-        axes = frames.own[k][:3, :3].T
+        axes = frames.own[k][:3, :3].T @ frames.axes(body)
         mass, com, inertia = _mass_properties(body, frames.own[k])
         coordinates = tuple(_coordinate(body, j, limits) for j in range(body.joint.nv))
         damping = sum(float(_viscous(f)) for f in body.forces if f.in_space)
