@@ -18,6 +18,7 @@ from typing import Any
 from robodyn_cli.errors import did_you_mean, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults, Node, located
+from robodyn_cli.scene.urdf.drake import DRAKE, constraint
 from robodyn_cli.scene.urdf.elements import X_AXIS, UrdfJoint, UrdfPose, UrdfRobot, pose_of
 from robodyn_cli.scene.urdf.structure import SINGLE
 from robodyn_cli.scene.urdf.xml import XmlElement
@@ -40,12 +41,13 @@ class LoopEnd:
 
 @record
 class Closure:
-    """Two frames that a closure of some ``type`` joins; ``place`` : where it is written."""
+    """Two frames that a closure of some ``type`` joins; ``place`` : where it is written; ``length`` : of a bar."""
 
     place: Node
     name: str
     type: str
     ends: tuple[LoopEnd, LoopEnd]
+    length: float = 0.0
 
 
 @record
@@ -164,7 +166,16 @@ def _loop_joint(element: XmlElement) -> Closure:
     return Closure(element.place, name, kind, (ends[0], ends[1]))
 
 
-_READERS = {"loop": _loop, "constraint": _constraint, "loop_joint": _loop_joint}
+def _drake(element: XmlElement) -> Closure:
+    """Read ``drake:ball_constraint`` and ``drake:distance_constraint``, which have no names."""
+    kind, ends, length = constraint(element)
+    first, second = (LoopEnd(link, UrdfPose(point)) for link, point in ends)
+    name = f"{element.tag.removeprefix(DRAKE)}_{first.link}_{second.link}"
+    return Closure(element.place, name, kind, (first, second), length)
+
+
+OF_DRAKE = {f"{DRAKE}{kind}_constraint": _drake for kind in ("ball", "distance")}
+_READERS = {"loop": _loop, "constraint": _constraint, "loop_joint": _loop_joint, **OF_DRAKE}
 
 
 def couplings_of(robot: UrdfRobot, faults: Faults) -> tuple[Coupling, ...]:
@@ -245,6 +256,8 @@ def loop_of(closure: Closure, name: str, links: Mapping[str, str]) -> tuple[dict
     entry: dict[str, Any] = {"name": name, "type": closure.type, "between": between}
     turned = [end.pose.rotation for end in closure.ends]
     axes = [[float(x) for x in R @ list(end.axis)] for R, end in zip(turned, closure.ends)]
+    if closure.type == "distance":
+        entry["length"] = closure.length
     if closure.type in WITH_AXES:
         entry["axis"] = axes[0]
     if closure.type == "universal" or (closure.type in ("revolute", "planar") and axes[0] != axes[1]):
