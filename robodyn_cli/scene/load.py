@@ -16,7 +16,7 @@ from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.checks.scene import check_scene
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import BROKEN, Names
-from robodyn_cli.scene.text.includes import Includer
+from robodyn_cli.scene.text.includes import Includer, is_xml
 from robodyn_cli.scene.text.nodes import (
     Faults,
     Mapping,
@@ -31,7 +31,7 @@ from robodyn_cli.scene.text.nodes import (
     sequence,
 )
 from robodyn_cli.scene.text.nodes import Sequence as SequenceNode
-from robodyn_cli.scene.text.yaml_text import compose, emit
+from robodyn_cli.scene.text.yaml_text import compose, emit, read_text
 from robodyn_cli.scene.types import Robot, Scene
 from robodyn_cli.schema.fields import OrFile, Section
 
@@ -119,6 +119,19 @@ def load_description(
 
     scene = _examine(open_root, name, ()).checked()
     return found[0], scene
+
+
+def load_robot(path: str | os.PathLike[str]) -> Scene:
+    """Return the scene of a file, or of a robot in another format one with gravity along -z, 9.81 m/s^2.
+
+    Raises
+    ------
+    SceneError : as of ``load_scene`` and ``load_description``.
+    """
+    name = os.fspath(path)
+    if not is_xml(read_text(name, None, "", name)):
+        return load_scene(path)
+    return dataclasses.replace(load_description(path)[1], gravity=(0.0, 0.0, -9.81))
 
 
 def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:

@@ -9,20 +9,29 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Quiet, ReportAsJson, StoredResult, choice
+from robodyn_cli.cli.options import Quiet, ReportAsJson, choice, file
 
-KINDS = ("csv", "parquet", "mat", "npz")
+OF_RESULTS = ("csv", "parquet", "mat", "npz")
+OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
 
 
 def command(
-    result: StoredResult,
+    source: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT|SCENE.yaml",
+            help="Output directory of a run, or its result.h5; or a scene, or the URDF or SDF of a robot.",
+            callback=file,
+            show_default=False,
+        ),
+    ],
     to: Annotated[
         str,
         typer.Option(
             "--to",
             metavar="KIND",
-            parser=choice(*KINDS),
-            help="csv, parquet, mat (MATLAB) or npz.",
+            parser=choice(*OF_RESULTS, *OF_SCENES),
+            help="Of a result: csv, parquet, mat (MATLAB), npz. Of a scene: urdf+, extended-urdf, mjcf, sdf.",
             show_default=False,
         ),
     ],
@@ -32,14 +41,39 @@ def command(
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Write a stored result in another format; return the exit code."""
-    from robodyn_cli.over.batch.stored import read_stored
-    from robodyn_cli.results.export import export
-
+    """Write a stored result, or the robot of a scene, in another format; return the exit code."""
     console = Console(as_json, quiet)
     tidy_up_first()
     with console.waiting(lambda: "exporting"):
-        files = export(read_stored(result), to, out)
-    console.data({"status": "ok", "files": [str(path) for path in files]})
+        files, notes = _files(source, to, out)
+    for text in notes:
+        console.note(f"robodyn: {text}")
+    console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes})
     console.say(f"{out}  ({', '.join(path.name for path in files)})")
     return 0
+
+
+def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
+    """Write the files of a result or a scene, as the source is one; return them, and what there is to say.
+
+    Raises
+    ------
+    CapabilityError : results have no robot, and scenes no samples. Others of what reads and writes them.
+    """
+    from robodyn_cli.errors import CapabilityError
+
+    stored = source.is_dir() or source.suffix == ".h5"
+    if stored != (to in OF_RESULTS):
+        of, kinds = ("a result", OF_RESULTS) if stored else ("a scene", OF_SCENES)
+        raise CapabilityError(
+            f"{source} is {of}, of which --to {to} writes nothing; allowed: {', '.join(kinds)}"
+        )
+    if stored:
+        from robodyn_cli.over.batch.stored import read_stored
+        from robodyn_cli.results.export import export
+
+        return export(read_stored(source), to, out), []
+    from robodyn_cli.over.export.scene import export_robot
+    from robodyn_cli.scene.load import load_robot
+
+    return export_robot(load_robot(source), to, out)

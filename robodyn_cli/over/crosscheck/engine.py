@@ -20,8 +20,9 @@ from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import BASE, Body, FixedFrame, JointForce, Loop, Model
+from robodyn_cli.over.export.scene import filled
 from robodyn_cli.record import record
-from robodyn_cli.scene.types import Inertia, Link, Robot, Scene
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import accelerations
 from robodyn_cli.spatial.algebra import Array
 
@@ -206,7 +207,7 @@ def translate(scene: Scene, simulated: bool) -> Translation:
     refused = list(_refused(problem, simulated))
     if refused:
         raise CapabilityError("not for another engine: " + "; ".join(refused))
-    model = build_model(dataclasses.replace(scene, robot=_complete(scene)))
+    model = build_model(dataclasses.replace(scene, robot=filled(scene)))
     bare = dataclasses.replace(
         problem.model,
         bodies=tuple(
@@ -252,26 +253,3 @@ def _is_plain(force: JointForce) -> bool:
     element = force.element
     linear = isinstance(element, (Spring, Damper)) or (isinstance(element, Friction) and not element.dry)
     return linear and not force.in_space
-
-
-def _complete(scene: Scene) -> Robot:
-    """Return the robot with numbers in place of data that are not given."""
-    links = tuple(_completed(link) for link in scene.robot.links)
-    return dataclasses.replace(scene.robot, links=links)
-
-
-def _completed(link: Link) -> Link:
-    """Return a link with all numbers; no result depends on those that are made up."""
-    given = link.inertia
-    moments = [x for x in (given.xx, given.yy, given.zz) if x is not None]
-    mass = 0.0 if link.mass is None else link.mass
-    usual = max(moments) if moments else 1e-3 * mass
-    filled = {
-        name: (usual if name in ("xx", "yy", "zz") else 0.0)
-        if getattr(given, name) is None
-        else getattr(given, name)
-        for name in ("xx", "yy", "zz", "xy", "xz", "yz")
-    }
-    if mass == 0.0 and not moments:
-        filled = {name: x or 0.0 for name, x in filled.items()}
-    return dataclasses.replace(link, mass=mass, com=link.com or (0.0, 0.0, 0.0), inertia=Inertia(**filled))

@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import dataclasses
+from collections.abc import Callable
 from typing import Any
-from xml.sax.saxutils import quoteattr
+from xml.etree.ElementTree import SubElement
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.over.crosscheck import engine
-from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.over.export.mjcf import JOINTS, add_bodies, mujoco_element
+from robodyn_cli.over.export.robot import ExportedRobot, Frames, links_of, xml_text
+from robodyn_cli.spatial.algebra import Array, Transform
 
 XYZW = (1, 2, 3, 0)  # places of x, y, z, w among w, x, y, z
 
@@ -116,16 +121,7 @@ class InPinocchio(engine.PeerEngine):
         )
 
 
-# by our joint: MuJoCo's joints of one body, outermost first, each with its axis
-MUJOCO_KINDS: Mapping[str, tuple[tuple[str, str], ...]] = {
-    "revolute": (("hinge", "0 0 1"),),
-    "prismatic": (("slide", "0 0 1"),),
-    "cylindrical": (("hinge", "0 0 1"), ("slide", "0 0 1")),
-    "universal": (("hinge", "0 0 1"), ("hinge", "1 0 0")),
-    "planar": (("slide", "1 0 0"), ("slide", "0 1 0"), ("hinge", "0 0 1")),
-    "spherical": (("ball", "0 0 1"),),
-}
-VELOCITIES = {"hinge": 1, "slide": 1, "ball": 3}
+MUJOCO_KINDS = tuple(kind for kind in JOINTS if kind not in ("fixed", "floating"))
 
 
 class InMujoco(engine.PeerEngine):
@@ -144,17 +140,20 @@ class InMujoco(engine.PeerEngine):
         except ImportError:
             raise CapabilityError(engine.MISSING.format("MuJoCo", "mujoco")) from None
         super().__init__(model)
+        for body in model.bodies:
+            if body.joint.type not in MUJOCO_KINDS:
+                raise engine.refuse_joint("MuJoCo", body, MUJOCO_KINDS)
         self.mj, self.version = mujoco, mujoco.__version__
         try:
-            self.model = mujoco.MjModel.from_xml_string(_mjcf(model, mujoco))
+            self.model = mujoco.MjModel.from_xml_string(_mjcf(model))
         except ValueError as error:
             raise CapabilityError(f"MuJoCo does not take the mechanism: {error}") from None
         self.data = mujoco.MjData(self.model)
         self.body = {BASE: 0}
         for k, body in enumerate(model.bodies):
             self.body[k] = self.model.body(f"body{k}").id
-            first = self.model.joint(f"{k}.0")
-            q, v = int(first.qposadr[0]), int(first.dofadr[0])
+            first = int(self.model.body_jntadr[self.body[k]])
+            q, v = int(self.model.jnt_qposadr[first]), int(self.model.jnt_dofadr[first])
             self.q_places[q : q + body.joint.nq] = range(body.q, body.q + body.joint.nq)
             self.v_places[v : v + body.joint.nv] = range(body.v, body.v + body.joint.nv)
 
@@ -196,41 +195,15 @@ class InMujoco(engine.PeerEngine):
         )
 
 
-def _numbers(x: Any) -> str:
-    return " ".join(repr(float(e)) for e in np.ravel(x))
-
-
-def _mjcf(model: Model, mujoco: Any) -> str:
-    """Return the MJCF of a tree."""
-    below = engine.children(model)
-
-    def write(k: int) -> list[str]:
-        body = model.bodies[k]
-        if body.joint.type not in MUJOCO_KINDS:
-            raise engine.refuse_joint("MuJoCo", body, tuple(MUJOCO_KINDS))
-        turn = np.zeros(4)
-        mujoco.mju_mat2Quat(turn, np.ascontiguousarray(engine.real(body.X_tree.E).T).ravel())
-        m, c, I = engine.mass_properties(body)
-        full = [I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2]]
-        lines = [
-            f'<body name="body{k}" pos="{_numbers(body.X_tree.r)}" quat="{_numbers(turn)}">',
-            f'<inertial pos="{_numbers(c)}" mass="{m!r}" fullinertia="{_numbers(full)}"/>',
-        ]
-        used = 0
-        for j, (kind, axis) in enumerate(MUJOCO_KINDS[body.joint.type]):
-            lines.append(
-                f'<joint name={quoteattr(f"{k}.{j}")} type="{kind}" axis="{axis}" '
-                f'armature="{float(body.rotors[used])!r}"/>'
-            )
-            used += VELOCITIES[kind]
-        return [*lines, *(line for child in below[k] for line in write(child)), "</body>"]
-
-    return "\n".join(
-        [
-            '<mujoco><compiler angle="radian" inertiafromgeom="false" balanceinertia="false"/>',
-            f'<option gravity="{_numbers(model.gravity)}"><flag contact="disable" constraint="disable"/></option>',
-            "<worldbody>",
-            *(line for k in below[BASE] for line in write(k)),
-            "</worldbody></mujoco>",
-        ]
-    )
+def _mjcf(model: Model) -> str:
+    """Return the MJCF of a tree: bodies by number with the frames of their joints, and no forces."""
+    bodies = [
+        dataclasses.replace(body, name=f"body{k}", joint_name=f"{k}", forces=())
+        for k, body in enumerate(model.bodies)
+    ]
+    bare = dataclasses.replace(model, bodies=tuple(bodies), base=Transform.identity())
+    frames = Frames(bare, joint_types, (), Manifold(model).neutral())
+    robot = ExportedRobot("tree", engine.real(model.gravity), links_of(bare, frames, {}))
+    root = mujoco_element(robot, {"contact": "disable", "constraint": "disable"})
+    add_bodies(SubElement(root, "worldbody"), robot)
+    return xml_text(root)

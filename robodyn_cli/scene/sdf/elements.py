@@ -9,13 +9,55 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.sdf.frames import MODEL, WORLD, Scope, SdfFrame, SdfFrames
 from robodyn_cli.scene.sdf.given import SdfReading, flag, is_true, text_of
 from robodyn_cli.scene.sdf.joints import SdfJoint, SdfJoints
-from robodyn_cli.scene.sdf.unread import left_out
 from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.unread import SHAPES, Children, left_out
+from robodyn_cli.scene.urdf.closures import OF_DRAKE
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfPose, UrdfShape
-from robodyn_cli.scene.urdf.unread import SHAPES
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 VERSIONS = tuple(f"1.{k}" for k in range(5, 13))
+_WHOLE = "the models themselves, in one file (gz sdf -p FILE prints them so)"
+_LINK_LEFT = (
+    "enable_wind", "self_collide", "must_be_base_link", "sensor", "projector", "audio_sink", "audio_source", "battery",
+    "light", "particle_emitter", "plugin",
+)  # fmt: skip
+_WORLD_LEFT = (
+    "audio", "wind", "gravity", "magnetic_field", "atmosphere", "gui", "physics", "scene", "light", "actor", "plugin",
+    "road", "spherical_coordinates",
+)  # fmt: skip
+_AXIS = Children(("xyz", "limit", "dynamics", "mimic", "use_parent_model_frame"), ("initial_position",))
+_ELEMENTS = {
+    "sdf": Children(("model", "world"), ("light", "actor"), (("include", _WHOLE),)),
+    "world": Children(
+        ("model", "joint", "frame"),
+        _WORLD_LEFT,
+        (("include", _WHOLE), ("population", "each model by itself"), ("state", "'initial' in the scene")),
+    ),
+    "model": Children(
+        ("model", "link", "joint", "frame", "pose", "static"),
+        ("self_collide", "allow_auto_disable", "enable_wind", "plugin", "gripper"),
+        (("include", _WHOLE), ("model_state", "'initial' in the scene")),
+    ),
+    "link": Children(("pose", "inertial", *SHAPES, "gravity", "kinematic", "velocity_decay"), _LINK_LEFT),
+    "inertial": Children(
+        ("pose", "mass", "inertia"),
+        ("density", "auto_inertia_params"),
+        (("fluid_added_mass", "the mass and the inertia of the body alone"),),
+    ),
+    "joint": Children(
+        (
+            "parent", "child", "pose", "axis", "axis2", "gearbox_ratio", "gearbox_reference_body", "thread_pitch",
+            "screw_thread_pitch", "physics",
+        ),
+        ("sensor", "plugin"),
+    ),
+    "axis": _AXIS,
+    "axis2": _AXIS,
+    "limit": Children(("lower", "upper", "effort", "velocity"), ("stiffness", "dissipation")),
+    "dynamics": Children(("damping", "friction", "spring_stiffness", "spring_reference")),
+    "mimic": Children(("multiplier", "offset", "reference")),
+    "frame": Children(("pose",)),
+}  # fmt: skip
 _INERTIA = {"xx": 1.0, "xy": 0.0, "xz": 0.0, "yy": 1.0, "yz": 0.0, "zz": 1.0}  # the format's defaults
 
 
@@ -35,7 +77,10 @@ class SdfLink:
 
 @record
 class SdfRobot:
-    """What a file holds; ``ignored`` : how many elements of each kind are left out."""
+    """What a file holds; ``ignored`` : how many elements of each kind are left out.
+
+    ties : constraints of Drake between points, each with the scope of the names in it.
+    """
 
     element: XmlElement
     name: str
@@ -43,6 +88,7 @@ class SdfRobot:
     links: tuple[SdfLink, ...]
     joints: tuple[SdfJoint, ...]
     named: tuple[SdfFrame, ...]
+    ties: tuple[tuple[XmlElement, Scope], ...]
     ignored: Counter[str]
 
 
@@ -60,7 +106,7 @@ def read_elements(root: XmlElement, faults: Faults) -> SdfRobot:
     if len(tops) != 1:
         place = tops[1] if tops else root
         raise place.error(f"the file has {len(tops)} <model> or <world>; allowed: one")
-    ignored = left_out(root, faults)
+    ignored = left_out(root, _ELEMENTS, faults)
     reader = _SdfReader(root, int(version[2:]), faults)
     if tops[0].tag == "world":
         reader.scope(tops[0], Scope("", WORLD))
@@ -74,6 +120,7 @@ def read_elements(root: XmlElement, faults: Faults) -> SdfRobot:
         tuple(reader.links),
         tuple(reader.joints.all.values()),
         tuple(reader.named),
+        tuple(reader.ties),
         ignored,
     )
 
@@ -85,6 +132,7 @@ class _SdfReader:
         self.joints = SdfJoints(self.given, self.frames)
         self.links: list[SdfLink] = []
         self.named: list[SdfFrame] = []
+        self.ties: list[tuple[XmlElement, Scope]] = []
 
     # -- scopes -----------------------------------------------------------------------------------------
     def scope(self, element: XmlElement, scope: Scope) -> None:
@@ -99,6 +147,8 @@ class _SdfReader:
                     self.joints.read(child, scope)
                 elif child.tag == "frame":
                     self.frame(child, scope)
+                elif child.tag in OF_DRAKE:
+                    self.ties.append((child, scope))
 
     def model(self, element: XmlElement, outer: Scope, top: bool = False) -> None:
         name = self.given.name(element)

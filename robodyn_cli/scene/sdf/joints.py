@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.sdf.frames import WORLD, Scope, SdfFrame, SdfFrames
 from robodyn_cli.scene.sdf.given import FRAMES_SINCE, SdfReading, flag, text_of
+from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, rotor_of
+from robodyn_cli.scene.urdf.elements import UNLIMITED
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 SINGLE = ("revolute", "continuous", "prismatic", "screw")
 CROSS = ("universal", "revolute2")
 JOINT_TYPES = (*SINGLE, *CROSS, "ball", "fixed", "gearbox")
 _AXES = {**dict.fromkeys(SINGLE, 1), **dict.fromkeys((*CROSS, "gearbox"), 2)}
-_UNLIMITED = 1e15
 
 
 @record
@@ -59,6 +61,7 @@ class SdfJoint:
     """A joint between the frames ``parent`` and ``child``.
 
     pitch : of a screw [m/rad]. ratio, reference : of a gearbox. cut : whether the file wants a loop to close here.
+    rotor : of its motor, for one coordinate.
     """
 
     element: XmlElement
@@ -72,6 +75,7 @@ class SdfJoint:
     ratio: float = 1.0
     reference: str = ""
     cut: bool = False
+    rotor: Rotor = Rotor()
 
 
 class SdfJoints:
@@ -106,17 +110,23 @@ class SdfJoints:
             element.value("gearbox_ratio", owner, 1.0),
             scope.whole(text_of(element, "gearbox_reference_body", owner)) if gearbox else "",
             _must_close(element, owner),
+            rotor_of(element, owner),
         )  # fmt: skip
+        if self.all[full].rotor.inertia and kind not in SINGLE:
+            raise element.error(f"{owner} is {kind} and has a rotor; allowed: {', '.join(SINGLE)}")
 
     def axes(self, element: XmlElement, kind: str, owner: str, scope: Scope) -> tuple[SdfAxis, ...]:
         """Return the axes that a joint of this kind has; what another says must not act on the motion."""
         axes = []
         for k, tag in enumerate(("axis", "axis2")):
             axis = element.one(tag, owner)
+            follows = element.one(f"{DRAKE}mimic", owner) if k == 0 else None
             if k < _AXES.get(kind, 0):
                 if axis is None:
                     raise element.error(f"{owner} is {kind} and needs <{tag}>")
                 axes.append(self.axis(axis, f"{owner}: {tag}", scope))
+                if follows is not None:
+                    axes[0] = dataclasses.replace(axes[0], mimic=_drake_mimic(follows, owner, scope))
             elif axis is not None and kind != "fixed" and not self.axis(axis, f"{owner}: {tag}", scope).bare:
                 raise axis.error(
                     f"{owner} is {kind}: its <{tag}> says something of a coordinate that it does not have; allowed: "
@@ -178,6 +188,12 @@ class SdfJoints:
         )
 
 
+def _drake_mimic(element: XmlElement, owner: str, scope: Scope) -> SdfMimic:
+    """Return what ``drake:mimic`` says: q = multiplier q_joint + offset."""
+    multiplier, offset = (element.number(k, owner, x) for k, x in (("multiplier", 1.0), ("offset", 0.0)))
+    return SdfMimic(element, scope.prefix + element.text("joint", owner), multiplier, offset, 0.0)
+
+
 def _must_close(element: XmlElement, owner: str) -> bool:
     """Tell whether ``must_be_loop_joint`` is set."""
     physics = element.one("physics", owner)
@@ -187,7 +203,11 @@ def _must_close(element: XmlElement, owner: str) -> bool:
 
 def _pitch(element: XmlElement, owner: str) -> float:
     """Return the advance [m/rad] of a right-handed screw; the old ``thread_pitch`` is in rad/m, left-handed."""
-    new, old = (element.one(tag, owner) for tag in ("screw_thread_pitch", "thread_pitch"))
+    new, drake, old = (
+        element.one(tag, owner)
+        for tag in ("screw_thread_pitch", f"{DRAKE}screw_thread_pitch", "thread_pitch")
+    )
+    new = new or drake
     given = new or old
     if given is None:
         raise element.error(f"{owner} is a screw and needs <screw_thread_pitch> [m per turn]")
@@ -208,6 +228,6 @@ def _limits(axis: XmlElement, owner: str) -> dict[str, float]:
         if child is None or word.lstrip("+-") in ("inf", "infinity"):
             continue
         value = child.values(owner, 1)[0]
-        if abs(value) < _UNLIMITED and (tag in ("lower", "upper") or value >= 0.0):
+        if abs(value) < UNLIMITED and (tag in ("lower", "upper") or value >= 0.0):
             limits[tag] = value
     return limits

@@ -14,7 +14,7 @@ from robodyn_cli.scene.sdf.joints import SdfJoint
 from robodyn_cli.scene.sdf.structure import SdfStructure, structure_of
 from robodyn_cli.scene.sdf.tree import robot_tree
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.urdf.unread import refuse_acting
+from robodyn_cli.scene.unread import refuse_acting
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 _TURNS = ("revolute", "continuous", "ball", "universal", "revolute2", "screw")

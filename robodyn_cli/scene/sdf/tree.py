@@ -13,15 +13,15 @@ from typing import Any
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.scene.dialects import Packages, RobotTree
 from robodyn_cli.scene.sdf.elements import SdfLink, SdfRobot
-from robodyn_cli.scene.sdf.frames import WORLD, between, cleaned, pose_between
+from robodyn_cli.scene.sdf.frames import WORLD, Scope, between, cleaned, matrix, pose_between
 from robodyn_cli.scene.sdf.joints import CROSS, SINGLE, SdfAxis, SdfJoint
 from robodyn_cli.scene.sdf.structure import Move, SdfStructure
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
-from robodyn_cli.scene.urdf.closures import Closure, Coupling, LoopEnd, Ties, loop_of
+from robodyn_cli.scene.urdf.closures import OF_DRAKE, Closure, Coupling, LoopEnd, Ties, loop_of
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape, drawn_shapes
-from robodyn_cli.scene.urdf.tree import ROOT_JOINT, LinkEntries, origin_of
-from robodyn_cli.scene.urdf.xml import GROUND, joint_names, link_names, scene_names
+from robodyn_cli.scene.urdf.tree import ROOT_JOINT, LinkEntries, origin_of, rotor_entries
+from robodyn_cli.scene.urdf.xml import GROUND, XmlElement, joint_names, link_names, scene_names
 
 TYPES = {"continuous": "revolute", "ball": "spherical", "screw": "helical", "revolute2": "universal"}
 _STAYS = ("fixed", "prismatic")  # the origin of the link's frame is its own
@@ -178,7 +178,7 @@ class _SdfTree:
                 )
         parts = [_acting(axis, remarks) for axis in axes]
         if joint.type in SINGLE:
-            entries |= parts[0]
+            entries |= parts[0] | rotor_entries(joint.rotor)
         for key in ("limits", "friction", "spring") if joint.type in CROSS else ():
             by_coordinate = {f"theta{k}": part[key] for k, part in enumerate(parts, 1) if key in part}
             entries |= {key: by_coordinate} if by_coordinate else {}
@@ -211,6 +211,21 @@ class _SdfTree:
             at = between(self.seats[move.link], self.seats[move.end])[:3, 3]
             ends = LoopEnd(move.end), LoopEnd(move.link, UrdfPose(tuple(float(x) for x in at)))
             yield Closure(move.joint.element.place, f"{move.joint.name}_weld", "fixed", ends)
+        for element, scope in self.robot.ties:
+            with self.faults:
+                yield self.tie(OF_DRAKE[element.tag](element), element, scope)
+
+    def tie(self, closure: Closure, element: XmlElement, scope: Scope) -> Closure:
+        """Return a constraint of Drake with its points in the frames that the links have here."""
+        frames, ends = self.robot.frames, []
+        for end in closure.ends:
+            name = scope.whole(end.link)
+            if name not in frames.frames:
+                raise element.error(f"<{element.tag}>: {unknown_name('link or frame', name, frames.frames)}")
+            body = frames.body(frames.frames[name])
+            at = between(self.seats[body], frames.pose(frames.frames[name]) @ matrix(end.pose))[:3, 3]
+            ends.append(LoopEnd(body, UrdfPose(tuple(float(x) for x in at))))
+        return Closure(closure.place, closure.name, closure.type, (ends[0], ends[1]), closure.length)
 
     def closure(self, move: Move) -> Closure:
         joint = move.joint

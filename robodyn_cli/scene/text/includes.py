@@ -274,7 +274,7 @@ class Includer:
         text = read_text(self.opened(node), node, nodes.dotted(path), name)
         self.sources.append(name)
         source = nodes.Source(name, os.path.dirname(name) or ".", real, node.source)
-        if _is_xml(text):
+        if is_xml(text):
             if not kind.robot:
                 raise nodes.located(
                     node, nodes.dotted(path), f"{name!r} is XML; allowed: the path of a YAML file"
@@ -361,7 +361,7 @@ class Includer:
         return nodes.mapping(section, entries)
 
 
-def _is_xml(text: str) -> bool:
+def is_xml(text: str) -> bool:
     """Tell XML from YAML, in which a merge key may come first."""
     start = text.lstrip()
     return start.startswith("<") and not start.startswith("<<")

@@ -12,12 +12,13 @@ that no file decides in which frame its ``<axis>`` is meant: here it is the loop
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import did_you_mean, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults, Node, located
+from robodyn_cli.scene.urdf.drake import DRAKE, constraint
 from robodyn_cli.scene.urdf.elements import X_AXIS, UrdfJoint, UrdfPose, UrdfRobot, pose_of
 from robodyn_cli.scene.urdf.structure import SINGLE
 from robodyn_cli.scene.urdf.xml import XmlElement
@@ -40,12 +41,13 @@ class LoopEnd:
 
 @record
 class Closure:
-    """Two frames that a closure of some ``type`` joins; ``place`` : where it is written."""
+    """Two frames that a closure of some ``type`` joins; ``place`` : where it is written; ``length`` : of a bar."""
 
     place: Node
     name: str
     type: str
     ends: tuple[LoopEnd, LoopEnd]
+    length: float = 0.0
 
 
 @record
@@ -164,7 +166,16 @@ def _loop_joint(element: XmlElement) -> Closure:
     return Closure(element.place, name, kind, (ends[0], ends[1]))
 
 
-_READERS = {"loop": _loop, "constraint": _constraint, "loop_joint": _loop_joint}
+def _drake(element: XmlElement) -> Closure:
+    """Read ``drake:ball_constraint`` and ``drake:distance_constraint``, which have no names."""
+    kind, ends, length = constraint(element)
+    first, second = (LoopEnd(link, UrdfPose(point)) for link, point in ends)
+    name = f"{element.tag.removeprefix(DRAKE)}_{first.link}_{second.link}"
+    return Closure(element.place, name, kind, (first, second), length)
+
+
+OF_DRAKE = {f"{DRAKE}{kind}_constraint": _drake for kind in ("ball", "distance")}
+_READERS = {"loop": _loop, "constraint": _constraint, "loop_joint": _loop_joint, **OF_DRAKE}
 
 
 def couplings_of(robot: UrdfRobot, faults: Faults) -> tuple[Coupling, ...]:
@@ -190,25 +201,36 @@ def _coupling(element: XmlElement, above: Mapping[str, UrdfJoint], links: list[s
         chains.append(list(_joints_to(link, above)))
     ratio = element.one("ratio", owner)
     factor = 1.0 if ratio is None else ratio.number("value", owner)
-    terms: dict[str, float] = {}
-    for chain, other, sign in ((chains[0], chains[1], factor), (chains[1], chains[0], -1.0)):
-        shared = {joint.name for joint in other}
-        for joint in chain:
-            if joint.name in shared or joint.type == "fixed":
-                continue
-            if joint.type not in SINGLE:
-                raise element.error(
-                    f"{owner} sums the coordinates of joint {joint.name!r}, which is {joint.type}; allowed: joints "
-                    "with one coordinate"
-                )
-            if sign != 0.0:
-                terms[joint.name] = sign
+    pairs = [[(joint.name, joint.type) for joint in chain] for chain in chains]
+    terms = chain_terms(pairs[0], pairs[1], factor)
+    for joint in (*chains[0], *chains[1]):
+        if joint.name in terms and joint.type not in SINGLE:
+            raise element.error(
+                f"{owner} sums the coordinates of joint {joint.name!r}, which is {joint.type}; allowed: joints "
+                "with one coordinate"
+            )
+    terms = {name: x for name, x in terms.items() if x != 0.0}
     if len(terms) < 2:
         raise element.error(
             f"{owner} relates {len(terms)} joint(s) that move; allowed: two or more on the way between its links, and "
             "a ratio that is not zero"
         )
     return Coupling(element.place, name, terms)
+
+
+def chain_terms(
+    first: Sequence[tuple[str, str]], second: Sequence[tuple[str, str]], factor: float
+) -> dict[str, float]:
+    """Return the coefficients of: factor times the sum over a chain of joints, minus the sum over another.
+
+    first, second : names and types of the joints from a link to the root. Those on both ways, and fixed ones, do not
+    count.
+    """
+    terms: dict[str, float] = {}
+    for chain, other, sign in ((first, second, factor), (second, first, -1.0)):
+        shared = {name for name, _ in other}
+        terms |= {name: sign for name, kind in chain if name not in shared and kind != "fixed"}
+    return terms
 
 
 def _joints_to(link: str, above: Mapping[str, UrdfJoint]) -> Iterator[UrdfJoint]:
@@ -234,6 +256,8 @@ def loop_of(closure: Closure, name: str, links: Mapping[str, str]) -> tuple[dict
     entry: dict[str, Any] = {"name": name, "type": closure.type, "between": between}
     turned = [end.pose.rotation for end in closure.ends]
     axes = [[float(x) for x in R @ list(end.axis)] for R, end in zip(turned, closure.ends)]
+    if closure.type == "distance":
+        entry["length"] = closure.length
     if closure.type in WITH_AXES:
         entry["axis"] = axes[0]
     if closure.type == "universal" or (closure.type in ("revolute", "planar") and axes[0] != axes[1]):

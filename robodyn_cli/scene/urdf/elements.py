@@ -5,6 +5,7 @@ The shapes of a URDF, and where its meshes lie. They are for pictures: no equati
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections import Counter
@@ -14,12 +15,21 @@ from typing import Any
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.urdf.unread import SHAPES, left_out, refuse_acting
+from robodyn_cli.scene.unread import SHAPES, Children, left_out, refuse_acting
+from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind, rotors_of
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 ZERO = (0.0, 0.0, 0.0)
 X_AXIS = (1.0, 0.0, 0.0)  # the format's default
+UNLIMITED = 1e15  # a limit of this size or more is none
+# others are for pictures, contact, or programs of their own; ``loop`` and the like see ``closures.py``
+_ELEMENTS = {
+    "robot": Children(("link", "joint", "loop", "loop_joint", "constraint", "coupling"), open=True),
+    "link": Children(("inertial", *SHAPES), open=True),
+    "joint": Children(("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"), open=True),
+}
+ACCELERATION = f"{DRAKE}acceleration"
 _INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
@@ -109,7 +119,10 @@ class Mimic:
 
 @record
 class UrdfJoint:
-    """A joint; ``limits`` : lower, upper, effort and velocity, as far as they are written."""
+    """A joint; ``limits`` : lower, upper, effort, velocity and acceleration, as far as they are written.
+
+    dampings : by coordinate of joints with several. rotor : of its motor.
+    """
 
     element: XmlElement
     name: str
@@ -123,6 +136,8 @@ class UrdfJoint:
     friction: float
     mimic: Mimic | None
     axis2: tuple[float, ...] | None = None
+    dampings: dict[str, float] = dataclasses.field(default_factory=dict)
+    rotor: Rotor = Rotor()
 
 
 @record
@@ -151,10 +166,31 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
         with faults:
             if child.tag == "link":
                 links.append(_link(child))
-            elif child.tag == "joint":
+            elif child.tag in ("joint", f"{DRAKE}joint"):
                 joints.append(_joint(child))
+    own = _with_rotors(joints, rotors_of(root, faults), faults)
     return UrdfRobot(
-        root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), left_out(root)
+        root, root.attributes.get("name", "").strip(), tuple(links), own, left_out(root, _ELEMENTS, faults)
+    )
+
+
+def _with_rotors(
+    joints: list[UrdfJoint], rotors: Mapping[str, tuple[XmlElement, Rotor]], faults: Faults
+) -> tuple[UrdfJoint, ...]:
+    """Return the joints with the rotors of their motors; an effort of 0 says that there is none."""
+    kinds = {joint.name: joint.type for joint in joints}
+    for name, (element, _) in rotors.items():
+        with faults:
+            if kinds.get(name, "") not in ("revolute", "continuous", "prismatic"):
+                moving = [
+                    joint for joint, kind in kinds.items() if kind in ("revolute", "continuous", "prismatic")
+                ]
+                raise element.error(f"a rotor: {unknown_name('joint with one coordinate', name, moving)}")
+    return tuple(
+        dataclasses.replace(joint, rotor=rotors[joint.name][1])
+        if joint.name in rotors and joint.limits.get("effort", 1.0) > 0.0
+        else joint
+        for joint in joints
     )
 
 
@@ -244,7 +280,11 @@ def _joint(element: XmlElement) -> UrdfJoint:
     name = element.text("name", "a joint")
     owner = f"joint {name!r}"
     kind = element.text("type", owner)
-    if kind not in JOINT_TYPES:
+    axes: tuple[tuple[float, ...], ...] = ()
+    dampings: dict[str, float] = {}
+    if element.tag != "joint":
+        kind, axes, dampings = joint_kind(element, owner, kind)
+    elif kind not in JOINT_TYPES:
         raise element.error(f"{owner}: {unknown_name('type', kind, JOINT_TYPES)}")
     ends = []
     for tag in ("parent", "child"):
@@ -252,7 +292,7 @@ def _joint(element: XmlElement) -> UrdfJoint:
         if end is None:
             raise element.error(f"{owner} needs <{tag} link=...>")
         ends.append(end.text("link", owner))
-    damping, friction = _dynamics(element, owner)
+    damping, friction = (0.0, 0.0) if axes else _dynamics(element, owner)
     return UrdfJoint(
         element,
         name,
@@ -260,11 +300,13 @@ def _joint(element: XmlElement) -> UrdfJoint:
         ends[0],
         ends[1],
         pose_of(element, owner),
-        _axis(element, owner, kind),
+        axes[0] if axes else _axis(element, owner, kind),
         _limits(element, owner),
         damping,
         friction,
         _mimic(element, owner),
+        axes[1] if len(axes) > 1 else None,
+        dampings,
     )
 
 
@@ -282,7 +324,7 @@ def _axis(element: XmlElement, owner: str, kind: str) -> tuple[float, ...]:
 
 def _limits(element: XmlElement, owner: str) -> dict[str, float]:
     limit = element.one("limit", owner)
-    names = ("lower", "upper", "effort", "velocity")
+    names = ("lower", "upper", "effort", "velocity", ACCELERATION)
     return {} if limit is None else {k: limit.number(k, owner) for k in names if k in limit.attributes}
 
 

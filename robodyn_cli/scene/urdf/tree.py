@@ -10,7 +10,10 @@ from typing import Any
 from robodyn_cli.scene.dialects import RobotTree
 from robodyn_cli.scene.text.nodes import Mapping, Node, plain, sequence
 from robodyn_cli.scene.urdf.closures import Coupling, Ties, loop_of
+from robodyn_cli.scene.urdf.drake import Rotor
 from robodyn_cli.scene.urdf.elements import (
+    ACCELERATION,
+    UNLIMITED,
     ZERO,
     Inertial,
     UrdfJoint,
@@ -120,7 +123,8 @@ class _Tree:
     def drive(self, joint: UrdfJoint, remarks: list[str]) -> dict[str, Any]:
         """Return limits and friction of a joint with one coordinate."""
         if joint.type not in SINGLE:
-            return {}
+            parts = {name: {"viscous": x} for name, x in joint.dampings.items()}
+            return {"friction": plain(joint.element.place, parts.get("", parts))} if parts else {}
         entries: dict[str, Any] = {}
         limits = dict(joint.limits)
         if joint.type == "continuous":
@@ -133,10 +137,17 @@ class _Tree:
                 del limits["lower"], limits["upper"]
         else:
             remarks.append("the URDF states no limits")
-        for k in ("effort", "velocity"):
+        for k in ("effort", "velocity", ACCELERATION):
             if limits.get(k, 1.0) <= 0.0:
                 remarks.append(f"{k} {limits.pop(k):g}: taken as not stated")
-        order = {"lower": "lower", "upper": "upper", "speed": "velocity", "effort": "effort"}
+        limits = {k: x for k, x in limits.items() if abs(x) < UNLIMITED}
+        order = {
+            "lower": "lower",
+            "upper": "upper",
+            "speed": "velocity",
+            "acceleration": ACCELERATION,
+            "effort": "effort",
+        }
         stated = {name: limits[k] for name, k in order.items() if k in limits}
         if stated:
             entries["limits"] = plain(joint.element.place, stated)
@@ -145,7 +156,7 @@ class _Tree:
             friction |= {"coulomb": joint.friction, "law": "set_valued"}
         if friction:
             entries["friction"] = plain(joint.element.place, friction)
-        return entries
+        return entries | rotor_entries(joint.rotor)
 
     def coupler(self, joint: UrdfJoint, relation: Relation) -> Mapping:
         """Return q - multiplier q_joint = offset."""
@@ -165,6 +176,11 @@ class _Tree:
         value = -sum(x * held[joint] for joint, x in coupling.terms.items() if joint in held)
         entries: dict[str, Any] = {"name": name, "terms": terms}
         return plain(coupling.place, entries | ({"value": value} if value else {}))
+
+
+def rotor_entries(rotor: Rotor) -> dict[str, Any]:
+    """Return the keys of a joint with the rotor of its motor."""
+    return {"gear_ratio": rotor.gear_ratio, "rotor_inertia": rotor.inertia} if rotor.inertia else {}
 
 
 class LinkEntries:

@@ -1,0 +1,1 @@
+"""Robots of scenes in the formats of other programs: one file for each format."""

@@ -1,0 +1,401 @@
+"""A scene's robot for another format: what the format has not is refused, what no equation needs is listed."""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError, listed
+from robodyn_cli.forces.friction import Friction, Gear
+from robodyn_cli.forces.springs import Spring
+from robodyn_cli.model.build import build_model
+from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.model.model import Model, unknown_among
+from robodyn_cli.over.export.robot import (
+    GROUND,
+    ExportedCoupler,
+    ExportedRobot,
+    Frames,
+    base_pose,
+    floats,
+    fresh,
+    kept_origins,
+    links_of,
+    loops_of,
+)
+from robodyn_cli.record import record
+from robodyn_cli.registry import Registry
+from robodyn_cli.scene.types import Inertia, Link, Robot, Scene
+from robodyn_cli.spatial.algebra import Array
+
+CLOSED = 1e-12  # residual [m, rad] of loops that count as closed in a pose
+
+
+@record
+class Format:
+    """What a format can hold.
+
+    name : as files of it are called. joints, loops : kinds. turned : kinds of joint whose links need the joint's axes.
+    along : kinds with several coordinates whose forces and limits it has, coordinate by coordinate. springs : whether
+    joints may have some. in_space : whether dampers of balls. assembled : whether poses of links must close the loops.
+    reserved : names that no link may have.
+    write : f(robot, what there is to say, to which it adds) -> texts by name of file.
+    problems : what else it cannot hold, one text each.
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    loops: tuple[str, ...]
+    write: Callable[[ExportedRobot, list[str]], dict[str, str]]
+    problems: Callable[[ExportedRobot], Iterator[str]]
+    turned: tuple[str, ...] = ()
+    along: tuple[str, ...] = ()
+    springs: bool = False
+    in_space: bool = False
+    assembled: bool = False
+    reserved: tuple[str, ...] = ()
+
+
+formats: Registry[Format] = Registry(
+    "robodyn_cli.over.export",
+    {
+        "urdf+": "urdf:URDF_PLUS",
+        "extended-urdf": "urdf:EXTENDED_URDF",
+        "mjcf": "mjcf:MJCF",
+        "sdf": "sdf:SDF",
+    },
+)
+
+
+def export_robot(scene: Scene, kind: str, directory: Path) -> tuple[list[Path], list[str]]:
+    """Write a scene's robot in a format of ``formats`` into a directory; return the files, and what there is to say.
+
+    Raises
+    ------
+    CapabilityError : with everything that the format has not. OutputError : it cannot be written.
+    """
+    from robodyn_cli.results.atomic import output_errors, write_bytes
+
+    form = formats[kind]
+    robot, notes = exported(scene, form)
+    texts = form.write(robot, notes)
+    with output_errors(directory):
+        directory.mkdir(parents=True, exist_ok=True)
+    for name, text in texts.items():
+        write_bytes(directory / name, text.encode())
+    return [directory / name for name in texts], notes
+
+
+def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
+    """Return a scene's robot with all numbers, and what there is to say of it.
+
+    Raises
+    ------
+    CapabilityError : with everything that the format has not.
+    """
+    whole, notes = completed(scene)
+    model = build_model(whole, merge=False)
+    refused = _refused(whole, model, form)
+    if refused:
+        raise _refusal(scene, form, refused)
+    reference = _reference(scene, model, form, notes)
+    dh = [joint.name for joint in scene.robot.joints if joint.has_dh]
+    frames = Frames(model, form.turned, dh, reference)
+    links = {link.joint: link for link in links_of(model, frames, _limits(scene, model, form, notes))}
+    ordered = tuple(links[joint.name] for joint in scene.robot.joints)
+    if np.array_equal(reference, Manifold(model).neutral()):
+        ordered = kept_origins(scene, ordered, form.turned)
+    else:
+        ordered = tuple(_from(reference, model, link) for link in ordered)
+    robot = ExportedRobot(
+        os.path.splitext(os.path.basename(scene.path))[0] or "robot",
+        np.array(floats(np.array(model.base.E, dtype=float).T @ np.array(model.gravity, dtype=float))),
+        ordered,
+        loops_of(model, frames),
+        tuple(_coupler(scene, coupler, model, reference) for coupler in scene.couplers),
+        scene.actuated,
+    )
+    robot = _renamed(robot, form, notes)
+    problems = [*form.problems(robot)]
+    if problems:
+        raise _refusal(scene, form, problems)
+    notes += _left_out(scene, dh)
+    return robot, notes
+
+
+def _refusal(scene: Scene, form: Format, problems: Iterable[str]) -> CapabilityError:
+    return CapabilityError(f"{scene.path}: {form.name} cannot hold it: " + "; ".join(problems))
+
+
+# -- what is refused ---------------------------------------------------------------------------------------
+def _refused(scene: Scene, model: Model, form: Format) -> list[str]:
+    """Return what acts on the motion and the format has not, each reason once with all that it is about."""
+    reasons: dict[str, list[str]] = {}
+    for name, reason in _refusals(scene, model, form):
+        reasons.setdefault(reason, []).append(name)
+    return [f"{', '.join(names)}: {reason}" for reason, names in reasons.items()]
+
+
+def _refusals(scene: Scene, model: Model, form: Format) -> Iterator[tuple[str, str]]:
+    """Yield elements, and why the format cannot hold each."""
+    for joint in scene.robot.joints:
+        if joint.type not in form.joints:
+            yield f"joint {joint.name!r}", f"{joint.type} (allowed: {', '.join(form.joints)})"
+    for loop in model.loops:
+        kind = loop.element.type
+        if kind not in form.loops:
+            holders = [name for name in formats if kind in formats[name].loops]
+            there = f"; in {' or '.join(holders)} it can be" if holders else ""
+            yield f"loop {loop.name!r}", f"{kind} (allowed: {', '.join(form.loops)}){there}"
+    moving = [name for name, point in scene.robot.points.items() if point.motion is not None]
+    for loop in scene.loops:
+        if any(end.rpartition(".")[2] in moving for end in loop.between):
+            yield f"loop {loop.name!r}", "ends at a point of the ground that moves"
+    for coupler in scene.couplers:
+        if coupler.value is not None and "t" in coupler.value.names:
+            yield f"coupler {coupler.name!r}", "its value changes in time"
+    for force in model.forces:
+        yield f"force {force.name!r}", "forces between bodies are not in the format"
+    for payload in scene.payloads:
+        yield f"payload {payload.name!r}", "masses that are picked up or carried are not in the format"
+    for body in model.bodies:
+        for one in body.forces:
+            if problem := _force_problem(one, body.joint.type, body.joint.nv, form):
+                yield f"{one.kind} of {one.name!r}", problem
+
+
+def _force_problem(force: Any, kind: str, nv: int, form: Format) -> str:
+    """Return why a format cannot hold a force in a joint, empty where it can."""
+    element = force.element
+    if isinstance(element, Gear):
+        return "losses of gears are not in the format"
+    if force.kind == "limits":
+        return "how stops give way is not in the format (limits without 'stop' are)"
+    if isinstance(element, Spring) and (force.in_space or not form.springs):
+        return "springs are not in the format" + (" for motions in space" if force.in_space else "")
+    if isinstance(element, Friction) and element.dry:
+        plus, minus = element.levels()
+        if (
+            plus != -minus
+            or element.static is not None
+            or element.stribeck_speed is not None
+            or force.in_space
+        ):
+            return "the format has one level of Coulomb friction, for both directions, of one coordinate"
+    if force.in_space and not (form.in_space and kind == "spherical"):
+        return f"the format has none in a joint of type {kind}"
+    if nv > 1 and not force.in_space and kind not in form.along:
+        return f"the format has none in a joint of type {kind}"
+    return ""
+
+
+# -- what is made up, and listed ---------------------------------------------------------------------------
+def completed(scene: Scene) -> tuple[Scene, list[str]]:
+    """Return a scene with numbers in place of data that it does not give, and what it gets.
+
+    Raises
+    ------
+    CapabilityError : the equations of motion need some of them.
+    """
+    problem = Problem(scene)
+    terms = problem.rigid_terms()
+    missing = unknown_among([x for term in terms.values() for x in np.ravel(term)])
+    if missing:
+        raise CapabilityError(
+            f"{scene.path}: the motion depends on data that the scene does not give: {listed(sorted(set(missing)))}"
+        )
+    robot = filled(scene)
+    made_up = [new.name for old, new in zip(scene.robot.links, robot.links) if _differs(old, new)]
+    notes = [
+        f"data that the scene does not give, and no motion depends on, are made up in links {listed(made_up)}"
+    ]
+    return dataclasses.replace(scene, robot=robot), notes if made_up else []
+
+
+def filled(scene: Scene) -> Robot:
+    """Return the robot with numbers in place of data that are not given."""
+    return dataclasses.replace(scene.robot, links=tuple(_completed(link) for link in scene.robot.links))
+
+
+def _differs(old: Link, new: Link) -> bool:
+    """Tell whether a link got numbers that do not follow from what is given."""
+    if (new.mass or any(getattr(new.inertia, k) for k in ("xx", "yy", "zz"))) and old != new:
+        given = (old.inertia.xx, old.inertia.yy, old.inertia.zz)
+        return old.com is None or old.mass is None or None in given
+    return False
+
+
+def _completed(link: Link) -> Link:
+    """Return a link with all numbers; no result depends on those that are made up."""
+    given = link.inertia
+    moments = [x for x in (given.xx, given.yy, given.zz) if x is not None]
+    mass = 0.0 if link.mass is None else link.mass
+    usual = max(moments) if moments else 1e-3 * mass
+    filled = {
+        name: (usual if name in ("xx", "yy", "zz") else 0.0)
+        if getattr(given, name) is None
+        else getattr(given, name)
+        for name in ("xx", "yy", "zz", "xy", "xz", "yz")
+    }
+    if mass == 0.0 and not moments:
+        filled = {name: x or 0.0 for name, x in filled.items()}
+    return dataclasses.replace(link, mass=mass, com=link.com or (0.0, 0.0, 0.0), inertia=Inertia(**filled))
+
+
+def _limits(scene: Scene, model: Model, form: Format, notes: list[str]) -> dict[str, dict[str, float]]:
+    """Return the limits that formats have, by coordinate; the others are listed."""
+    limits: dict[str, dict[str, float]] = {}
+    left = []
+    for joint in scene.robot.joints:
+        for name in (joint.name, *model.v_columns(joint.name)):
+            own = scene.robot.limits_of(name) if name not in limits else None
+            if own is None:
+                continue
+            given = {
+                k: getattr(own, k) for k in ("lower", "upper", "speed", "acceleration", "jerk", "effort")
+            }
+            given = {k: x for k, x in given.items() if x is not None}
+            kept = name == joint.name or joint.type in form.along
+            limits[name] = {
+                k: float(x) for k, x in given.items()
+                if kept and k not in ("acceleration", "jerk") and not isinstance(x, (tuple, list))
+            }  # fmt: skip
+            left += [f"{k} of {name}" for k in given if k not in limits[name]]
+    if left:
+        notes.append(f"left out, for the format has no such limits: {listed(left)}")
+    return limits
+
+
+def _left_out(scene: Scene, dh: list[str]) -> Iterator[str]:
+    """Yield what is no part of a robot's equations, and so left out, and what becomes of frames."""
+    robot = scene.robot
+    shapes = sum(len(link.visual) for link in robot.links)
+    parts = [
+        *([f"{shapes} shapes of links"] if shapes else []),
+        *([f"{len(robot.points)} points"] if robot.points else []),
+        *([f"{len(robot.frames)} frames"] if robot.frames else []),
+    ]
+    sections = ("initial", "torques", "control", "prescribed", "trajectory")
+    empty = {"initial": type(scene.initial)()}
+    parts += [key for key in sections if getattr(scene, key) and getattr(scene, key) != empty.get(key)]
+    if parts:
+        yield f"left out, for it is no part of the equations of the robot: {', '.join(parts)}"
+    if dh:
+        yield f"links of joints with D-H parameters have the frames of their joints: {listed(dh)}"
+    smooth = [
+        joint.name
+        for joint in robot.joints
+        for _, force in joint.forces
+        if isinstance(force, Friction) and force.dry and force.law == "smooth"
+    ]
+    if smooth:
+        yield f"Coulomb friction is written as its level, without 'transition_speed': {listed(smooth)}"
+
+
+def _renamed(robot: ExportedRobot, form: Format, notes: list[str]) -> ExportedRobot:
+    """Return a robot no link of which has a name that the format keeps for itself."""
+    names = [link.name for link in robot.links]
+    new = {name: fresh(name, (*names, *form.reserved)) for name in names if name in form.reserved}
+    if not new:
+        return robot
+    notes.append("links with new names: " + ", ".join(f"{name} is {x}" for name, x in new.items()))
+    links = (
+        dataclasses.replace(
+            link, name=new.get(link.name, link.name), parent=new.get(link.parent, link.parent)
+        )
+        for link in robot.links
+    )
+    loops = []
+    for loop in robot.loops:
+        first, second = (dataclasses.replace(end, link=new.get(end.link, end.link)) for end in loop.ends)
+        loops.append(dataclasses.replace(loop, ends=(first, second)))
+    return dataclasses.replace(robot, links=tuple(links), loops=tuple(loops))
+
+
+# -- positions ---------------------------------------------------------------------------------------------
+def _reference(scene: Scene, model: Model, form: Format, notes: list[str]) -> Array:
+    """Return the positions (nq,) of the poses that are written: all neutral, or those of the closed start.
+
+    Raises
+    ------
+    GeometryError : the loops do not close.
+    """
+    neutral = Manifold(model).neutral()
+    if not (form.assembled and model.loops):
+        return neutral
+    from robodyn_cli.ready.prepare import prepare
+    from robodyn_cli.solve.closure import Numbers
+
+    if np.abs(Numbers(Problem(scene), ()).eta(neutral)).max() <= CLOSED:
+        return neutral
+    setup = prepare(scene)
+    q = setup.assembled.q
+    values = ", ".join(f"{name} {x:.6g}" for name, x in zip(setup.problem.model.q_names, q))
+    notes.append(
+        f"poses of {form.name} are those of closed loops, so joints count from the start of the scene: {values}"
+    )
+    return q
+
+
+def _from(reference: Array, model: Model, link: Any) -> Any:
+    """Return a link whose limits and springs count from the reference."""
+    body = model.body_of(link.joint)
+    if body.joint.quasi:
+        return link
+    moved = []
+    for one, q in zip(link.coordinates, reference[body.q : body.q + body.joint.nq]):
+        limits = {k: x - float(q) if k in ("lower", "upper") else x for k, x in one.limits.items()}
+        moved.append(dataclasses.replace(one, limits=limits, rest=one.rest - float(q)))
+    return dataclasses.replace(link, coordinates=tuple(moved))
+
+
+def _coupler(scene: Scene, coupler: Any, model: Model, reference: Array) -> ExportedCoupler:
+    parameters = {f"p.{name}": x for name, x in scene.parameters.items()}
+    value = 0.0 if coupler.value is None else float(coupler.value.evaluate(parameters))
+    terms = {name: float(x) for name, x in coupler.terms.items()}
+    value -= sum(x * float(reference[model.body_of(name).q]) for name, x in terms.items())
+    return ExportedCoupler(coupler.name, terms, value + 0.0)
+
+
+# -- what formats share ------------------------------------------------------------------------------------
+def followers(
+    couplers: Iterable[ExportedCoupler],
+) -> tuple[dict[str, tuple[str, float, float, str]], list[ExportedCoupler]]:
+    """Return couplers of two joints as q = multiplier q_leader + offset, and the other couplers.
+
+    The first are by joint: leader, multiplier, offset and the name of the coupler; each joint follows at most one.
+    """
+    mimics: dict[str, tuple[str, float, float, str]] = {}
+    others = []
+    for coupler in couplers:
+        terms = list(coupler.terms.items())
+        ways = [terms, terms[::-1]] if len(terms) == 2 else []
+        for (name, a), (leader, b) in ways:
+            if name not in mimics and not _follows(mimics, leader, name):
+                mimics[name] = (leader, -b / a + 0.0, coupler.value / a, coupler.name)
+                break
+        else:
+            others.append(coupler)
+    return mimics, others
+
+
+def _follows(mimics: Mapping[str, tuple[str, float, float, str]], joint: str, other: str) -> bool:
+    """Tell whether a joint follows another, directly or by way of others."""
+    while joint in mimics:
+        joint = mimics[joint][0]
+        if joint == other:
+            return True
+    return joint == other
+
+
+def held_root(robot: ExportedRobot) -> bool:
+    """Tell whether one link alone is on the ground, and fixed there where the world is."""
+    roots = [link for link in robot.links if link.parent == GROUND]
+    tied = any(end.link == GROUND for loop in robot.loops for end in loop.ends)
+    return len(roots) == 1 and roots[0].type == "fixed" and base_pose(roots[0].pose) and not tied

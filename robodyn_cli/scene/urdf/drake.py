@@ -1,0 +1,157 @@
+"""Drake's elements of URDF and SDF: joints of other kinds, closures, rotors. Their values are attributes in URDF.
+
+A ``ball`` is spherical; ``universal`` turns about x of the joint's frame, then about y; ``planar`` slides along x and y
+and turns about z. Rotors add gear_ratio^2 rotor_inertia; ``effort`` 0 says that a joint has no motor, so no rotor.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from robodyn_cli.errors import unknown_name
+from robodyn_cli.record import record
+from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.urdf.xml import XmlElement
+
+DRAKE = "drake:"
+_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+# by Drake's kind of joint: ours, its axes, and the coordinates that have damping
+JOINTS: dict[str, tuple[str, tuple[tuple[float, ...], ...], tuple[str, ...]]] = {
+    "ball": ("spherical", (_X,), ("",)),
+    "planar": ("planar", (_Z, _X), ("x", "y", "theta")),
+    "universal": ("universal", (_X, _Y), ("theta1", "theta2")),
+}
+# what is read of Drake, by where it stands
+READ = {
+    "robot": ("joint", "ball_constraint", "distance_constraint"),
+    "model": ("ball_constraint", "distance_constraint"),
+    "actuator": ("rotor_inertia", "gear_ratio"),
+    "joint": ("rotor_inertia", "gear_ratio", "mimic", "screw_thread_pitch"),
+    "ball_constraint": ("body_A", "body_B", "p_AP", "p_BQ"),
+    "distance_constraint": ("body_A", "body_B", "p_AP", "p_BQ", "distance"),
+}
+# of Drake's elements those for contact and for pictures
+DRAWN = (
+    "accepting_renderer", "capsule", "collision_filter_group", "declare_convex", "diffuse_map", "ellipsoid",
+    "illustration_properties", "perception_properties", "proximity_properties",
+)  # fmt: skip
+_INSTEAD = {
+    "weld_constraint": "'loops'",
+    "distance_constraint_stiffness": "a force of type 'spring'",
+    "distance_constraint_damping": "a force of type 'spring'",
+    "tendon_constraint": "'couplers'",
+    "linear_bushing_rpy": "a force of type 'bushing', whose moments follow the rotation vector",
+    "linear_spring_damper": "a force of type 'spring'",
+    "gear_ratio": "'drives', or the actuator of a transmission",
+    "rotor_inertia": "'drives', or the actuator of a transmission",
+}
+
+
+@record
+class Rotor:
+    """The rotor of a joint: N and J [kg m^2]."""
+
+    gear_ratio: float = 1.0
+    inertia: float = 0.0
+
+
+def refused(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
+    """Yield Drake's elements that act on the motion and are not read, and what stands for them in a scene."""
+    pending = [("", root)]
+    while pending:
+        above, element = pending.pop()
+        tag = element.tag.removeprefix(DRAKE)
+        if tag == element.tag or {tag, tag.removeprefix(f"{above}_")} & {*READ.get(above, ())}:
+            pending += [(tag, child) for child in reversed(element.children)]
+        elif tag not in DRAWN:
+            yield element, _INSTEAD.get(tag, "'loops', 'couplers' or 'forces'")
+
+
+def is_read(element: XmlElement, owner: XmlElement) -> bool:
+    """Tell whether an element is read as Drake has it; a transmission, if there is a rotor in it."""
+    if element.tag == "transmission":
+        return any(actuator.all(f"{DRAKE}rotor_inertia") for actuator in element.all("actuator"))
+    return element.tag.startswith(DRAKE) and element.tag.removeprefix(DRAKE) in READ.get(owner.tag, ())
+
+
+def joint_kind(
+    element: XmlElement, owner: str, kind: str
+) -> tuple[str, tuple[tuple[float, ...], ...], dict[str, float]]:
+    """Return our kind of a ``drake:joint``, its axes, and damping by coordinate."""
+    if kind not in JOINTS:
+        raise element.error(f"{owner}: {unknown_name('type', kind, JOINTS)}")
+    ours, axes, coordinates = JOINTS[kind]
+    dynamics = element.one("dynamics", owner)
+    values = [0.0] * len(coordinates)
+    if dynamics is not None and "damping" in dynamics.attributes:
+        size = 3 if kind == "planar" else 1
+        values = dynamics.numbers("damping", owner, size) * (len(coordinates) // size)
+        if min(values) < 0.0:
+            raise dynamics.error(f"{owner}: damping is negative; allowed: numbers >= 0")
+    return ours, axes, {name: x for name, x in zip(coordinates, values) if x}
+
+
+def rotors_of(root: XmlElement, faults: Faults) -> dict[str, tuple[XmlElement, Rotor]]:
+    """Return the rotors in the transmissions of a URDF by joint, with their elements."""
+    rotors: dict[str, tuple[XmlElement, Rotor]] = {}
+    for transmission in root.all("transmission"):
+        with faults:
+            for actuator in transmission.all("actuator"):
+                rotor = rotor_of(actuator, "a transmission")
+                if not rotor.inertia:
+                    continue
+                kind = transmission.one("type", "a transmission")
+                text = transmission.attributes.get("type", "") if kind is None else kind.content
+                joint = transmission.one("joint", "a transmission")
+                if "SimpleTransmission" not in text or joint is None:
+                    raise actuator.error(
+                        "a rotor in this transmission; allowed: those of type SimpleTransmission, with <joint>"
+                    )
+                rotors[joint.text("name", "a transmission")] = (actuator, rotor)
+    return rotors
+
+
+def rotor_of(element: XmlElement, owner: str) -> Rotor:
+    """Return the rotor that an actuator of URDF or a joint of SDF states."""
+    values = {"gear_ratio": 1.0, "rotor_inertia": 0.0}
+    for name in values:
+        child = element.one(DRAKE + name, owner)
+        if child is not None:
+            values[name] = value_of(child, owner, 1)[0]
+    if values["rotor_inertia"] < 0.0:
+        raise element.error(f"{owner}: rotor_inertia is negative; allowed: a number >= 0")
+    return Rotor(*values.values())
+
+
+def value_of(element: XmlElement, owner: str, size: int) -> list[float]:
+    """Return the numbers of an element: its attribute ``value`` in URDF, its text in SDF."""
+    return (
+        element.numbers("value", owner, size)
+        if "value" in element.attributes
+        else element.values(owner, size)
+    )
+
+
+def constraint(element: XmlElement) -> tuple[str, list[tuple[str, tuple[float, ...]]], float]:
+    """Return kind, links with the points on them, and length of a constraint between two points."""
+    tag = element.tag
+    kind = tag.removeprefix(DRAKE)
+
+    def part(name: str) -> Any:
+        child = element.one(f"{tag}_{name}", kind)
+        if child is None:
+            raise element.error(f"{kind} needs <{tag}_{name}>")
+        return child
+
+    ends = []
+    for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
+        own = part(body)
+        link = own.attributes.get("name", own.content).strip()
+        ends.append((link, tuple(value_of(part(point), kind, 3))))
+    if kind == "ball_constraint":
+        return "spherical", ends, 0.0
+    length = value_of(part("distance"), kind, 1)[0]
+    if length <= 0.0:
+        raise element.error(f"{kind}: the distance is {length:g}; allowed: a number > 0 [m]")
+    return "distance", ends, length

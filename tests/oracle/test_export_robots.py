@@ -1,0 +1,294 @@
+"""Exported robots: read again they have the same equations, and MuJoCo and Pinocchio find the same in them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.model.model import Model
+from robodyn_cli.over.export.scene import export_robot
+from robodyn_cli.scene.load import load_scene_text
+from robodyn_cli.scene.types import Scene
+from tests.exported_robots import (
+    GRAVITY,
+    Array,
+    Equations,
+    initial,
+    random_q,
+    random_robot,
+    scene_of,
+    with_loops,
+)
+
+EXACT = 2e-13  # of the largest entry
+IN_URDF = ("friction", "damper", "limits", "rotor")
+KINDS = {
+    "urdf+": ("revolute", "prismatic", "fixed", "floating", "planar"),
+    "extended-urdf": ("revolute", "prismatic", "fixed", "floating", "planar", "universal", "spherical"),
+    "sdf": ("floating", "revolute", "prismatic", "fixed", "helical", "universal", "spherical"),
+    "mjcf": ("revolute", "prismatic", "fixed", "floating", "planar", "universal", "spherical", "cylindrical"),
+}
+LOOPS = {
+    "urdf+": ("revolute", "prismatic", "planar", "fixed"),
+    "extended-urdf": ("spherical", "fixed"),
+    "sdf": ("revolute", "prismatic", "universal", "spherical", "fixed"),
+    "mjcf": ("revolute", "spherical", "fixed"),
+}
+ACTING = {
+    "urdf+": IN_URDF,
+    "extended-urdf": IN_URDF,
+    "sdf": (*IN_URDF, "spring"),
+    "mjcf": (*IN_URDF, "spring"),
+}
+
+
+def same(ours: Array, theirs: Array, scale: float | None = None) -> None:
+    size = max(float(np.abs(ours).max(initial=0.0)), 1e-3) if scale is None else scale
+    assert np.abs(ours - theirs).max(initial=0.0) <= EXACT * size
+
+
+def read_again(scene: Scene, kind: str, folder: Path) -> tuple[Scene, list[str]]:
+    files, notes = export_robot(scene, kind, folder)
+    gravity = ", ".join(map(repr, GRAVITY))
+    return load_scene_text(f"schema: 1\ngravity: [{gravity}]\nrobot: {files[0]}\n"), notes
+
+
+def carried_over(old: Model, new: Model, q: Array, start: Array) -> tuple[Array, list[int]]:
+    """Return positions of the new model, counted from ``start``, and for each of its velocities that of the old one."""
+    out, places = np.zeros(new.nq), [0] * new.nv
+    for body in new.bodies:
+        one = next(
+            b
+            for b in old.bodies
+            if b.joint_name == body.joint_name or (b.joint.quasi and b.name == body.name)
+        )
+        here, there = slice(body.q, body.q + body.joint.nq), slice(one.q, one.q + one.joint.nq)
+        moved = one.joint.difference(start[there], q[there])
+        own = np.array(body.joint.integrate(np.array(body.joint.neutral()), moved), dtype=float)
+        out[here] = q[there] if np.array_equal(start[there], np.array(one.joint.neutral())) else own
+        places[body.v : body.v + body.joint.nv] = range(one.v, one.v + one.joint.nv)
+    return out, places
+
+
+def compare(old: Scene, new: Scene, q: Array, start: Array, rng: np.random.Generator, closed: bool) -> None:
+    ours, theirs = Problem(old).model, Problem(new).model
+    there, places = carried_over(ours, theirs, q, start)
+    v = rng.normal(size=ours.nv)
+    if closed:  # and rates that keep the loops closed, since what rows say of others is a matter of their form
+        v = v - Equations.of(old, q, v).directions @ v
+    a, b = Equations.of(old, q, v), Equations.of(new, there, v[places])
+    same(a.M[np.ix_(places, places)], b.M)
+    same(a.h[places], b.h)
+    if closed:
+        same(a.directions[np.ix_(places, places)], b.directions, 1e2)
+        same(a.drift[places], b.drift, 1e2 * max(1.0, float(np.abs(a.drift).max())))
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("kind", ["urdf+", "extended-urdf", "sdf"])
+def test_a_tree_read_again_is_the_same(kind: str, seed: int, tmp_path: Path) -> None:
+    """Every joint of the format with full inertias, turned frames, D-H parameters and what acts in it, to rounding."""
+    rng = np.random.default_rng(seed)
+    old = scene_of(random_robot(rng, KINDS[kind], ACTING[kind]))
+    new, _ = read_again(old, kind, tmp_path)
+    neutral = Manifold(Problem(old).model).neutral()
+    for _ in range(3):
+        compare(old, new, random_q(Problem(old).model, rng), neutral, rng, False)
+    for joint in old.robot.joints:
+        limits = dict(joint.forces).get("limits")
+        if limits is not None:
+            read = dict(next(x for x in new.robot.joints if x.name == joint.name).forces)["limits"]
+            assert (read.lower, read.upper, read.speed, read.effort) == (
+                limits.lower, limits.upper, limits.speed, limits.effort
+            )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize(
+    ("kind", "loop"), [(kind, loop) for kind in ("urdf+", "extended-urdf", "sdf") for loop in LOOPS[kind]]
+)
+def test_loops_read_again_are_the_same(kind: str, loop: str, seed: int, tmp_path: Path) -> None:
+    """Each kind of loop with points and axes anywhere in turned links, one end of one loop on the ground."""
+    rng = np.random.default_rng(100 + seed)
+    # without a free body in SDF, where a loop to the ground is what holds it
+    kinds = tuple(one for one in KINDS[kind] if one != "floating" or kind != "sdf")
+    robot, q = with_loops(random_robot(rng, kinds, (), n=9), (loop, loop), rng)
+    scene = scene_of(robot)
+    model = Problem(scene).model
+    scene = scene_of(robot, initial={"q": initial(model, q), "hold": list(model.joint_names)})
+    new, notes = read_again(scene, kind, tmp_path)
+    start = Manifold(model).neutral()
+    if kind == "sdf":  # the poses of the file are those of closed loops
+        start = q
+        assert any("count from the start" in note for note in notes)
+    compare(scene, new, q, start, rng, True)
+
+
+MIMICS = "[{name: c1, terms: {q0: 2.0, q1: -0.7}, value: 0.4}, {name: c2, terms: {q2: 1.0, q1: 0.3}}]"
+
+
+@pytest.mark.parametrize("kind", ["urdf+", "extended-urdf", "sdf"])
+def test_couplers_read_again_are_the_same(kind: str, tmp_path: Path) -> None:
+    rng = np.random.default_rng(5)
+    robot = random_robot(rng, ("revolute", "prismatic", "revolute"), (), n=3)
+    old = scene_of(robot, couplers=yaml.safe_load(MIMICS))
+    new, _ = read_again(old, kind, tmp_path)
+    ours, theirs = Problem(old).model, Problem(new).model
+    neutral = Manifold(ours).neutral()
+    compare(old, new, random_q(ours, rng), neutral, rng, True)
+    # a pose that satisfies them here does so there
+    q = np.array([0.2 + 0.35 * 0.8, 0.8, -0.24])
+    there, _ = carried_over(ours, theirs, q, neutral)
+    for scene, at in ((old, q), (new, there)):
+        from robodyn_cli.solve.closure import Numbers
+
+        assert np.abs(Numbers(Problem(scene), ()).eta(at)).max() < 1e-15
+
+
+def test_a_coupling_over_chains_comes_back(tmp_path: Path) -> None:
+    """URDF+ couples all joints between two links, with one ratio: what it can say, and what it cannot."""
+    rng = np.random.default_rng(6)
+    robot = random_robot(rng, ("revolute",) * 5, (), n=5)
+    for joint, parent in zip(robot["joints"], ("base", "base", "link0", "link1", "link3")):
+        joint["parent"] = parent
+    terms = {"q0": -1.5, "q2": -1.5, "q1": 0.5, "q3": 0.5, "q4": 0.5}
+    old = scene_of(robot, couplers=[{"name": "belt", "terms": terms}])
+    new, _ = read_again(old, "urdf+", tmp_path)
+    assert {k: x * -0.5 for k, x in new.couplers[0].terms.items()} == pytest.approx(terms, abs=1e-16)
+    inner = scene_of(robot, couplers=[{"name": "belt", "terms": {"q1": 1.0, "q3": 1.0, "q4": 1.0}}])
+    assert dict(read_again(inner, "urdf+", tmp_path)[0].couplers[0].terms) == {
+        "q1": 1.0,
+        "q3": 1.0,
+        "q4": 1.0,
+    }
+    skew = scene_of(robot, couplers=[{"name": "belt", "terms": {**terms, "q4": 0.4}}])
+    with pytest.raises(CapabilityError, match="coupler 'belt' of 5 joints"):
+        export_robot(skew, "urdf+", tmp_path)
+
+
+# -- MuJoCo ------------------------------------------------------------------------------------------------
+class InMujoco:
+    """An exported MJCF: its coordinates among ours, and velocities of free bodies in our axes."""
+
+    def __init__(self, path: Path, model: Model) -> None:
+        self.mj = pytest.importorskip("mujoco")
+        self.model = self.mj.MjModel.from_xml_path(str(path))
+        self.data, self.ours = self.mj.MjData(self.model), model
+
+    def set(self, q: Array, v: Array) -> Array:
+        """Set a state; return the matrix (nv, nv) that takes our velocities to MuJoCo's."""
+        T = np.zeros((self.model.nv, self.ours.nv))
+        for body in self.ours.bodies:
+            j = int(self.model.body_jntadr[self.model.body(body.name).id])
+            at, first = int(self.model.jnt_qposadr[j]), int(self.model.jnt_dofadr[j])
+            own = q[body.q : body.q + body.joint.nq]
+            self.data.qpos[at : at + body.joint.nq] = own
+            turn = np.eye(body.joint.nv)
+            if body.joint.type == "floating":
+                R = np.zeros(9)
+                self.mj.mju_quat2Mat(R, own[3:])
+                turn[:3, :3] = R.reshape(3, 3)
+            T[first : first + body.joint.nv, body.v : body.v + body.joint.nv] = turn
+        self.data.qvel[:] = T @ v
+        self.mj.mj_forward(self.model, self.data)
+        return T
+
+    def mass_matrix(self) -> Array:
+        M = np.zeros((self.model.nv, self.model.nv))
+        for k, unit in enumerate(np.eye(self.model.nv)):
+            self.mj.mj_mulM(self.model, self.data, M[k], unit)
+        return M
+
+    def jacobian(self) -> Array:
+        kind = int(self.mj.mjtConstraint.mjCNSTR_EQUALITY)
+        J = self.data.efc_J.reshape(-1, self.model.nv)[: self.data.nefc]
+        return np.array(J[self.data.efc_type[: self.data.nefc] == kind])
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("free", [False, True])
+def test_mujoco_finds_the_same_tree(seed: int, free: bool, tmp_path: Path) -> None:
+    """M, and bias with friction, dampers and springs, at random states; free bodies on and off the world's frame."""
+    rng = np.random.default_rng(30 + seed)
+    robot = random_robot(rng, KINDS["mjcf"], ("damper", "spring", "rotor"))
+    if free:
+        del robot["base"]
+        next(j for j in robot["joints"] if j["type"] == "floating").pop("origin")
+    scene = scene_of(robot)
+    files, _ = export_robot(scene, "mjcf", tmp_path)
+    model = Problem(scene).model
+    peer = InMujoco(files[0], model)
+    free_joints = int((peer.model.jnt_type == int(peer.mj.mjtJoint.mjJNT_FREE)).sum())
+    assert free_joints == int(free)
+    for _ in range(3):
+        q, v = random_q(model, rng), rng.normal(size=model.nv)
+        T = peer.set(q, v)
+        ours = Equations.of(scene, q, v)
+        same(ours.M, T.T @ peer.mass_matrix() @ T)
+        # theirs is of velocities whose axes turn: T-dot v, seen by differences of nothing but T
+        h = peer.data.qfrc_bias - peer.data.qfrc_passive + peer.mass_matrix() @ turning(peer, q, v)
+        same(ours.h, T.T @ h)
+
+
+def turning(peer: InMujoco, q: Array, v: Array) -> Array:
+    """Return T-dot v: of a free body R (w x v), of others nothing."""
+    out = np.zeros(peer.model.nv)
+    for body in peer.ours.bodies:
+        if body.joint.type == "floating":
+            first = int(peer.model.jnt_dofadr[int(peer.model.body_jntadr[peer.model.body(body.name).id])])
+            R = np.zeros(9)
+            peer.mj.mju_quat2Mat(R, q[body.q + 3 : body.q + 7])
+            own = v[body.v : body.v + 6]
+            out[first : first + 3] = R.reshape(3, 3) @ np.cross(own[3:], own[:3])
+    return out
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("loop", LOOPS["mjcf"])
+def test_mujoco_finds_the_same_loops(loop: str, seed: int, tmp_path: Path) -> None:
+    """The Jacobians of its equalities span what our rows span, where the loops are closed."""
+    rng = np.random.default_rng(60 + seed)
+    kinds = tuple(kind for kind in KINDS["mjcf"] if kind != "floating")
+    robot, q = with_loops(random_robot(rng, kinds, (), n=9), (loop, loop), rng)
+    scene = scene_of(robot)
+    model = Problem(scene).model
+    files, notes = export_robot(scene, "mjcf", tmp_path)
+    assert any("soft" in note for note in notes)
+    peer = InMujoco(files[0], model)
+    T = peer.set(q, np.zeros(model.nv))
+    assert np.abs(peer.data.efc_pos[: peer.data.ne]).max() < 1e-12
+    J = peer.jacobian() @ T
+    same(Equations.of(scene, q, np.zeros(model.nv)).directions, np.linalg.pinv(J, rcond=1e-9) @ J, 1e2)
+
+
+def test_mujoco_finds_the_same_couplers(tmp_path: Path) -> None:
+    """Two joints as an equality of joints, three as one of a tendon; motors and ranges are there."""
+    rng = np.random.default_rng(9)
+    robot = random_robot(
+        rng, ("revolute", "prismatic", "revolute", "revolute", "prismatic"), ("limits",), n=5
+    )
+    couplers = [{"name": "gear", "terms": {"q0": 2.0, "q1": -0.7}, "value": 0.4},
+                {"name": "sum", "terms": {"q2": 1.0, "q3": -2.0, "q4": 0.5}, "value": -0.3}]  # fmt: skip
+    scene = scene_of(robot, couplers=couplers, actuated=["q1", "q3"])
+    files, _ = export_robot(scene, "mjcf", tmp_path)
+    model = Problem(scene).model
+    peer = InMujoco(files[0], model)
+    q = np.array([0.2 + 0.35 * 0.8, 0.8, -0.3 + 0.2 - 0.05, 0.1, 0.1])
+    T = peer.set(q, np.zeros(5))
+    assert np.abs(peer.data.efc_pos[: peer.data.ne]).max() < 1e-15
+    J = peer.jacobian() @ T
+    same(Equations.of(scene, q, np.zeros(5)).directions, np.linalg.pinv(J) @ J)
+    assert [peer.model.actuator(k).name for k in range(peer.model.nu)] == ["q1_motor", "q3_motor"]
+    assert peer.model.joint("q1").range.tolist() == [*_range(scene, "q1")]
+
+
+def _range(scene: Scene, name: str) -> tuple[float, float]:
+    limits: Any = scene.robot.limits_of(name)
+    return limits.lower, limits.upper
