@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.cli.console import width
@@ -212,16 +212,18 @@ def mobility_lines(summary: Mapping[str, Any]) -> list[str]:
         f"  mobility           {facts['actual']} (rank {facts['rank']} of {facts['rows']} rows over "
         f"{facts['coordinates']} coordinates); Gruebler's count {facts['count']} in space, {facts['planar_count']} "
         "without vanishing rows",
-        _rank_line(facts),
+        *_rank_lines(facts),
     ]
 
 
-def _rank_line(facts: Mapping[str, Any]) -> str:
-    """Return a line about the singular values that decide the rank."""
+def _rank_lines(facts: Mapping[str, Any]) -> Iterator[str]:
+    """Yield a line about the singular values that decide the rank in one pose; none of a motion, which has many."""
     kept, dropped = facts.get("smallest_kept"), facts.get("largest_dropped")
+    if kept is None and dropped is None:
+        return
     text = "none counts" if kept is None else f"smallest that counts {number(kept, 3)}"
     text += "" if dropped is None else f", largest that does not {number(dropped, 3)}"
-    return f"  singular values    {text} (over the largest; tolerance {facts['rank_tolerance']:g})"
+    yield f"  singular values    {text} (over the largest; tolerance {facts['rank_tolerance']:g})"
 
 
 def closure_text(closure: Mapping[str, float]) -> str:

@@ -197,7 +197,9 @@ def _plain(model: Model) -> Model:
     """Return the model with floats that do not know how they were computed, which takes a tenth of the time."""
 
     def floats(x: Any) -> Any:
-        return np.array([float(e) if is_number(e) else e for e in np.ravel(x)], dtype=object).reshape(np.shape(x))
+        return np.array([float(e) if is_number(e) else e for e in np.ravel(x)], dtype=object).reshape(
+            np.shape(x)
+        )
 
     bodies = [
         dataclasses.replace(

@@ -22,7 +22,6 @@ from robodyn_cli.record import record
 from robodyn_cli.solve.closure import RANK, SLOW, Conditions, newton
 from robodyn_cli.spatial.algebra import Array
 
-
 REFINED = 3  # solutions of the same equations, each of what is left by the ones before
 
 

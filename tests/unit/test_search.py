@@ -263,6 +263,9 @@ def test_constraints_that_no_point_holds_and_targets_that_none_reaches_are_misse
         assert result.status == "missed"
         assert result.summary["keys"][STIFFNESS]["value"] == pytest.approx(100, abs=1e-6)
         assert "peak_torque.arm" in result.summary["not_held"][0]
+        assert "optimum" not in result.summary["proof"]["text"]
+        for limit in result.summary["limits"].values():
+            assert not (limit["holds"] or limit["active"]) and "price" not in limit
 
 
 def test_all_combinations_of_choices_are_run() -> None:
@@ -295,6 +298,14 @@ def test_targets_that_do_not_determine_the_keys_say_so() -> None:
     assert result.status == "ok"
     assert all(key["uncertainty"] is None for key in result.summary["keys"].values())
     assert "do not determine" in result.summary["proof"]["text"]
+
+
+def test_targets_that_derivatives_do_not_show_to_determine_the_keys_are_tried_beside() -> None:
+    """Two means of squares that are to be zero determine four keys, though they have two derivatives."""
+    target = {"rms_torque.east": 0, "rms_torque.north": 0}
+    result, *_ = searched(Family(EXAMPLES / "counterweights.yaml"), starts=1, reach=target)
+    assert result.status == "ok"
+    assert "do not determine" not in result.summary["proof"]["text"]
 
 
 def test_a_target_has_the_tolerance_that_is_asked_for() -> None:
@@ -411,6 +422,11 @@ def test_what_a_solver_raises_is_raised() -> None:
             {"vary": {STIFFNESS: "uniform(1, 2)"}, "minimise": "energy.arm", "keep": {"peak_torque.arm": "2 +- 1"}},
             "is no inequality",
         ),
+        (
+            {"vary": {STIFFNESS: "uniform(1, 2)"}, "minimise": "energy.arm", "keep": {"peak_torque.arm": "<= 1 kg"}},
+            "--keep peak_torque.arm: '<= 1 kg' does not fit: torque in N m expected, <= 1 kg is a mass",
+        ),
+        ({"vary": {STIFFNESS: "uniform(1, 2)"}, "reach": {"peak_torque.arm": "0 kg"}}, "--reach .* is a mass"),
         (
             {"vary": {STIFFNESS: "uniform(1, 2)"}, "minimise": "energy.arm", "maximise": "energy.arm"},
             "stands beside 'minimise'",

@@ -21,7 +21,7 @@ from robodyn_cli.over.study.rows import Task
 from robodyn_cli.over.study.study import check_key, repeated, units_of_keys
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import sha256
-from robodyn_cli.scene.checks.keys import key_names
+from robodyn_cli.scene.checks.keys import key_names, unit_fault
 from robodyn_cli.scene.checks.options import is_inequality, search_problems
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.nested_options import SearchOptions
@@ -189,6 +189,10 @@ def prepare(family: Family, options: SearchOptions) -> Search:
     for name in outputs:
         if wrong := refusal(scene.command, name, key_names(scene), number=True):
             raise SceneError(f"{name}: {wrong}", key=name)
+    for option, values in (("--reach", options.reach), ("--keep", options.keep)):
+        for name, expected in values.items():
+            if fault := unit_fault(scene, scene.command, name, expected):
+                raise SceneError(f"{option} {name}: {fault}", key=name)
     number = outputs.index
     sign = 0.0 if not named else 1.0 if options.minimise else -1.0
     task = Task(family.with_values(UNJUDGED), scene.command, tuple(options.vary), outputs)

@@ -111,8 +111,8 @@ class Optimum:
     """A point and what is known of it, in the scaled numbers of a search.
 
     J, J_error : derivatives of outputs by u (n, len(u)) and their errors. at_low, at_high : keys at a bound. off : how
-    far each u may be off, nan where nothing determines it. short : by how much a goal nearby may be better, nan where
-    that is not known.
+    far each u may be off, and short : by how much a goal nearby may be better, nan where that is not known. free : keys
+    that targets do not determine: runs beside the point meet them too.
     """
 
     point: DesignPoint
@@ -124,6 +124,7 @@ class Optimum:
     curved: Curvatures
     off: Array
     short: float
+    free: NDArray[np.bool_]
 
     @property
     def left(self) -> float:
@@ -171,8 +172,10 @@ class Examiner:
             slopes = OutputSlopes(nothing, nothing)
         J, J_error = _scaled(scaled, slopes)
         sides = BoundSides.of(scaled, point, u, J)
+        free = np.zeros(len(u), dtype=bool)
         if scaled.goal.is_reach:
-            off, step = self._off_of_targets(point, self._before(J, J_error), sides), None
+            (off, null), step = self._off_of_targets(point, self._before(J, J_error), sides), None
+            free = self._free(u, null)
             curved, short = Curvatures.unknown(len(u)), np.nan
         else:
             curved = self._curvatures(u, sides, slopes.exact) if known is None else known.curved
@@ -180,7 +183,7 @@ class Examiner:
             known_off = np.isfinite(off).all()
             short = self._short(point, sides, curved, off) if known_off else np.nan
         at_low, at_high = u <= AT_BOUND, u >= 1.0 - AT_BOUND
-        return Optimum(point, J, J_error, at_low, at_high, sides, curved, off, short), step
+        return Optimum(point, J, J_error, at_low, at_high, sides, curved, off, short, free), step
 
     def _before(self, J: Array, J_error: Array) -> Array:
         """Return derivatives (n, len(u)), where errors hide them those of the last point before.
@@ -195,12 +198,13 @@ class Examiner:
             J if slopes is None else np.where(J_error > CORNER * np.abs(J), self.scaled.jacobian(slopes), J)
         )
 
-    def _off_of_targets(self, point: DesignPoint, J: Array, sides: BoundSides) -> Array:
-        """Return how far each u may be off where outputs are off their targets by their errors and what is left."""
+    def _off_of_targets(self, point: DesignPoint, J: Array, sides: BoundSides) -> tuple[Array, Array]:
+        """Return how far each u may be off where outputs are off their targets by their errors and what is left, and
+        the directions (k, len(u)) along which no derivative tells."""
         rows, free = list(self.scaled.goal.outputs), ~sides.held
         off = np.zeros(J.shape[1])
         if not np.isfinite(J).all():
-            return np.full(J.shape[1], np.nan)
+            return np.full(J.shape[1], np.nan), np.zeros((0, J.shape[1]))
         U, s, Vt = np.linalg.svd(J[rows][:, free])
         rank = int((s > RANK * s.max(initial=0.0)).sum())
         back = (Vt[:rank].T / s[:rank]) @ U[:, :rank].T
@@ -210,7 +214,21 @@ class Examiner:
         own = np.abs(back) @ lacking
         own[np.abs(Vt[rank:]).max(axis=0, initial=0.0) > FREE] = np.nan
         off[free] = own
-        return off
+        null = np.zeros((len(Vt) - rank, J.shape[1]))
+        null[:, free] = Vt[rank:]
+        return off, null
+
+    def _free(self, u: Array, null: Array) -> NDArray[np.bool_]:
+        """Return the keys that move along directions (k, len(u)) on which runs beside u meet the targets as well; at a
+        magnitude that is zero derivatives vanish in other directions too."""
+        scaled, free = self.scaled, np.zeros(len(u), dtype=bool)
+        for way in null:
+            beside = [np.clip(u + step * way, 0.0, 1.0) for step in (OTHER_STEP, -OTHER_STEP)]
+            beside = [x for x in beside if np.abs(x - u).max(initial=0.0) > AT_BOUND]
+            made = self.derive([scaled.search.value_of(x, scaled.values) for x in beside])
+            if any(point.is_good and (scaled.misses(point) <= 1.0).all() for point, _ in made):
+                free |= np.abs(way) > FREE
+        return free
 
     def _curvatures(self, u: Array, sides: BoundSides, exact: bool) -> Curvatures:
         """Return how the goal less the priced constraints bends around a place."""

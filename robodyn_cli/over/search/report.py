@@ -152,10 +152,12 @@ def _key(ended: EndedSearch, k: int) -> FoundKey:
     """Return what is known of a key at the optimum."""
     search, optimum = ended.search, ended.optimum
     variation, value, unit = search.variations[k], float(ended.own.x[k]), search.units[k]
-    if variation.is_grid or optimum is None:
+    if variation.is_grid:
         return FoundKey(value, unit, 0.0, choices=variation.text)
     at = search.continuous.index(k)
     (low, high), span, size = search.bounds[at], float(ended.scaled.span[at]), _goal_size(ended)
+    if optimum is None:
+        return FoundKey(value, unit, None, float(low), float(high))
     side = "lower bound" if optimum.at_low[at] else "upper bound" if optimum.at_high[at] else ABSENT
     own: dict[str, Any] = {}
     if not search.goal.is_reach:
@@ -239,12 +241,13 @@ def _other(ended: EndedSearch, others: Sequence[tuple[int, SolverWay]]) -> Other
 def _proof(ended: EndedSearch, same: int) -> SearchProof:
     """Return what shows that the values are the best."""
     search, optimum, count = ended.search, ended.optimum, len(ended.ways)
-    if optimum is None:
+    if not search.continuous:
         return SearchProof(f"all {count} combinations were run: none is better")
+    if optimum is None:
+        text = f"no start of {count} came to values that hold all that is asked: these break it least"
+        return SearchProof(f"{text}, which does not prove that there are none")
     if search.goal.is_reach:
-        free = [
-            search.task.keys[k] for k, off in zip(search.continuous, optimum.off) if not math.isfinite(off)
-        ]
+        free = [search.task.keys[k] for k, is_free in zip(search.continuous, optimum.free) if is_free]
         if broken(ended):
             return SearchProof(f"not proved: no start of {count} came nearer, but other values may")
         others = f"; the targets do not determine {', '.join(free)}: other values do it too" if free else ""

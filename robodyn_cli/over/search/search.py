@@ -29,8 +29,9 @@ SAME = 1e-4  # of the way between bounds, within which two ends are one
 class EndedSearch:
     """A search that has come to its end.
 
-    best : its optimum; ways : of all starts, with the number of their combination. own : the run of the optimum by the
-    command itself, and its summary.
+    optimum : None without keys between bounds, and where no start holds the constraints. best : its point. ways : of
+    all starts, with the number of their combination. own : the run of the optimum by the command itself, and its
+    summary.
     """
 
     search: Search
@@ -78,6 +79,8 @@ def run_search(search: Search, maker: PointMaker) -> EndedSearch:
         best = optimum.point
     rows, summary = make_one(search.task, 0, best.x)
     own = with_row(best, rows)
+    if not (search.goal.is_reach or chosen.scaled.holds(own)):
+        optimum = None
     return EndedSearch(search, chosen.scaled, optimum, best, tuple(ways), own, summary)
 
 

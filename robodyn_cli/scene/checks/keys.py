@@ -15,7 +15,7 @@ from robodyn_cli.scene.types import Scene
 
 if TYPE_CHECKING:
     from robodyn_cli.loops.base import LoopClosure
-    from robodyn_cli.summaries.keys import Names
+    from robodyn_cli.summaries.keys import Leaf, Names
 
 
 def check_figures(scene: Scene, check: Check) -> Scene:
@@ -52,12 +52,9 @@ def _check_keys(scene: Scene, check: Check) -> None:
         if number:
             leaves = [leaf for leaf in leaves if leaf.is_number]
         known = leaves and leaves[0].kind is not Any
-        if expected is not None and expected.unit and known:
-            units_of = _units_of_names(scene, key)
+        if expected is not None and known and (fault := _unit_fault(scene, key, expected, leaves)):
             with check:
-                _check_expected_unit(
-                    expected, key_place(check.root, section, key), [x.unit(units_of) for x in leaves], check
-                )
+                check.fail(key_place(check.root, section, key), fault)
         names = key_names(scene, key.startswith(EXTREMES)) if not leaves or leaves[0].names else {}
         if not leaves or (names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
@@ -83,19 +80,28 @@ def named_keys(scene: Scene) -> Iterator[tuple[str, Expectation | None, Path]]:
         yield from ((key, expected, ("search", "keep")) for key, expected in (search.keep or {}).items())
 
 
-def _check_expected_unit(expected: Expectation, place: Path, allowed: Sequence[str], check: Check) -> None:
-    """Refuse bounds of another kind than the value of a summary that they are for; allowed : its units."""
+def unit_fault(scene: Scene, command: str, key: str, expected: Expectation) -> str | None:
+    """Return what is wrong with the unit of what is expected of a number in the summary of a command."""
+    from robodyn_cli.summaries.keys import leaf_of
+
+    leaf = leaf_of(command, key)
+    return None if leaf is None or not leaf.is_number else _unit_fault(scene, key, expected, [leaf])
+
+
+def _unit_fault(scene: Scene, key: str, expected: Expectation, leaves: Sequence[Leaf]) -> str | None:
+    """Return what is wrong with bounds of another kind than all the values that they may be for."""
     from robodyn_cli.expr import units
 
-    given = units.of(expected.unit)
-    assert given is not None
+    given = units.of(expected.unit) if expected.unit else None
+    if given is None:
+        return None
+    names = _units_of_names(scene, key)
     faults = [
         units.fault(given.dims, "rad" if unit == "deg" else unit, expected.text)
-        for unit in allowed
+        for unit in (leaf.unit(names) for leaf in leaves)
         if any(map(units.of, units.forms(unit)))
     ]
-    if faults and all(faults):
-        check.fail(place, f"{expected.text!r} does not fit: {faults[0]}")
+    return f"{expected.text!r} does not fit: {faults[0]}" if faults and all(faults) else None
 
 
 def _units_of_names(scene: Scene, key: str) -> dict[str, str]:
