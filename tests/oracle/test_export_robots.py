@@ -81,7 +81,9 @@ def compare(old: Scene, new: Scene, q: Array, start: Array, rng: np.random.Gener
     ours, theirs = Problem(old).model, Problem(new).model
     there, places = carried_over(ours, theirs, q, start)
     v = rng.normal(size=ours.nv)
-    if closed:  # and rates that keep the loops closed, since what rows say of others is a matter of their form
+    if (
+        closed
+    ):  # and rates that keep the loops closed, since what rows say of others is a matter of their form
         v = v - Equations.of(old, q, v).directions @ v
     a, b = Equations.of(old, q, v), Equations.of(new, there, v[places])
     same(a.M[np.ix_(places, places)], b.M)
