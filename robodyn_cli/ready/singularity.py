@@ -158,13 +158,15 @@ def refuse_dependent_rows(problem: Problem, q: Array, time: float) -> None:
 
 def is_dead_point(problem: Problem, q: Array, passive: Sequence[int], within: float) -> bool:
     """Tell whether the passive block is singular at q: its smallest singular value over the largest of Psi is below
-    ``within``, which is about the angle [rad] to the dead point.
+    ``within``, which is about the angle [rad] to the dead point. Rows between driven joints alone are none of it.
     """
     if not len(passive) or not problem.constraints.rows:
         return False
     psi = psi_at(problem, q)
-    block = np.linalg.svd(psi[:, list(passive)], compute_uv=False)[: problem.loop_rank]
-    return bool(block[-1] < within * np.linalg.norm(psi, 2))
+    block = psi[:, list(passive)]
+    count = problem.loop_rank - rank(psi[~block.any(axis=1)])
+    sigma = np.linalg.svd(block, compute_uv=False)[:count]
+    return bool(len(sigma) and sigma[-1] < within * np.linalg.norm(psi, 2))
 
 
 def refuse_singular_start(problem: Problem, q: Array, passive: Sequence[int]) -> None:

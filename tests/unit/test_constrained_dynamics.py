@@ -14,6 +14,8 @@ import pytest
 from robodyn_cli import Mechanism, assemble, load_scene, simulate
 from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.ready.prepare import passive_coordinates, prepare
+from robodyn_cli.ready.singularity import is_dead_point
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import constrained
@@ -190,3 +192,22 @@ def test_what_is_refused() -> None:
     names = len(given.qd_names)
     with pytest.raises(CapabilityError, match="takes no prescribed joints .*; use `simulate`"):
         given.forward_dynamics(*np.zeros((3, names)))
+
+
+def test_joints_that_stick_are_solved_without_their_states() -> None:
+    """Friction has the exact sign of the rate, for many states as for few."""
+    friction = "robot.joints.theta1.friction={coulomb: 0.3, law: set_valued}"
+    scene = load_scene(CONFIGS / "parallelogram.yaml", [*SHORT, "initial.qd={theta1: 1}", friction])
+    start = simulate(scene)
+    m = Mechanism(scene)
+    q, v = (np.tile(start[name][1:2], (MANY + 1, 1)) for name in ("q", "qd"))
+    every = m.forward_dynamics(q, v, 0.0 * v)
+    assert_close(every[:1], m.forward_dynamics(q[:1], v[:1], 0.0 * v[:1]), 1e-12)
+
+
+def test_a_row_between_driven_joints_is_no_dead_point() -> None:
+    """The drivers of a gripper are coupled, and both driven."""
+    drivers = "torques={right_driver_joint: 0.2, left_driver_joint: 0.2}"
+    setup = prepare(load_scene(CONFIGS / "published/gripper_2f85.yaml", [drivers]))
+    passive = passive_coordinates(setup.problem)
+    assert not is_dead_point(setup.problem, setup.assembled.q, passive, 1e-6)
