@@ -31,10 +31,12 @@ def outputs(result: Result) -> dict[str, Array]:
     return {name: data for name, data in list(columns.items())[:MOST_PANELS] if np.any(np.isfinite(data))}
 
 
-def axis_label(result: Result, key: str, group: str = "inputs") -> str:
-    """Return the name of a key that varies, or of an output (``group`` outputs), with its unit where it has one."""
+def axis_label(result: Result, key: str, group: str = "inputs", short: bool = False) -> str:
+    """Return the name of a key that varies, or of an output (``group`` outputs), with its unit where it has one; of a
+    ``short`` one the last step."""
     units = result.variables[f"{group}/{key}"].units
-    return labelled(key, units) if units not in ("", "1") else key
+    name = key.rpartition(".")[2] if short else key
+    return labelled(name, units) if units not in ("", "1") else name
 
 
 def panels(result: Result, subtitle: str, names: list[str], height: float = 2.2, **layout: Any) -> Sheet:

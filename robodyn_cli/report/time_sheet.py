@@ -34,16 +34,26 @@ from robodyn_cli.results.stated_errors import Stated, concerning, meaningful_err
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL
 
-# how moments look that come often; they are drawn at the upper edge of a panel
-MARKERS = {"impact": "v", "contact": "s", "release": "^", "stick": "o", "slip": "D"}
+# how moments look that come often, and what one and many of them are called; drawn at the upper edge of a panel
+MARKED = {
+    "impact": ("v", "impact", "impacts"),
+    "contact": ("s", "contact", "contacts"),
+    "release": ("^", "release", "releases"),
+    "stick": ("o", "stick", "sticks"),
+    "slip": ("D", "slip", "slips"),
+    "latched": (">", "latch closes", "latches close"),
+    "opened": ("<", "latch opens", "latches open"),
+    "grip": ("P", "payload gripped", "payloads gripped"),
+    "let_go": ("X", "payload released", "payloads released"),
+}
 
 
 def counted(found: Sequence[Moment]) -> dict[str, str]:
     """Return the label of each kind of moment that comes often, with how many there are."""
     kinds = [moment.kind for moment in found]
     return {
-        kind: f"{kind}{'s' if kinds.count(kind) > 1 else ''} ({kinds.count(kind)})"
-        for kind in MARKERS
+        kind: f"{one if kinds.count(kind) == 1 else many} ({kinds.count(kind)})"
+        for kind, (_, one, many) in MARKED.items()
         if kind in kinds
     }
 
@@ -61,7 +71,7 @@ def mark_moments(axes: Sequence[Axes], found: Sequence[Moment]) -> None:
         for moment in inside:
             if moment.kind in DECISIVE:
                 ax.axvline(moment.time, color=style.ALARM, linewidth=1.0, linestyle=(0, (4, 2)), zorder=1.5)
-        for kind in MARKERS:
+        for kind in MARKED:
             times = [moment.time for moment in inside if moment.kind == kind]
             if times:
                 ax.vlines(
@@ -78,7 +88,7 @@ def mark_moments(axes: Sequence[Axes], found: Sequence[Moment]) -> None:
 
 def marker_of(kind: str) -> dict[str, Any]:
     """Return the look of the mark of a kind of moment."""
-    return {"marker": MARKERS[kind], "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": style.GREY,
+    return {"marker": MARKED[kind][0], "markersize": 4.5, "markerfacecolor": "white", "markeredgecolor": style.GREY,
             "linestyle": "none", "clip_on": False, "zorder": 4}  # fmt: skip
 
 

@@ -20,6 +20,8 @@ from robodyn_cli.report.drawing.places import moving_paths
 from robodyn_cli.report.overlay import draw_over
 from robodyn_cli.report.page.charts import Arrays, chart_data
 from robodyn_cli.report.registry import applicable
+from robodyn_cli.report.time_sheet import DECISIVE, MARKED
+from robodyn_cli.results.moments import WORDS
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.stated_errors import meaningful_error, meaningful_until
 from robodyn_cli.scene.load import load_scene
@@ -396,3 +398,7 @@ def test_results_over_one_another_have_their_errors_and_are_hatched() -> None:
     for ax in figure.axes:
         assert any(patch.get_hatch() for patch in ax.patches)
         assert any(isinstance(item, PolyCollection) for item in ax.collections)
+
+
+def test_each_kind_of_moment_has_a_mark() -> None:
+    assert set(WORDS) <= {*DECISIVE, *MARKED}

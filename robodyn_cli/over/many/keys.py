@@ -13,11 +13,12 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.fixed import Fixed
 from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.formula_tree import Num
+from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import with_places
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.units import named_place, written_number
+from robodyn_cli.scene.units import in_joint, named_place, unit_of, written_number
 from robodyn_cli.spatial.algebra import Array
 
 NUMBER, START, OPTION, STRUCTURE = "number", "start", "option", "structure"
@@ -248,3 +249,16 @@ class Allowed:
         except SceneError as error:
             return error
         return None
+
+
+def key_unit(family: Family, key: Key, model: Model) -> str:
+    """Return the unit of a key; nothing where it is not known."""
+    if key.sort == START:
+        group, _, column = key.place.partition(".")
+        names, units, rate = (
+            (model.q_names, model.q_units, "") if group == "q" else (model.v_names, model.v_units, "/s")
+        )
+        return units[names.index(column)] + rate
+    scene, named = family.own, named_place(family.root, key.name)
+    driven = scene.control.joints if scene.control is not None and named.startswith("control.") else ()
+    return in_joint(unit_of(family.root, key.name), named, dict(zip(model.v_names, model.v_units)), driven)

@@ -15,8 +15,7 @@ from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.statements import Expectation, Variation
 from robodyn_cli.model.build import build_model
-from robodyn_cli.over.many.keys import Allowed, Key, setting, understand, value_of
-from robodyn_cli.over.sensitivity.asked import key_unit
+from robodyn_cli.over.many.keys import Allowed, Key, key_unit, setting, understand, value_of
 from robodyn_cli.over.study.rows import Task
 from robodyn_cli.over.study.study import check_key, repeated, units_of_keys
 from robodyn_cli.record import record

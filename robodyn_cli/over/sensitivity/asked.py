@@ -9,9 +9,17 @@ from functools import cached_property
 from robodyn_cli.commands import STUDIED
 from robodyn_cli.errors import SceneError
 from robodyn_cli.model.build import build_model
-from robodyn_cli.model.model import Model
 from robodyn_cli.model.places import numbers_at_places, with_free
-from robodyn_cli.over.many.keys import NUMBER, START, STRUCTURE, Key, setting, settings, understand, value_of
+from robodyn_cli.over.many.keys import (
+    NUMBER,
+    STRUCTURE,
+    Key,
+    key_unit,
+    setting,
+    settings,
+    understand,
+    value_of,
+)
 from robodyn_cli.over.study.rows import RunRows, Task
 from robodyn_cli.over.study.study import run_nominal, units_of_keys
 from robodyn_cli.record import record
@@ -20,7 +28,7 @@ from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.text.nodes import Scalar, located
 from robodyn_cli.scene.text.numbers import counted
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.units import in_joint, named_place, node_at, refuse_doubles, unit_of
+from robodyn_cli.scene.units import node_at, refuse_doubles
 
 NEARBY = 1e-3  # part of a key's value by which it is changed to see whether the scene takes other numbers
 
@@ -115,19 +123,6 @@ def prepare(family: Family, to: Sequence[str], of: Sequence[str]) -> AskedSlopes
         tuple(key_unit(family, key, model) for key, _ in pairs),
         tuple(units_of_keys(task, model).values()),
     )  # fmt: skip
-
-
-def key_unit(family: Family, key: Key, model: Model) -> str:
-    """Return the unit of a key; nothing where it is not known."""
-    if key.sort == START:
-        group, _, column = key.place.partition(".")
-        names, units, rate = (
-            (model.q_names, model.q_units, "") if group == "q" else (model.v_names, model.v_units, "/s")
-        )
-        return units[names.index(column)] + rate
-    scene, named = family.own, named_place(family.root, key.name)
-    driven = scene.control.joints if scene.control is not None and named.startswith("control.") else ()
-    return in_joint(unit_of(family.root, key.name), named, dict(zip(model.v_names, model.v_units)), driven)
 
 
 def _of_key(family: Family, name: str) -> tuple[Key, float]:

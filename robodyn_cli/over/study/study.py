@@ -16,7 +16,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.batch.criteria import lookup, refuse_unknown
 from robodyn_cli.over.many.command import number_of
-from robodyn_cli.over.many.keys import Allowed, setting, settings, understand
+from robodyn_cli.over.many.keys import Allowed, key_unit, setting, settings, understand
 from robodyn_cli.over.study.design import Design, make_design
 from robodyn_cli.over.study.rows import RowFile, RunRows, Task
 from robodyn_cli.over.study.runs import make_one
@@ -26,7 +26,7 @@ from robodyn_cli.scene.checks.check import EXTREMES
 from robodyn_cli.scene.checks.keys import key_names, places_of
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
-from robodyn_cli.scene.units import refuse_doubles, unit_of
+from robodyn_cli.scene.units import refuse_doubles
 from robodyn_cli.summaries.keys import leaf_of, refusal
 from robodyn_cli.version import code_digest
 
@@ -128,8 +128,8 @@ def prepare(asked: AskedStudy) -> Study:
     task = Task(family, scene.command, design.keys, wanted)
     source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
     nominal = run_nominal(task, source).rows[0]
-    units = {key: unit_of(family.root, key) for key in design.keys}
     model = build_model(scene)
+    units = {key: key_unit(family, understand(family, key), model) for key in design.keys}
     output_units = units_of_keys(task, model)
     return Study(asked, task, design, units, output_units, nominal)
 

@@ -25,7 +25,9 @@ def study_response(result: Result) -> Any:
     handles: list[Any] = []
     for ax, (name, y) in zip(sheet.axes, found.items()):
         handles = _curve(ax, x, y, failed, is_curve="sampler" not in result.summary)
-        ax.set_xlabel(axis_label(result, key))
+        _widen(ax, y, result[f"errors/{name}"] if f"errors/{name}" in result else np.zeros(1))
+        # the title has the whole key, which panels side by side have no room for
+        ax.set_xlabel(axis_label(result, key, short=len(found) > 1))
         ax.set_ylabel(axis_label(result, name, "outputs"))
         if _is_logarithmic(x):
             ax.set_xscale("log")
@@ -49,6 +51,16 @@ def _curve(ax: Any, x: Array, y: Array, failed: Array, is_curve: bool) -> list[A
                            color=style.ALARM, transform=ax.get_xaxis_transform())  # fmt: skip
         handles.append(marks)
     return list(handles)
+
+
+def _widen(ax: Any, y: Array, errors: Array) -> None:
+    """Give the axis of an output that varies by no more than its errors and rounding the size of its values."""
+    values, errors = y[np.isfinite(y)], errors[np.isfinite(errors)]
+    size = float(np.abs(values).max(initial=0.0))
+    least = max(2.0 * float(errors.max(initial=0.0)), ROUNDING * size)
+    if values.size and float(np.ptp(values)) <= least:
+        middle = 0.5 * float(values.max() + values.min())
+        ax.set_ylim(middle - (0.1 * size or 1.0), middle + (0.1 * size or 1.0))
 
 
 def _is_logarithmic(x: Array) -> bool:
