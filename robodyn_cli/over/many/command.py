@@ -61,10 +61,10 @@ class BatchCommand(ABC, Generic[Own]):
     def is_plain(self, key: str) -> bool:
         """Tell whether compiled code gives this key of the summary."""
 
-    def is_smooth(self, key: str) -> bool:
-        """Tell whether differences of a key in neighbouring runs are derivatives to rounding: runs take so little, and
-        the key is no extreme."""
-        return False
+    def slopes(self, structure: Own, values: Array, of: Sequence[str]) -> Array | None:
+        """Return exact derivatives (N, of, keys) of keys of the summary in runs of one structure with rows of values
+        (N, keys), all at once; None where there are no such."""
+        return None
 
     @abstractmethod
     def make(self, structure: Own, rows: Rows, asked: AskedRuns) -> list[int]:

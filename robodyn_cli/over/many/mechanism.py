@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -168,6 +169,18 @@ class Mechanism(ModelFunctions):
         making, allowed = self._making(command, result, (None, None), 0, threads)
         return result, making.compiled(allowed)
 
+    @one_at_a_time
+    def slopes(self, command: BatchCommand[Any], rows: Array, of: Sequence[str]) -> Array:
+        """Return exact derivatives (N, of, keys) of keys of the summary in runs with rows of values (N, keys); nan where
+        compiled code does not give them."""
+        out = np.full((len(rows), len(of), len(self.keys)), np.nan)
+        for structure, group in self._structures_of(command).groups(rows):
+            if structure is not None and not structure.obstacle:
+                with contextlib.suppress(CapabilityError, np.linalg.LinAlgError):
+                    if (own := command.slopes(structure, rows[group], of)) is not None:
+                        out[group] = own
+        return out
+
     def refusals(self, values: Array) -> dict[int, SceneError]:
         """Return the rows of values (N, keys) that the scene does not allow, with the errors."""
         return self._allowed.refusals(values)
@@ -200,10 +213,13 @@ class Mechanism(ModelFunctions):
         for row, error in refused.items():
             result.code[row], result.reason[row] = error.exit_code, error.message
         allowed = np.array([k for k in range(len(result)) if k not in refused], dtype=np.int64)
+        asked = AskedRuns(result, *start, samples, threads)
+        return Making(command, self._structures_of(command), asked), allowed
+
+    def _structures_of(self, command: BatchCommand[Any]) -> Structures:
         if command.name not in self._structures:
             self._structures[command.name] = Structures(self.family, self.keys, command.structure)
-        asked = AskedRuns(result, *start, samples, threads)
-        return Making(command, self._structures[command.name], asked), allowed
+        return self._structures[command.name]
 
     def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:
         """Return rows of values (N, keys).

@@ -17,6 +17,8 @@ import numpy as np
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.many import ManyNumbers
+from robodyn_cli.given.loop_conditions import Lead
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
@@ -25,7 +27,7 @@ from robodyn_cli.over.many.inverse import figure_of
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.gradients import ALL, MotionGradients, every_second, slopes_along
-from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
+from robodyn_cli.over.sensitivity.led import LedCourse, LedMotion, LedSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import share_change
@@ -37,7 +39,9 @@ from robodyn_cli.summaries.mechanism import KinematicsSummary, PlacesAt
 from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
+from robodyn_cli.trajectories.course import between
 from robodyn_cli.works.inverse import evaluated_at, program_of
+from robodyn_cli.works.kinematic_figures import between_samples
 from robodyn_cli.works.kinematics import (
     closer_times,
     evaluated,
@@ -49,6 +53,9 @@ from robodyn_cli.works.kinematics import (
     report,
     summarise,
 )
+
+
+PLACES = ("points", "point_velocities", "point_accelerations")
 
 
 @record
@@ -287,6 +294,67 @@ class KinematicsSlopes:
             if alone
             else summarise(self.problem, planned, result, None)
         )
+
+
+class PlaceSlopes:
+    """The derivatives of where points are at given times, in many runs of one structure side by side.
+
+    Parameters
+    ----------
+    lead : None in an open chain, whose motion no key changes. times : of the samples (T,). wanted : times and points.
+    places : of the keys, all of them numbers of the equations that do not change what leads.
+
+    Raises
+    ------
+    CapabilityError : an operation, or a number, has no derivative.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        lead: Lead | None,
+        times: Array,
+        wanted: Sequence[tuple[float, str]],
+        places: Sequence[str],
+    ) -> None:
+        self._wanted = [(between_samples(t, times), point) for t, point in wanted]
+        # of each time those of its two samples that count
+        self.samples = np.unique(
+            [j for (k, _, s), _ in self._wanted for j in {k + (s == 1.0), k + (s > 0.0)}]
+        )
+        self.times = times[self.samples]
+        points, own = {point for _, point in wanted}, outputs(problem)
+        self.paths = [path for path in own if path.partition("/")[2] in points]
+        self.gradients = MotionGradients(problem, {path: own[path] for path in self.paths}, places)
+        self.led = None if lead is None else LedMotion(problem, lead, self.times, places)
+        self._keys = len(places)
+
+    def __call__(self, numbers: ManyNumbers, motion: tuple[Array, Array, Array]) -> Array:
+        """Return the derivatives (N, wanted, 3, K) in runs with motions q, v and v-dot (N, T, n).
+
+        Raises
+        ------
+        CapabilityError : the conditions do not determine a motion.
+        """
+        shape = numbers.runs, len(self.samples)
+        groups = dict(zip(("q", "v", "a"), (x[:, self.samples] for x in motion)))
+        groups["t"] = np.broadcast_to(self.times[:, None], (*shape, 1))
+        moved: dict[str, Array] = {}
+        if self.led is not None:
+            dt = np.zeros((shape[0] * shape[1], 1, self._keys))
+            moved = self.led.changes(self.led.gradients(groups, numbers=numbers), dt)
+        along = self.gradients(groups, numbers=numbers)
+        changes = {path: along.change(path, moved).reshape(*shape, 3, -1) for path in self.paths}
+        return np.stack([self._at(changes, *one) for one in self._wanted], axis=1)
+
+    def _at(self, changes: Mapping[str, Array], at: tuple[int, float, float], point: str) -> Array:
+        """Return the change (N, 3, K) of a point at a time, from those at samples."""
+        (k, h, s), place = at, changes[f"points/{point}"]
+        if s in (0.0, 1.0):
+            return np.asarray(place[:, np.searchsorted(self.samples, k + int(s))])
+        ways = [changes.get(f"{group}/{point}", np.zeros_like(place)) for group in PLACES]
+        ends = [tuple(x[:, np.searchsorted(self.samples, j)] for x in ways) for j in (k, k + 1)]
+        return between((ends[0], ends[1]), h, s)[0]
 
 
 def _course(scene: Scene) -> LedCourse:

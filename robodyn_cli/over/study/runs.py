@@ -57,11 +57,6 @@ def _command_of(task: Task) -> BatchCommand[Any] | None:
     return command_for(command, task.family.own)
 
 
-def is_smooth(task: Task) -> bool:
-    """Tell whether differences of compiled runs serve as derivatives of all outputs."""
-    return suits(task) and all(commands[task.command].is_smooth(key) for key in task.outputs)
-
-
 def beyond(task: Task) -> list[str]:
     """Return the outputs and expectations of a study that compiled code does not give."""
     margins = ["motorisation"] if task.family.own.motorisation is not None else []  # decide the exit code
@@ -119,6 +114,10 @@ class Compiled:
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
+
+    def slopes(self, values: Array) -> Array:
+        """Return exact derivatives (N, outputs, keys) in runs with rows of values, nan where there are none at once."""
+        return self._mechanism.slopes(self._command, values, self.task.outputs)
 
     def blocks(self, missing: Missing) -> Iterator[RunRows]:
         """Yield the rows of all missing runs that could be made, a block at a time."""
