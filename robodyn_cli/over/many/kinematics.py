@@ -36,6 +36,7 @@ from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
 from robodyn_cli.works.kinematic_figures import (
     AT_SAMPLE,
+    PLACES,
     Figures,
     between_samples,
     path_figures,
@@ -49,7 +50,6 @@ from robodyn_cli.works.kinematics import closer_times, kinematics, leading, outp
 if TYPE_CHECKING:
     from robodyn_cli.over.sensitivity.along_motions import PlaceSlopes
 
-PLACES = ("points", "point_velocities", "point_accelerations")
 # sections of the summary whose numbers are found for many runs; counters are those of single runs
 SECTIONS = (
     "at",

@@ -171,8 +171,10 @@ class Mechanism(ModelFunctions):
 
     @one_at_a_time
     def slopes(self, command: BatchCommand[Any], rows: Array, of: Sequence[str]) -> Array:
-        """Return exact derivatives (N, of, keys) of keys of the summary in runs with rows of values (N, keys); nan where
-        compiled code does not give them."""
+        """Return exact derivatives (N, of, keys) in runs with rows of values (N, keys), nan where there are none.
+
+        of : keys of the summary. Compiled code gives them for all runs at once, of some commands and keys.
+        """
         out = np.full((len(rows), len(of), len(self.keys)), np.nan)
         for structure, group in self._structures_of(command).groups(rows):
             if structure is not None and not structure.obstacle:

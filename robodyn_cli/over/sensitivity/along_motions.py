@@ -15,6 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from robodyn_cli.equations.gears import geared
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.expr.many import ManyNumbers
@@ -41,7 +42,7 @@ from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.course import between
 from robodyn_cli.works.inverse import evaluated_at, program_of
-from robodyn_cli.works.kinematic_figures import between_samples
+from robodyn_cli.works.kinematic_figures import PLACES, between_samples
 from robodyn_cli.works.kinematics import (
     closer_times,
     evaluated,
@@ -53,9 +54,6 @@ from robodyn_cli.works.kinematics import (
     report,
     summarise,
 )
-
-
-PLACES = ("points", "point_velocities", "point_accelerations")
 
 
 @record
@@ -353,8 +351,9 @@ class PlaceSlopes:
         if s in (0.0, 1.0):
             return np.asarray(place[:, np.searchsorted(self.samples, k + int(s))])
         ways = [changes.get(f"{group}/{point}", np.zeros_like(place)) for group in PLACES]
-        ends = [tuple(x[:, np.searchsorted(self.samples, j)] for x in ways) for j in (k, k + 1)]
-        return between((ends[0], ends[1]), h, s)[0]
+        first = int(np.searchsorted(self.samples, k))
+        (q, v, a), (q1, v1, a1) = ([x[:, first + j] for x in ways] for j in (0, 1))
+        return between(((q, v, a), (q1, v1, a1)), h, s)[0]
 
 
 def _course(scene: Scene) -> LedCourse:
