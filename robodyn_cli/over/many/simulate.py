@@ -52,6 +52,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment, deploy
+from robodyn_cli.works.deploy.growth import rounding_at_lock
 from robodyn_cli.works.deploy.lock import TRUSTED
 
 SECOND_STEPS = "error_estimate.steps"
@@ -312,6 +313,8 @@ class Deploy(MotionCommand):
             others[rows], factor[rows] = second.y, remainder(first, paced)
             trusted[rows] = done & (errors[rows] <= TRUSTED * time)
         apart = factor[:, None] * np.abs(others - runs.y) + ROUNDED * np.abs(runs.y)
+        rates = list(motion.system.v_places)
+        apart[:, rates] += rounding_at_lock(motion.system, runs.y)[:, rates]
         driven = Driven(
             runs, trusted | missed, errors=apart, time_errors=errors, second_steps=steps, missed=missed
         )
