@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -312,6 +314,17 @@ def _design(draft: Draft) -> None:
     draft.section("outputs")["abscissa"] = one
 
 
+def _flywheel(draft: Draft) -> None:
+    """Ask for a flywheel; where formulas lead the joints, one makes a whole turn and the others swing with it."""
+    turning = [name for name in draft.single() if draft.kinds[name] == "revolute"]
+    tree, rate = draft.tree.get("trajectory"), 2.0 * math.pi / DURATION
+    if isinstance(tree, dict) and tree["type"] == "joint" and turning:
+        swings = json.dumps({name: draft.formula(name) for name in draft.followed()})
+        tree["q"] = json.loads(swings.replace("3*t", f"{rate!r}*t"))
+        tree["q"][turning[0]] = f"0.3 + {rate!r}*t"
+    draft.section("inverse")["flywheel"] = {"joint": (turning or ["a"])[0], "fluctuation": 0.1}
+
+
 OUTPUT = {
     "extremes": _extremes,
     "design": _design,
@@ -323,6 +336,7 @@ OUTPUT = {
     "study": _keys(study={"vary": {"robot.links.fore.mass": [0.9, 1.1]}}),
     "search": _keys(search={"vary": {"robot.links.fore.mass": "uniform(0.9, 1.1)"}, "starts": 1}),
     "title": _keys(title="A <scene> of pairs, 100 %"),
+    "flywheel": _flywheel,
 }
 
 
