@@ -152,8 +152,8 @@ class FlywheelFigures:
         errors=(".errors.whole_inertia",),
     )
     own_inertia: float | Absent = fact(
-        "mean inertia of the mechanism reduced to the shaft, 2 T over the rate squared; left out, and not counted, where "
-        "the scene does not give it",
+        "mean inertia of the mechanism reduced to the shaft, 2 T over the rate squared; left out, and not counted, "
+        "where the scene does not give it",
         "kg m^2",
         errors=(".errors.own_inertia",),
         default=ABSENT,

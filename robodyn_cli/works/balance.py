@@ -211,8 +211,10 @@ def _flywheel(
 def _own_inertia(
     problem: Problem, sampled: Sampled, breaks: list[float], rate: float
 ) -> tuple[float, float] | None:
-    """Return the mean inertia of the mechanism reduced to a joint with a constant rate [kg m^2], and its error; None where
-    the kinetic energy depends on data that the scene does not give."""
+    """Return the mean inertia of the mechanism reduced to a joint with a constant rate [kg m^2], and its error.
+
+    None where the kinetic energy depends on data that the scene does not give.
+    """
     if not are_known([problem.kinetic])[0]:
         return None
     function = SampleFunction({"kinetic": [problem.kinetic]}, MOTION_GROUPS, len(sampled.times))

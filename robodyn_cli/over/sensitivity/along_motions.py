@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -22,6 +23,8 @@ from robodyn_cli.expr.many import ManyNumbers
 from robodyn_cli.given.loop_conditions import Lead
 from robodyn_cli.given.motion import Planned
 from robodyn_cli.kernels.program import Program
+from robodyn_cli.model.model import MOTION_GROUPS
+from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.many.inverse import figure_of
@@ -30,10 +33,12 @@ from robodyn_cli.over.sensitivity.differences import Slope
 from robodyn_cli.over.sensitivity.gradients import ALL, MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedMotion, LedSlopes
 from robodyn_cli.record import record
+from robodyn_cli.scene.checks.check import EXTREMES
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.load_sharing import share_change
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures
+from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
 from robodyn_cli.summaries.mechanism import KinematicsSummary, PlacesAt
@@ -41,11 +46,13 @@ from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.trajectories.course import between
+from robodyn_cli.works.design import Designed
 from robodyn_cli.works.inverse import evaluated_at, program_of
 from robodyn_cli.works.kinematic_figures import PLACES, between_samples
 from robodyn_cli.works.kinematics import (
     closer_times,
     evaluated,
+    extremes_of,
     leading,
     outputs,
     places_at,
@@ -218,10 +225,11 @@ def _refuse(program: InverseProgram) -> None:
 
 
 @record
-class PlacesAlone:
-    """The key of the summary of ``kinematics`` that tells where points are."""
+class FewFigures:
+    """Keys of the summary of ``kinematics`` that take less time than all of it: places at times, extremes."""
 
     at: list[PlacesAt]
+    extremes: dict[str, Extremes] | Absent
 
 
 class KinematicsSlopes:
@@ -236,7 +244,9 @@ class KinematicsSlopes:
         self.asked, self.numbers = asked, numbers
         self.led = LedSlopes(asked, scene, numbers, _course)
         self.problem = self.led.course.problem
-        self.gradients = MotionGradients(self.problem, outputs(self.problem), self.led.places)
+        self.design = {} if scene.kinematics.design is None else Designed.outputs(self.problem)
+        self._reported = outputs(self.problem)
+        self.gradients = MotionGradients(self.problem, {**self._reported, **self.design}, self.led.places)
 
     @property
     def programs(self) -> list[Program]:
@@ -258,7 +268,12 @@ class KinematicsSlopes:
     @cached_property
     def arrays(self) -> dict[str, Array]:
         """What is evaluated along the motion."""
-        return evaluated(self.problem, self.planned[0])
+        planned = self.planned[0]
+        arrays = evaluated(self.problem, planned)
+        if self.design:
+            function = SampleFunction(self.design, MOTION_GROUPS, len(planned.times))
+            arrays |= function.along(planned.times, planned.motion)
+        return arrays
 
     @cached_property
     def moved(self) -> dict[str, Array]:
@@ -270,11 +285,11 @@ class KinematicsSlopes:
         along = self.gradients(groups)
         return {**moved, **{name: along.change(name, moved) for name in self.arrays}}
 
-    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary | PlacesAlone:
+    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary | FewFigures:
         """Return the summary for a key changed by so much, along the derivatives of the samples."""
         (planned, led), moved = self.planned, self.moved
-        alone = all(name.startswith("at.") for name in self.asked.task.outputs)
-        if alone:
+        wanted = self.asked.task.outputs
+        if all(name.startswith("at.") for name in wanted):
             every = ALL  # these are no figures of samples
         part = every_second(planned.times, every)
         there = {
@@ -286,12 +301,17 @@ class KinematicsSlopes:
         }  # fmt: skip
         motion = dataclasses.replace(planned.motion, q=there["q"], qd=there["v"], qdd=there["a"])
         planned = dataclasses.replace(planned, times=there["t"][:, 0], motion=motion)
-        result = report(self.problem, planned, led, {name: there[name] for name in self.arrays})
-        return (
-            PlacesAlone(places_at(self.problem.scene, result))
-            if alone
-            else summarise(self.problem, planned, result, None)
-        )
+        result = report(self.problem, planned, led, {name: there[name] for name in self._reported})
+        if all(name.startswith(("at.", EXTREMES)) for name in wanted):
+            extremes = extremes_of(self.problem, planned, result)
+            summary: Any = FewFigures(places_at(self.problem.scene, result), extremes)
+        else:
+            summary = summarise(self.problem, planned, result, None)
+        if not self.design:
+            return summary
+        own = {} if isinstance(summary.extremes, Absent) else summary.extremes
+        looked = Designed(self.problem, planned, there).extremes()
+        return dataclasses.replace(summary, extremes={**own, **looked} or ABSENT)
 
 
 class PlaceSlopes:
