@@ -125,3 +125,7 @@ def test_an_extreme_at_the_start_is_that_of_the_start() -> None:
     ]
     assert abs(slope.value - 1.0) <= slope.error <= 1e-6
     assert load_scene_text(text).simulate.duration == 0.5
+    # what a key changes right after the start does not count there
+    rest = exact(asked(text, ["robot.links.ball.mass"], ["extremes.qd.x.largest"]))
+    none = rest["extremes.qd.x.largest", "robot.links.ball.mass"]
+    assert abs(none.value) <= none.error <= 1e-7

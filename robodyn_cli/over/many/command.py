@@ -46,11 +46,12 @@ class BatchCommand(ABC, Generic[Own]):
     """A command for many runs. Without state: one object serves all.
 
     sampled : columns of what samples hold, ``q`` as positions and all others as rates. words : what keys of the summary
-    say in every run that compiled code makes.
+    say in every run that compiled code makes. slow : why keys that begin so take a whole command.
     """
 
     name: str
     words: Mapping[str, Any] = {}
+    slow: Mapping[str, str] = {}
     sampled: tuple[str, ...] = ("q", "qd")
 
     @abstractmethod

@@ -261,6 +261,11 @@ class Deploy(MotionCommand):
 
     name = "deploy"
     words = WORDS
+    slow = {
+        "final.": "it is the state of lock.angles and lock.rates, with the error of the samples until then",
+        "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
+        "extremes.": "it is a peak between samples of the whole motion",
+    }
 
     def build(self, scene: Scene) -> Motion:
         return build_deployment(scene, Stopwatch())

@@ -77,6 +77,9 @@ def why_slow(task: Task) -> str:
     if task.command not in commands or not keys:
         return f"each run is a whole command: there is no compiled code of {task.command} for many runs"
     more = f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else ""
+    command = _command_of(task)
+    slow = () if command is None else command.slow.items()
+    more += next((f" ({why})" for head, why in slow if keys[0].startswith(head)), "")
     advice = "" if set(keys) & set(task.outputs) else " of expect (--set expect={} leaves it out)"
     return f"each run is a whole command: compiled code does not give {', '.join(keys[:MOST_KEYS])}{more}{advice}"
 

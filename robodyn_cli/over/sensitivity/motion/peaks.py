@@ -107,6 +107,8 @@ def _slopes(
     near, ending = AT_END * end.time, dataclasses.replace(end, figures=(figure,))
     inside = time < end.time - near
     if inside:
+        # at the start it is that of an instant later
+        doubt = doubt if time > near else max(doubt, 2.0 * near)
         ending = Ending(max(time, near), figures=(figure,), doubt=doubt, lasts=False)
     slopes.until(ending)
     own, off = slopes.found()
