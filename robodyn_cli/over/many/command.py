@@ -62,11 +62,6 @@ class BatchCommand(ABC, Generic[Own]):
     def is_plain(self, key: str) -> bool:
         """Tell whether compiled code gives this key of the summary."""
 
-    def slopes(self, structure: Own, values: Array, of: Sequence[str]) -> Array | None:
-        """Return exact derivatives (N, of, keys) of keys of the summary in runs of one structure with rows of values
-        (N, keys), all at once; None where there are no such."""
-        return None
-
     @abstractmethod
     def make(self, structure: Own, rows: Rows, asked: AskedRuns) -> list[int]:
         """Make runs of one structure in compiled code; return those that are left to be made one by one."""

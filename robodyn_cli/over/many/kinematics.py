@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-import re
 from collections.abc import Mapping, Sequence
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from robodyn_cli.given.motion import knot_places, plan_motion
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.model.places import numbers_at_places
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
 from robodyn_cli.over.many.groups import Built, first_of, table_rows
 from robodyn_cli.over.many.guides import Guided, ManyMotions, guided_reasons
@@ -47,9 +45,6 @@ from robodyn_cli.works.kinematic_figures import (
 )
 from robodyn_cli.works.kinematics import closer_times, kinematics, leading, outputs, problem_of
 
-if TYPE_CHECKING:
-    from robodyn_cli.over.sensitivity.along_motions import PlaceSlopes
-
 # sections of the summary whose numbers are found for many runs; counters are those of single runs
 SECTIONS = (
     "at",
@@ -63,8 +58,6 @@ SECTIONS = (
     "transmission_angle",
 )
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
-
-AT_POINT = re.compile(r"at\.(\d+)\.points\.(.+)\.[xyz]")
 
 
 class KinematicsStructure(Built):
@@ -85,7 +78,6 @@ class KinematicsStructure(Built):
             self.paths = outputs(self.problem)
             # without names from the scene, scenes with equal equations share their code
             self.kernel = SampleKernel({f"o{k}": x for k, x in enumerate(self.paths.values())}, MOTION_GROUPS)
-        self._place_slopes: dict[tuple[str, ...], PlaceSlopes] = {}
         self.breaks = spaced(knot_places(self.problem.scene, self.times), len(self.times))
         self.size = sum(len(x) for x in self.paths.values())
         super().__init__(
@@ -103,20 +95,6 @@ class KinematicsStructure(Built):
         own = plan_motion(self.problem, self.times).motion
         q, v, a = (np.tile(x, (len(values), 1, 1)) for x in (own.q, own.qd, own.qdd))
         return ManyMotions(q, v, a, np.ones(len(values), dtype=bool))
-
-    def place_slopes(self, of: Sequence[str]) -> PlaceSlopes | None:
-        """Return the derivatives of coordinates of points at times; None where something else is among ``of``, or a key
-        that is no number of these equations."""
-        from robodyn_cli.over.sensitivity.along_motions import PlaceSlopes
-
-        scene, places = self.problem.scene, [key.place for key in self.keys]
-        of_points = [AT_POINT.fullmatch(key) for key in of]
-        if not (all(of_points) and set(places) <= numbers_at_places(scene).keys()):
-            return None
-        if (key := tuple(of)) not in self._place_slopes:
-            wanted = [(scene.kinematics.at[int(x[1])], x[2]) for x in of_points if x is not None]
-            self._place_slopes[key] = PlaceSlopes(self.problem, self.lead, self.times, wanted, places)
-        return self._place_slopes[key]
 
     def evaluated(self, values: Array, motions: ManyMotions) -> dict[str, Array]:
         """Return what is evaluated along motions (T, N, n), by path."""
@@ -269,15 +247,6 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
             return key == "termination.time"
         known = leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
         return known and not (leaf.key.startswith("at.") and leaf.key.endswith(".time"))
-
-    def slopes(self, structure: KinematicsStructure, values: Array, of: Sequence[str]) -> Array | None:
-        if (places := structure.place_slopes(of)) is None:
-            return None
-        motions = structure.motions(values)
-        changes = places(structure.numbers(values), (motions.q, motions.v, motions.a))
-        axes = ["xyz".index(key.rpartition(".")[2]) for key in of]
-        slopes: Array = np.where(motions.good[:, None, None], changes[:, np.arange(len(of)), axes], np.nan)
-        return slopes
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, kinematics=dataclasses.replace(scene.kinematics, samples=samples))

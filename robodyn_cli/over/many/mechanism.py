@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import os
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, Making, ManyRuns
-from robodyn_cli.over.many.groups import Structures
+from robodyn_cli.over.many.groups import Built, Structures
 from robodyn_cli.over.many.keys import Allowed, Key, understand
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
@@ -170,18 +169,10 @@ class Mechanism(ModelFunctions):
         return result, making.compiled(allowed)
 
     @one_at_a_time
-    def slopes(self, command: BatchCommand[Any], rows: Array, of: Sequence[str]) -> Array:
-        """Return exact derivatives (N, of, keys) in runs with rows of values (N, keys), nan where there are none.
-
-        of : keys of the summary. Compiled code gives them for all runs at once, of some commands and keys.
-        """
-        out = np.full((len(rows), len(of), len(self.keys)), np.nan)
-        for structure, group in self._structures_of(command).groups(rows):
-            if structure is not None and not structure.obstacle:
-                with contextlib.suppress(CapabilityError, np.linalg.LinAlgError):
-                    if (own := command.slopes(structure, rows[group], of)) is not None:
-                        out[group] = own
-        return out
+    def structures(self, command: BatchCommand[Any], rows: Array) -> list[tuple[Built, NDArray[np.int64]]]:
+        """Return the structures that serve rows of values (N, keys) in compiled code, with their rows' numbers."""
+        groups = self._structures_of(command).groups(rows)
+        return [(own, group) for own, group in groups if own is not None and not own.obstacle]
 
     def refusals(self, values: Array) -> dict[int, SceneError]:
         """Return the rows of values (N, keys) that the scene does not allow, with the errors."""

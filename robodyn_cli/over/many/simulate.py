@@ -253,6 +253,11 @@ def _largest_error(result: ManyRuns, group: str, rows: Rows) -> Array:
 
 NO_LOCK = "duration: no lock"
 LOCK_ERROR = "lock.time_error"
+SLOW = {
+    "final.": "it is the state of lock.angles and lock.rates, with the error of the samples until then",
+    "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
+    "extremes.": "it is a peak between samples of the whole motion",
+}
 LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
 
@@ -261,11 +266,7 @@ class Deploy(MotionCommand):
 
     name = "deploy"
     words = WORDS
-    slow = {
-        "final.": "it is the state of lock.angles and lock.rates, with the error of the samples until then",
-        "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
-        "extremes.": "it is a peak between samples of the whole motion",
-    }
+    slow = SLOW
 
     def build(self, scene: Scene) -> Motion:
         return build_deployment(scene, Stopwatch())

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import RobodynError
+from robodyn_cli.commands import places
+from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.search.asked import EDGE, Search
 from robodyn_cli.over.search.journal import SearchJournal
@@ -19,10 +22,13 @@ from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.over.study.rows import Points, RunRows, joined
 from robodyn_cli.over.study.runs import Compiled, Waiting, one_by_one, suits
 from robodyn_cli.record import record
+from robodyn_cli.registry import Registry
 from robodyn_cli.spatial.algebra import Array
 
 WIDEST, NARROWEST = 1e-2, 1e-5  # part of the way between bounds, by which differences change a key
 ROUNDING = 1e-15  # of outputs
+
+at_once: Registry[Any] = Registry("robodyn_cli", places("together"))
 
 
 @record
@@ -85,6 +91,7 @@ class PointMaker:
                 ends = [search.value_of(np.full(len(search.continuous), u), values) for u in (0.0, 1.0)]
                 self._compiled.allow(np.array(ends))
                 break  # others are looked at as they come
+        self._slopes_at_once = None if (kind := at_once.get(search.task.command)) is None else kind()
         self._known: dict[bytes, DesignPoint] = {}
         self._slopes: dict[bytes, OutputSlopes] = {}
         self._compared: set[tuple[int | str, ...]] = set()  # code of which keys are no structure
@@ -154,11 +161,16 @@ class PointMaker:
 
     def _together(self, points: Sequence[DesignPoint]) -> dict[bytes, OutputSlopes]:
         """Return the derivatives at those points where compiled code gives all of them at once."""
-        if self._compiled is None or not points or not self.search.continuous:
+        if self._compiled is None or self._slopes_at_once is None or not points:
             return {}
         keys, span = list(self.search.continuous), np.ptp(self.search.bounds, axis=1)
         together = {}
-        for point, J in zip(points, self._compiled.slopes(np.array([point.x for point in points]))):
+        values = np.array([point.x for point in points])
+        slopes = np.full((len(points), len(points[0].y), len(points[0].x)), np.nan)
+        for structure, rows in self._compiled.structures(values):
+            with contextlib.suppress(CapabilityError, np.linalg.LinAlgError):
+                slopes[rows] = self._slopes_at_once(structure, values[rows], self.search.task.outputs)
+        for point, J in zip(points, slopes):
             if not np.isfinite(J[:, keys]).all():
                 continue
             own = self._nothing(point)

@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.commands import COMMANDS, places
 from robodyn_cli.errors import FAILED, INTERRUPTED, SceneError
@@ -24,6 +25,7 @@ from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE, judge
 from robodyn_cli.over.commands import execute
 from robodyn_cli.over.many.command import BatchCommand, ManyRuns, ended, error_of, number_of
+from robodyn_cli.over.many.groups import Built
 from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed
@@ -118,9 +120,9 @@ class Compiled:
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
 
-    def slopes(self, values: Array) -> Array:
-        """Return exact derivatives (N, outputs, keys) in runs with rows of values, nan where there are none at once."""
-        return self._mechanism.slopes(self._command, values, self.task.outputs)
+    def structures(self, values: Array) -> list[tuple[Built, NDArray[np.int64]]]:
+        """Return the structures that serve rows of values (N, keys), with the numbers of their rows."""
+        return self._mechanism.structures(self._command, values)
 
     def blocks(self, missing: Missing) -> Iterator[RunRows]:
         """Yield the rows of all missing runs that could be made, a block at a time."""
