@@ -22,6 +22,8 @@ class Command:
     batch : class of ``many.command.Command``, which makes many runs in compiled code.
     slopes : exact derivatives: f(asked, numbers of keys) -> a ``Slope`` for each of these keys, by output; or the class
     of them, ``Direct``, of a command that integrates nothing.
+    together : class of exact derivatives in many runs at once, called with a structure of ``batch``, rows of values and
+    outputs.
     good : status of a run that ended as it should.
     given : sections with what the motion is asked to be, which are no numbers of the equations.
     plots : those of its result, below ``report/plots/``, in the order of pages.
@@ -38,6 +40,7 @@ class Command:
     plan: str = ""
     batch: str = ""
     slopes: str = ""
+    together: str = ""
     good: str = "ok"
     given: tuple[str, ...] = ()
     plots: tuple[str, ...] = ()
@@ -155,7 +158,8 @@ COMMANDS: dict[str, Command] = {
         check="over.checks:kinematics",
         summary=("mechanism:KinematicsSummary", "drives:MotorisationKeys", "design:DesignKeys"),
         batch="over.many.kinematics:KinematicsRuns",
-        slopes="over.sensitivity.along_motions:KinematicsSlopes",
+        slopes="over.sensitivity.of_kinematics:KinematicsSlopes",
+        together="over.sensitivity.of_kinematics:PlacesTogether",
         given=("trajectory", "kinematics"),
         plots=(
             *JOINTS,

@@ -127,6 +127,8 @@ class FlywheelErrors:
     """Errors of the figures of a flywheel."""
 
     inertia: float = fact("of the inertia", "kg m^2")
+    whole_inertia: float = fact("of this inertia", "kg m^2")
+    own_inertia: float | Absent = fact("of this inertia", "kg m^2", default=ABSENT)
     energy: float = fact("of the energy", "J")
     mean_torque: float = fact("of the mean torque", "N m")
     fullest_time: float = fact("of the time", "s")
@@ -140,9 +142,21 @@ class FlywheelFigures:
     joint: str = fact("the joint")
     rate: float = fact("its mean rate", "rad/s", errors=None)
     inertia: float = fact(
-        "moment of inertia on its shaft: energy over the coefficient and the rate squared",
+        "moment of inertia on its shaft: `whole_inertia` less `own_inertia`, 0 where the mechanism needs none",
         "kg m^2",
         errors=(".errors.inertia",),
+    )
+    whole_inertia: float = fact(
+        "that the shaft has to have: energy over the coefficient and the rate squared",
+        "kg m^2",
+        errors=(".errors.whole_inertia",),
+    )
+    own_inertia: float | Absent = fact(
+        "mean inertia of the mechanism reduced to the shaft, 2 T over the rate squared; left out, and not counted, "
+        "where the scene does not give it",
+        "kg m^2",
+        errors=(".errors.own_inertia",),
+        default=ABSENT,
     )
     energy: float = fact("energy that it takes up and gives in a cycle", "J", errors=(".errors.energy",))
     mean_torque: float = fact("mean torque of the cycle", "N m", errors=(".errors.mean_torque",))

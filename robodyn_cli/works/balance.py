@@ -168,7 +168,7 @@ def _flywheel(
 ) -> tuple[FlywheelFigures, tuple[Array, Array]]:
     """Return the figures, and the joint's torque and the energy that the flywheel gives (T,).
 
-    E(t) = int (P - mean P) dt,        J = (max E - min E) / (C w^2)
+    E(t) = int (P - mean P) dt,        J = (max E - min E) / (C w^2) - mean 2 T / w^2
     """
     wheel = problem.scene.inverse.flywheel
     assert wheel is not None
@@ -183,19 +183,43 @@ def _flywheel(
     rounded = 1e-12 * float(np.abs(tau * rate).max()) * duration
     error = float(most.error[0] + least.error[0]) + 2.0 * off + rounded
     square = wheel.fluctuation * w * w
+    whole, own = energy / square, _own_inertia(problem, sampled, breaks, w)
+    less, less_error = (0.0, 0.0) if own is None else own
     figures = FlywheelFigures(
         joint=wheel.joint,
         rate=w,
-        inertia=energy / square,
+        inertia=max(0.0, whole - less),
+        whole_inertia=whole,
+        own_inertia=ABSENT if own is None else less,
         energy=energy,
         mean_torque=float(work[-1]) / (duration * w),
         fullest_time=float(least.time[0]),
         emptiest_time=float(most.time[0]),
         errors=FlywheelErrors(
-            error / square,
-            error,
-            (off + rounded) / (duration * abs(w)),
-            *(float(x.time_error[0]) for x in (least, most)),
+            inertia=error / square + less_error,
+            whole_inertia=error / square,
+            own_inertia=ABSENT if own is None else less_error,
+            energy=error,
+            mean_torque=(off + rounded) / (duration * abs(w)),
+            fullest_time=float(least.time_error[0]),
+            emptiest_time=float(most.time_error[0]),
         ),
     )
     return figures, (tau, given)
+
+
+def _own_inertia(
+    problem: Problem, sampled: Sampled, breaks: list[float], rate: float
+) -> tuple[float, float] | None:
+    """Return the mean inertia of the mechanism reduced to a joint with a constant rate [kg m^2], and its error.
+
+    None where the kinetic energy depends on data that the scene does not give.
+    """
+    if not are_known([problem.kinetic])[0]:
+        return None
+    function = SampleFunction({"kinetic": [problem.kinetic]}, MOTION_GROUPS, len(sampled.times))
+    kinetic = function.along(sampled.times, sampled.motion, sampled.p)["kinetic"][:, 0]
+    integral, off = running(sampled.times, kinetic, breaks)
+    duration = float(sampled.times[-1] - sampled.times[0])
+    most = off + 1e-12 * duration * float(kinetic.max())
+    return 2.0 * float(integral[-1]) / (duration * rate**2), 2.0 * most / (duration * rate**2)

@@ -6,6 +6,7 @@ Chains of four links are in ``works.four_bars``.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,6 @@ from robodyn_cli.observe.plane import (
 )
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result, make_variable
-from robodyn_cli.scene.nested_options import KinematicDesign
 from robodyn_cli.scene.points import BASE
 from robodyn_cli.solve.crossings import crossings, value_at
 from robodyn_cli.solve.quadrature import spaced
@@ -58,23 +58,25 @@ class DesignColumns:
 class Designed:
     """What ``kinematics.design`` asks for along a motion.
 
+    Parameters
+    ----------
+    arrays : what ``outputs`` are along it (T, n); None: evaluated here.
+
     Raises
     ------
     CapabilityError : it has no meaning for the mechanism.
     """
 
-    def __init__(self, problem: Problem, planned: Planned) -> None:
+    def __init__(self, problem: Problem, planned: Planned, arrays: Mapping[str, Array] | None = None) -> None:
         design = problem.scene.kinematics.design
         assert design is not None
         self.problem, self.planned, self.design = problem, planned, design
         self.scene, self.times, self.asked = problem.scene, planned.times, problem.scene.outputs.extremes
         names = [link.name for link in self.scene.robot.links]
-        function = SampleFunction(
-            {**link_outputs(problem, names), **point_motion(problem), **self._places(design)},
-            MOTION_GROUPS,
-            len(self.times),
-        )
-        self.arrays = function.along(self.times, planned.motion)
+        if arrays is None:
+            function = SampleFunction(self.outputs(problem), MOTION_GROUPS, len(self.times))
+            arrays = function.along(self.times, planned.motion)
+        self.arrays = arrays
         links = {name: self._link(name) for name in names}
         self.links = {**links, BASE: self._link(BASE)}
         self.normal, self.scales = normal_of(links.values()), scales_of(links.values())
@@ -89,10 +91,13 @@ class Designed:
         for name, pair in design.pressure.items():
             self.columns[f"pressure_angles/{name}"] = self._pressure(name, pair)
 
-    def _places(self, design: KinematicDesign) -> dict[str, list[Any]]:
-        frames, world = self.problem.model.points, self.problem.world_point
-        names = {x for pair in design.pressure.values() for x in pair}
-        return {f"points/{name}": list(world(frames[name])) for name in names}
+    @staticmethod
+    def outputs(problem: Problem) -> dict[str, list[Any]]:
+        """Return the expressions that all of it follows from."""
+        design, links = problem.scene.kinematics.design, [link.name for link in problem.scene.robot.links]
+        names = () if design is None else dict.fromkeys(x for pair in design.pressure.values() for x in pair)
+        places = {f"points/{name}": list(problem.world_point(problem.model.points[name])) for name in names}
+        return {**link_outputs(problem, links), **point_motion(problem), **places}
 
     def _link(self, name: str) -> LinkMotion:
         return LinkMotion.of(self.arrays.get(f"links/{name}"), len(self.times))

@@ -10,6 +10,11 @@ import numpy as np
 from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest
 from robodyn_cli.spatial.algebra import Array
 
+PLACES = (
+    "points",
+    "point_velocities",
+    "point_accelerations",
+)  # datasets of a point's motion, from positions on
 AT_SAMPLE = 1e-9  # part of an interval: a time so near to a sample is the sample's
 # values and errors (n,) of columns of one run, or of many, by figure
 Figures = dict[str, tuple[Array, Array]]

@@ -277,14 +277,15 @@ def summarise(
         transmission_angle=_transmission(result, breaks, closed),
         error_estimate=ClosureErrors(LoopResidual(**planned.residuals)) if planned.residuals else ABSENT,
         counters=planned.counters,
-        extremes=_extremes(problem.scene, result, breaks, CLOSED if planned.residuals else 0.0),
+        extremes=extremes_of(problem, planned, result),
     )
 
 
-def _extremes(
-    scene: Scene, result: Result, breaks: Sequence[float], closed: float
-) -> dict[str, Extremes] | Absent:
-    """Return the extremes that a scene asks for; closed : how far positions may be off at the samples [rad or m]."""
+def extremes_of(problem: Problem, planned: Planned, result: Result) -> dict[str, Extremes] | Absent:
+    """Return the extremes that a scene asks for of a motion, but for those of kinematic design."""
+    scene = problem.scene
+    breaks = spaced(knot_places(scene, planned.times), len(planned.times))
+    closed = CLOSED if planned.residuals else 0.0  # how far positions may be off at the samples [rad or m]
     names = scene.outputs.extremes
     if names and scene.kinematics.design is not None:
         from robodyn_cli.scene.checks.columns import DESIGNED

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -192,7 +194,21 @@ def _none(draft: Draft) -> None:
 
 
 # a scene without a feature of this family follows formulas, so that every command has a motion
-TRAJECTORY: dict[str, Feature] = {"none": _none} | {kind: _trajectory(kind) for kind in MADE}
+def _turning(draft: Draft) -> None:
+    """Write a motion in which one joint makes a whole turn and the others swing with it, and ask for a flywheel."""
+    turning = [name for name in draft.single() if draft.kinds[name] == "revolute"]
+    rate = 2.0 * math.pi / DURATION
+    swings = json.dumps({name: draft.formula(name) for name in draft.followed()})
+    q = json.loads(swings.replace("3*t", f"{rate!r}*t"))
+    if turning:
+        q[turning[0]] = f"0.3 + {rate!r}*t"
+    draft.tree["trajectory"] = {"type": "joint", "duration": DURATION, "q": q}
+    draft.section("inverse")["flywheel"] = {"joint": (turning or ["a"])[0], "fluctuation": 0.1}
+
+
+TRAJECTORY: dict[str, Feature] = {
+    "none": _none, **{kind: _trajectory(kind) for kind in MADE}, "turning": _turning,
+}  # fmt: skip
 # formulas take joints away from what a trajectory leads, and so come before it
 PRESCRIBED = {"formula": _by_formula}
 LED = {"trajectory": _by_trajectory}

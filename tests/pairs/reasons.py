@@ -43,6 +43,8 @@ REASONS: dict[str, str] = {
     # kinematic design
     r"do not move in one plane|does not move in a plane|does not turn about one axis|kinematics.design.*does not move":
         "kinematic design is that of motions in a plane",
+    r"a flywheel follows from|flywheel.joint: joint '\w+' (bears no|slides)":
+        "a flywheel follows from a cycle in which its joint turns at a constant rate and is driven",
     # payloads
     r"which is gripped or released, does not go with": "payloads do not come and go beside rigid stops, sticking and `singular: pass`",
     r"does not follow masses that are gripped or released|'fastest' chooses the times|payload.*'singular: pass'|payloads that come":

@@ -78,7 +78,13 @@ def _outputs(command: str, scene: Scene, rng: np.random.Generator) -> list[str]:
     model = build_model(scene)
     v, q = model.v_names, model.q_names
     found = {
-        "simulate": [*(f"final.q.{n}" for n in q), *(f"final.qd.{n}" for n in v)],
+        "simulate": [*(f"final.q.{n}" for n in q), *(f"final.qd.{n}" for n in v)]
+        + [
+            f"extremes.{path}.{n}.{which}"
+            for path, own in (("q", q), ("qd", v), ("qdd", v))
+            for n in own
+            for which in ("smallest", "largest", "final")
+        ],
         "inverse": [f"{f}.{n}" for n in v for f in ("peak_torque", "rms_torque", "peak_speed")]
         + [f"joints.{n}.{f}" for n in v for f in ("energy", "energy_net", "torque_range.0")],
         "kinematics": [f"joints.{n}.{f}" for n in v for f in ("peak_speed", "peak_acceleration")]

@@ -29,7 +29,7 @@ def test_a_command_that_runs_has_a_check_and_no_other_has_one() -> None:
 
 
 def test_what_asks_runs_asks_commands_that_run() -> None:
-    for column in ("plan", "batch", "slopes"):
+    for column in ("plan", "batch", "slopes", "together"):
         assert set(places(column)) <= set(SCENE_COMMANDS), column
     for name, row in COMMANDS.items():
         assert row.run or not (row.given or row.streamed or row.goes_on), name
@@ -84,7 +84,14 @@ def is_slopes(name: str, member: Any) -> None:
     )
 
 
-CONTRACTS = {"run": is_run, "check": is_check, "plan": is_plan, "batch": is_batch, "slopes": is_slopes}
+def is_together(name: str, member: Any) -> None:
+    assert COMMANDS[name].batch and COMMANDS[name].slopes
+    assert needed(member) == [] and needed(member.__call__)[1:] == ["structure", "values", "of"]
+
+
+CONTRACTS = {
+    "run": is_run, "check": is_check, "plan": is_plan, "batch": is_batch, "slopes": is_slopes, "together": is_together,
+}  # fmt: skip
 
 
 @pytest.mark.parametrize("column", CONTRACTS)

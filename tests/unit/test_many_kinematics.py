@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.over.sensitivity.of_kinematics import PlacesTogether
 from robodyn_cli.over.sensitivity.report import sensitivity
 from robodyn_cli.over.study.rows import Points, Task
 from robodyn_cli.over.study.runs import Compiled, make_one, suits
@@ -77,6 +78,54 @@ def test_runs_that_meet_a_dead_point_are_left_to_the_command() -> None:
     for run in range(3):
         one = make_one(asked, run, values[run])[0].rows[0]
         assert (run in made.runs) == (one["code"] == 0)
+
+
+def slopes_of(compiled: Compiled, values: np.ndarray) -> np.ndarray:
+    ((structure, rows),) = compiled.structures(values)
+    assert len(rows) == len(values)
+    return PlacesTogether()(structure, values, compiled.task.outputs)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_derivatives_of_places_side_by_side_are_those_of_the_runs(seed: int) -> None:
+    """Of dimensions in closed loops and in an open chain, at samples and between them, by differences of order 4."""
+    rng = np.random.default_rng(seed)
+    asked = task(f"kinematics.at={sorted(rng.uniform(0.0, 4.0, 2).tolist()) + [4]}", "kinematics.samples=9")
+    compiled = Compiled(asked, 1)
+    values = rng.uniform((0.25, 0.9, 0.7, 0.3), (0.4, 1.2, 1.0, 0.6), size=(6, 4))
+    rows = compiled.make(Points(np.arange(6), values))
+    good = rows.runs[rows.rows["code"] == 0]
+    slopes = slopes_of(compiled, values[good])
+    assert len(good) >= 3 and np.isfinite(slopes).all()
+    h = 1e-3
+    for k in range(len(KEYS)):
+        beside = np.repeat(values[good], 4, axis=0)
+        beside[:, k] += np.tile(np.array([-2.0, -1.0, 1.0, 2.0]) * h, len(good))
+        y = compiled.make(Points(np.arange(len(beside)), beside)).rows["outputs"].reshape(len(good), 4, -1)
+        expected = (y[:, 0] - 8.0 * y[:, 1] + 8.0 * y[:, 2] - y[:, 3]) / (12.0 * h)
+        np.testing.assert_allclose(slopes[:, :, k], expected, atol=1e-8)
+
+
+def test_derivatives_of_places_of_an_open_chain_are_explicit() -> None:
+    path = FIVE.parents[1] / "2r_circle.yaml"
+    ends = "[{t: 0, q: {theta1: 0, theta2: 1}}, {t: 1, q: {theta1: 1, theta2: 2}}]"
+    changes = (
+        "expect={}",
+        f"trajectory={{type: quintic, points: {ends}}}",
+        "kinematics={samples: 5, at: [0, 0.37, 1]}",
+        "initial={q: {theta1: 0, theta2: 1}}",
+    )
+    of = tuple(f"at.{k}.points.tip.{axis}" for k in range(3) for axis in "xy")
+    asked = Task(Family(path, changes), "kinematics", ("robot.joints.theta1.a", "robot.joints.theta2.a"), of)
+    values = np.array([[0.9, 0.8], [1.0, 1.1]])
+    slopes = slopes_of(Compiled(asked, 1), values)
+    h = 1e-4
+    for k in range(2):
+        one, two = (
+            Compiled(asked, 1).make(Points(np.arange(2), values + s * h * np.eye(2)[k])).rows["outputs"]
+            for s in (1, -1)
+        )
+        np.testing.assert_allclose(slopes[:, :, k], (one - two) / (2.0 * h), atol=1e-9)
 
 
 def places(scene: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -46,11 +46,12 @@ class BatchCommand(ABC, Generic[Own]):
     """A command for many runs. Without state: one object serves all.
 
     sampled : columns of what samples hold, ``q`` as positions and all others as rates. words : what keys of the summary
-    say in every run that compiled code makes.
+    say in every run that compiled code makes. slow : why keys that begin so take a whole command.
     """
 
     name: str
     words: Mapping[str, Any] = {}
+    slow: Mapping[str, str] = {}
     sampled: tuple[str, ...] = ("q", "qd")
 
     @abstractmethod
@@ -60,11 +61,6 @@ class BatchCommand(ABC, Generic[Own]):
     @abstractmethod
     def is_plain(self, key: str) -> bool:
         """Tell whether compiled code gives this key of the summary."""
-
-    def is_smooth(self, key: str) -> bool:
-        """Tell whether differences of a key in neighbouring runs are derivatives to rounding: runs take so little, and
-        the key is no extreme."""
-        return False
 
     @abstractmethod
     def make(self, structure: Own, rows: Rows, asked: AskedRuns) -> list[int]:

@@ -34,6 +34,7 @@ from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
 from robodyn_cli.works.kinematic_figures import (
     AT_SAMPLE,
+    PLACES,
     Figures,
     between_samples,
     path_figures,
@@ -44,7 +45,6 @@ from robodyn_cli.works.kinematic_figures import (
 )
 from robodyn_cli.works.kinematics import closer_times, kinematics, leading, outputs, problem_of
 
-PLACES = ("points", "point_velocities", "point_accelerations")
 # sections of the summary whose numbers are found for many runs; counters are those of single runs
 SECTIONS = (
     "at",
@@ -247,9 +247,6 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
             return key == "termination.time"
         known = leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
         return known and not (leaf.key.startswith("at.") and leaf.key.endswith(".time"))
-
-    def is_smooth(self, key: str) -> bool:
-        return key.startswith("at.")
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, kinematics=dataclasses.replace(scene.kinematics, samples=samples))

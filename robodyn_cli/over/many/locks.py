@@ -18,7 +18,7 @@ from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
-from robodyn_cli.works.deploy.growth import farthest, multiplier_norm, starts_beside
+from robodyn_cli.works.deploy.growth import farthest, locks_beside, multiplier_norm, starts_beside
 
 # what the summary says of every run whose lock compiled code has found
 WORDS: dict[str, Any] = {
@@ -81,7 +81,11 @@ def figures_of(locks: Locks, keys: Sequence[str]) -> dict[str, Figure]:
             known |= {f"{group}.{k}": (x, errors.max(axis=1)) for k, x in enumerate(values.T)}
     if any(key in NORMS for key in keys):
         starts = starts_beside(locks.batch.states, locks.batch.closed_otherwise().states)
-        values, errors = _apart(locks, *(partial(_norms, locks, x) for x in (starts[:1], starts)))
+        here = locks.first[None]
+        beside = np.vstack([here, locks_beside(motion.system, locks.first)])
+        values, errors = _apart(
+            locks, lambda x: _norms(locks, starts[:1], x[None]), lambda x: _norms(locks, starts, [*beside, x])
+        )
         known |= {key: (values[:, k], errors[:, k]) for k, key in enumerate(NORMS)}
     return {key: known.get(key, (nothing, nothing)) for key in keys}
 
@@ -112,17 +116,18 @@ def _singular_values(locks: Locks, columns: Sequence[int], x: Array) -> Array:
     return values
 
 
-def _norms(locks: Locks, starts: Array, x: Array) -> Array:
-    """Return the norms of the loops' multipliers at starts (S, N, nx), that farthest from the first, and at states x
-    (N, nx): (N, 2)."""
+def _norms(locks: Locks, starts: Array, ends: Array | Sequence[Array]) -> Array:
+    """Return the norms of the loops' multipliers at starts (S, N, nx) and at locks (L, N, nx), each time that farthest
+    from the first: (N, 2)."""
     batch = locks.batch
     rows = batch.structure.motion.problem.constraints.of_loops
-    norms = np.empty((len(x), 2))
+    x = np.asarray(ends)
+    norms = np.empty((x.shape[1], 2))
     for k, observer in enumerate(batch.structure.observers(batch.numbers)):
-        states = np.asfortranarray(np.vstack([starts[:, k], x[k]]))
-        times = np.append(np.zeros(len(starts)), locks.times[k])
+        states = np.asfortranarray(np.vstack([starts[:, k], x[:, k]]))
+        times = np.repeat([0.0, locks.times[k]], [len(starts), len(x)])
         own = multiplier_norm(observer.multipliers(times, states)[:, rows])
-        norms[k] = farthest(own[:-1]), own[-1]
+        norms[k] = farthest(own[: len(starts)]), farthest(own[len(starts) :])
     return norms
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from robodyn_cli.errors import CapabilityError, SceneError
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, Making, ManyRuns
-from robodyn_cli.over.many.groups import Structures
+from robodyn_cli.over.many.groups import Built, Structures
 from robodyn_cli.over.many.keys import Allowed, Key, understand
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
@@ -168,6 +168,12 @@ class Mechanism(ModelFunctions):
         making, allowed = self._making(command, result, (None, None), 0, threads)
         return result, making.compiled(allowed)
 
+    @one_at_a_time
+    def structures(self, command: BatchCommand[Any], rows: Array) -> list[tuple[Built, NDArray[np.int64]]]:
+        """Return the structures that serve rows of values (N, keys) in compiled code, with their rows' numbers."""
+        groups = self._structures_of(command).groups(rows)
+        return [(own, group) for own, group in groups if own is not None and not own.obstacle]
+
     def refusals(self, values: Array) -> dict[int, SceneError]:
         """Return the rows of values (N, keys) that the scene does not allow, with the errors."""
         return self._allowed.refusals(values)
@@ -200,10 +206,13 @@ class Mechanism(ModelFunctions):
         for row, error in refused.items():
             result.code[row], result.reason[row] = error.exit_code, error.message
         allowed = np.array([k for k in range(len(result)) if k not in refused], dtype=np.int64)
+        asked = AskedRuns(result, *start, samples, threads)
+        return Making(command, self._structures_of(command), asked), allowed
+
+    def _structures_of(self, command: BatchCommand[Any]) -> Structures:
         if command.name not in self._structures:
             self._structures[command.name] = Structures(self.family, self.keys, command.structure)
-        asked = AskedRuns(result, *start, samples, threads)
-        return Making(command, self._structures[command.name], asked), allowed
+        return self._structures[command.name]
 
     def _rows(self, values: Values, others: Sequence[Array | None]) -> Array:
         """Return rows of values (N, keys).

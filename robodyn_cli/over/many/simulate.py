@@ -52,6 +52,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.tools.progress import Stopwatch
 from robodyn_cli.works.deploy.deploy import build_deployment, deploy
+from robodyn_cli.works.deploy.growth import rounding_at_lock
 from robodyn_cli.works.deploy.lock import TRUSTED
 
 SECOND_STEPS = "error_estimate.steps"
@@ -252,6 +253,11 @@ def _largest_error(result: ManyRuns, group: str, rows: Rows) -> Array:
 
 NO_LOCK = "duration: no lock"
 LOCK_ERROR = "lock.time_error"
+SLOW = {
+    "final.": "it is the state of lock.angles and lock.rates, with the error of the samples until then",
+    "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
+    "extremes.": "it is a peak between samples of the whole motion",
+}
 LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
 
@@ -260,6 +266,7 @@ class Deploy(MotionCommand):
 
     name = "deploy"
     words = WORDS
+    slow = SLOW
 
     def build(self, scene: Scene) -> Motion:
         return build_deployment(scene, Stopwatch())
@@ -312,6 +319,8 @@ class Deploy(MotionCommand):
             others[rows], factor[rows] = second.y, remainder(first, paced)
             trusted[rows] = done & (errors[rows] <= TRUSTED * time)
         apart = factor[:, None] * np.abs(others - runs.y) + ROUNDED * np.abs(runs.y)
+        rates = list(motion.system.v_places)
+        apart[:, rates] += rounding_at_lock(motion.system, runs.y)[:, rates]
         driven = Driven(
             runs, trusted | missed, errors=apart, time_errors=errors, second_steps=steps, missed=missed
         )

@@ -37,7 +37,7 @@ class SearchJournal:
         self._head = head
         self._file: TextIO | None = None
         self._runs: dict[bytes, KeptRun] = {}
-        self._slopes: dict[tuple[bytes, bool], KeptSlopes] = {}
+        self._slopes: dict[bytes, KeptSlopes] = {}
         self.taken = 0
 
     def __enter__(self) -> SearchJournal:
@@ -72,7 +72,7 @@ class SearchJournal:
                     self._runs[x] = np.array(one["y"]), errors, one["code"], one["reason"], one["compiled"]
                     self.taken += 1
                 else:
-                    self._slopes[x, one["asked"]] = np.array(one["slopes"]), errors, one["exact"]
+                    self._slopes[x] = np.array(one["slopes"]), errors, one["exact"]
                 whole.append(one)
         return whole
 
@@ -80,9 +80,9 @@ class SearchJournal:
         """Return outputs, errors, exit code and reason of a run that is there."""
         return self._runs.pop(x.tobytes(), None)
 
-    def slopes(self, x: Array, exact: bool) -> KeptSlopes | None:
-        """Return derivatives (n, K), their errors, and whether any is exact; exact : asked for as such."""
-        return self._slopes.pop((x.tobytes(), exact), None)
+    def slopes(self, x: Array) -> KeptSlopes | None:
+        """Return derivatives (n, K), their errors, and whether any is exact."""
+        return self._slopes.pop(x.tobytes(), None)
 
     def add_run(self, x: Array, run: KeptRun) -> None:
         """Keep a run, as ``run`` returns it."""
@@ -90,18 +90,10 @@ class SearchJournal:
         self._add({"x": x.tolist(), "y": y.tolist(), "errors": errors.tolist(), "code": code, "reason": reason,
                    "compiled": compiled})  # fmt: skip
 
-    def add_slopes(self, x: Array, slopes: KeptSlopes, exact: bool) -> None:
+    def add_slopes(self, x: Array, slopes: KeptSlopes) -> None:
         """Keep derivatives, as ``slopes`` returns them."""
         values, errors, own = slopes
-        self._add(
-            {
-                "x": x.tolist(),
-                "slopes": values.tolist(),
-                "errors": errors.tolist(),
-                "exact": own,
-                "asked": exact,
-            }
-        )
+        self._add({"x": x.tolist(), "slopes": values.tolist(), "errors": errors.tolist(), "exact": own})
 
     def _add(self, line: dict[str, Any]) -> None:
         if self._file is None or self._path is None:

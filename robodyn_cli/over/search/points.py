@@ -2,27 +2,33 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from functools import cached_property
+from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import RobodynError
+from robodyn_cli.commands import places
+from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.search.asked import EDGE, Search
 from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
+from robodyn_cli.over.sensitivity.gradients import SOLVED
 from robodyn_cli.over.sensitivity.report import exact_slopes
 from robodyn_cli.over.study.rows import Points, RunRows, joined
-from robodyn_cli.over.study.runs import Compiled, Waiting, is_smooth, one_by_one, suits
+from robodyn_cli.over.study.runs import Compiled, Waiting, one_by_one, suits
 from robodyn_cli.record import record
+from robodyn_cli.registry import Registry
 from robodyn_cli.spatial.algebra import Array
 
 WIDEST, NARROWEST = 1e-2, 1e-5  # part of the way between bounds, by which differences change a key
 ROUNDING = 1e-15  # of outputs
+
+at_once: Registry[Any] = Registry("robodyn_cli", places("together"))
 
 
 @record
@@ -85,8 +91,9 @@ class PointMaker:
                 ends = [search.value_of(np.full(len(search.continuous), u), values) for u in (0.0, 1.0)]
                 self._compiled.allow(np.array(ends))
                 break  # others are looked at as they come
+        self._slopes_at_once = None if (kind := at_once.get(search.task.command)) is None else kind()
         self._known: dict[bytes, DesignPoint] = {}
-        self._slopes: dict[tuple[bytes, bool], OutputSlopes] = {}
+        self._slopes: dict[bytes, OutputSlopes] = {}
         self._compared: set[tuple[int | str, ...]] = set()  # code of which keys are no structure
         self._able: list[int] | None = None  # keys of which there are exact derivatives
 
@@ -135,32 +142,42 @@ class PointMaker:
         return f"the run has no {', '.join(names)}"
 
     # -- derivatives ----------------------------------------------------------------------------------------
-    @cached_property
-    def _by_runs(self) -> bool:
-        """Whether derivatives on the way are differences of runs: of smooth outputs in compiled code these are exact to
-        rounding, and a thousand take as long as an exact derivative."""
-        return any(point.compiled for point in self.points) and is_smooth(self.search.task)
-
-    def slopes(self, points: Sequence[DesignPoint], exact: bool = False) -> list[OutputSlopes]:
-        """Return the derivatives at points by the keys that lie between bounds; others are zero.
-
-        exact : whether they are to be exact, as far as there are such, even where differences of compiled runs serve.
-        """
-        exact = exact or not self._by_runs
-        new: dict[bytes, OutputSlopes] = {}
+    def slopes(self, points: Sequence[DesignPoint]) -> list[OutputSlopes]:
+        """Return the derivatives at points by the keys that lie between bounds; others are zero."""
+        unknown: dict[bytes, DesignPoint] = {}
         for point in points:
             x = point.x.tobytes()
-            if (x, exact) in self._slopes or x in new:
-                continue
-            if (kept := self.journal.slopes(point.x, exact)) is not None:
-                self._slopes[x, exact] = OutputSlopes(*kept)
-            else:
-                new[x] = self._exactly(point) if exact else self._nothing(point)
+            if x not in self._slopes and (kept := self.journal.slopes(point.x)) is not None:
+                self._slopes[x] = OutputSlopes(*kept)
+            elif x not in self._slopes:
+                unknown[x] = point
+        new = self._together([point for point in unknown.values() if point.compiled])
+        new |= {x: self._exactly(point) for x, point in unknown.items() if x not in new}
         self._complete(points, new)
         for x, own in new.items():
-            self.journal.add_slopes(np.frombuffer(x), (own.values, own.errors, own.exact), exact)
-            self._slopes[x, exact] = own
-        return [self._slopes[point.x.tobytes(), exact] for point in points]
+            self.journal.add_slopes(np.frombuffer(x), (own.values, own.errors, own.exact))
+            self._slopes[x] = own
+        return [self._slopes[point.x.tobytes()] for point in points]
+
+    def _together(self, points: Sequence[DesignPoint]) -> dict[bytes, OutputSlopes]:
+        """Return the derivatives at those points where compiled code gives all of them at once."""
+        if self._compiled is None or self._slopes_at_once is None or not points:
+            return {}
+        keys, span = list(self.search.continuous), np.ptp(self.search.bounds, axis=1)
+        together = {}
+        values = np.array([point.x for point in points])
+        slopes = np.full((len(points), len(points[0].y), len(points[0].x)), np.nan)
+        for structure, rows in self._compiled.structures(values):
+            with contextlib.suppress(CapabilityError, np.linalg.LinAlgError):
+                slopes[rows] = self._slopes_at_once(structure, values[rows], self.search.task.outputs)
+        for point, J in zip(points, slopes):
+            if not np.isfinite(J[:, keys]).all():
+                continue
+            own = self._nothing(point)
+            own.values[:, keys] = J[:, keys]
+            own.errors[:, keys] = SOLVED * np.maximum(np.abs(J[:, keys]), np.abs(point.y)[:, None] / span)
+            together[point.x.tobytes()] = dataclasses.replace(own, exact=True)
+        return together
 
     @property
     def exact(self) -> int:

@@ -142,15 +142,13 @@ def _places(search: Search) -> Iterator[Array]:
     yield from samples.rows(0, most)
 
 
-def _answer(
-    maker: PointMaker, asks: Sequence[Asks], exact: bool = False
-) -> list[tuple[DesignPoint, OutputSlopes | None]]:
+def _answer(maker: PointMaker, asks: Sequence[Asks]) -> list[tuple[DesignPoint, OutputSlopes | None]]:
     """Return the runs that solvers ask for, and derivatives where they do."""
     points = maker.runs([ask.x for ask in asks])
     wanted = [point for ask, point in zip(asks, points) if ask.slopes and point.is_good]
-    slopes = dict(zip((point.run for point in wanted), maker.slopes(wanted, exact)))
+    slopes = dict(zip((point.run for point in wanted), maker.slopes(wanted)))
     return [(point, slopes.get(point.run)) for point in points]
 
 
 def _derive(maker: PointMaker, xs: Sequence[Array]) -> list[tuple[DesignPoint, OutputSlopes | None]]:
-    return _answer(maker, [Asks(x, True) for x in xs], exact=True)
+    return _answer(maker, [Asks(x, True) for x in xs])

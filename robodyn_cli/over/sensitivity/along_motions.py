@@ -1,5 +1,4 @@
-"""Exact derivatives of the figures of ``inverse`` and ``kinematics``: of a motion, of points, loops and torques along
-it.
+"""Exact derivatives of the figures of ``inverse``: of a motion, loops and torques along it.
 
     d tau / dk = tau_k + tau_t dt + tau_q dq + tau_v dv + tau_a da
 
@@ -17,14 +16,13 @@ import numpy as np
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.given.motion import Planned
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.observe.reactions import ReactionSamples
 from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.many.inverse import figure_of
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.gradients import ALL, MotionGradients, every_second, slopes_along
+from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -33,22 +31,10 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
-from robodyn_cli.summaries.mechanism import KinematicsSummary, PlacesAt
 from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import evaluated_at, program_of
-from robodyn_cli.works.kinematics import (
-    closer_times,
-    evaluated,
-    leading,
-    outputs,
-    places_at,
-    plan,
-    problem_of,
-    report,
-    summarise,
-)
 
 
 @record
@@ -210,86 +196,3 @@ def _refuse(program: InverseProgram) -> None:
         raise CapabilityError("payloads are gripped or released on the way")
     if isinstance(program, ClosedLoops) and geared(program.problem.model):
         raise CapabilityError("the losses of gears depend on how loops share the load")
-
-
-@record
-class PlacesAlone:
-    """The key of the summary of ``kinematics`` that tells where points are."""
-
-    at: list[PlacesAt]
-
-
-class KinematicsSlopes:
-    """The samples of a kinematic analysis, and their derivatives by some keys, which are named by their numbers.
-
-    Raises
-    ------
-    CapabilityError : they cannot be computed exactly.
-    """
-
-    def __init__(self, asked: AskedSlopes, scene: Scene, numbers: Sequence[int]) -> None:
-        self.asked, self.numbers = asked, numbers
-        self.led = LedSlopes(asked, scene, numbers, _course)
-        self.problem = self.led.course.problem
-        self.gradients = MotionGradients(self.problem, outputs(self.problem), self.led.places)
-
-    @property
-    def programs(self) -> list[Program]:
-        """The code of values and derivatives."""
-        return [self.gradients.program, *self.led.programs]
-
-    def slopes(self) -> dict[str, list[Slope]]:
-        """Return the derivatives of those outputs that are figures of the samples."""
-        motion, moved = self.planned[0].motion, self.moved
-        arrays = [(motion.q, moved["q"]), (motion.qd, moved["v"])]
-        arrays += [(array, moved[name]) for name, array in self.arrays.items() if name != "eta"]
-        return slopes_along(self.asked, self.numbers, self._summary, arrays)
-
-    @cached_property
-    def planned(self) -> tuple[Planned, tuple[str, ...]]:
-        """The motion of the scene as it stands, and the velocity coordinates that lead it."""
-        return plan(self.problem, self.led.course.times)
-
-    @cached_property
-    def arrays(self) -> dict[str, Array]:
-        """What is evaluated along the motion."""
-        return evaluated(self.problem, self.planned[0])
-
-    @cached_property
-    def moved(self) -> dict[str, Array]:
-        """Derivatives (T, n, K) of t, q, v, v-dot, and of what is evaluated along the motion, by name."""
-        planned, _ = self.planned
-        motion = planned.motion
-        groups = {"t": planned.times[:, None], "q": motion.q, "v": motion.qd, "a": motion.qdd}
-        moved = self.led.moved(groups)
-        along = self.gradients(groups)
-        return {**moved, **{name: along.change(name, moved) for name in self.arrays}}
-
-    def _summary(self, k: int, step: float, every: int) -> KinematicsSummary | PlacesAlone:
-        """Return the summary for a key changed by so much, along the derivatives of the samples."""
-        (planned, led), moved = self.planned, self.moved
-        alone = all(name.startswith("at.") for name in self.asked.task.outputs)
-        if alone:
-            every = ALL  # these are no figures of samples
-        part = every_second(planned.times, every)
-        there = {
-            name: (x + step * moved[name][:, :, k])[part]
-            for name, x in (
-                ("t", planned.times[:, None]), ("q", planned.motion.q), ("v", planned.motion.qd),
-                ("a", planned.motion.qdd), *self.arrays.items(),
-            )
-        }  # fmt: skip
-        motion = dataclasses.replace(planned.motion, q=there["q"], qd=there["v"], qdd=there["a"])
-        planned = dataclasses.replace(planned, times=there["t"][:, 0], motion=motion)
-        result = report(self.problem, planned, led, {name: there[name] for name in self.arrays})
-        return (
-            PlacesAlone(places_at(self.problem.scene, result))
-            if alone
-            else summarise(self.problem, planned, result, None)
-        )
-
-
-def _course(scene: Scene) -> LedCourse:
-    problem = problem_of(scene)
-    lead, times = leading(problem)
-    return LedCourse.of(problem, closer_times(problem, times), lead)

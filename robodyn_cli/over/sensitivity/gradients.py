@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import SparseRow, gradients
 from robodyn_cli.expr.graph import Expr, Scalar
-from robodyn_cli.expr.many import ByKeys
+from robodyn_cli.expr.many import ByKeys, ManyNumbers
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.kernels.samples import SampleKernel
@@ -76,9 +76,19 @@ class Gradients:
         """The code of values and derivatives, with its numbers."""
         return self.kernel.program
 
-    def __call__(self, samples: int, groups: Mapping[str, Array]) -> dict[str, tuple[Array, Array]]:
-        """Return values and derivatives by name at so many samples."""
-        outputs = self.kernel.evaluate(samples, groups)
+    def __call__(
+        self, samples: int, groups: Mapping[str, Array], numbers: ManyNumbers | None = None
+    ) -> dict[str, tuple[Array, Array]]:
+        """Return values and derivatives by name at so many samples.
+
+        With numbers of N runs, and groups (N, T, n) of each, they are those of one run behind those of another.
+        """
+        if numbers is None:
+            outputs = self.kernel.evaluate(samples, groups)
+        else:
+            of_runs = self.kernel.of_tables(numbers.table(self.program.numbers or (0.0,)), samples, groups)
+            samples *= numbers.runs
+            outputs = {name: x.swapaxes(1, 2).reshape(samples, -1) for name, x in of_runs.items()}
         J = np.zeros((samples, sum(self.sizes.values()), self.columns.count))
         if len(self._rows):
             J[:, self._rows, self._columns] = outputs[""]
@@ -125,9 +135,12 @@ class MotionGradients:
         self._gradients = Gradients(outputs, Columns(columns, len(columns), tuple(places)), [*symbols, "p"])
         self.program = self._gradients.program
 
-    def __call__(self, groups: Mapping[str, Array], p: Sequence[float] = ()) -> Along:
-        """Evaluate at samples: arrays (T, n) by group of symbols."""
-        along = self._gradients(len(groups["t"]), {**groups, "p": np.array(p, dtype=float)})
+    def __call__(
+        self, groups: Mapping[str, Array], p: Sequence[float] = (), numbers: ManyNumbers | None = None
+    ) -> Along:
+        """Evaluate at samples: arrays (T, n) by group of symbols; with numbers of N runs (N, T, n), run by run."""
+        samples = groups["t"].shape[-2]
+        along = self._gradients(samples, {**groups, "p": np.array(p, dtype=float)}, numbers)
         return Along(along, self._columns)
 
 

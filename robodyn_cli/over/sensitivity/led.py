@@ -22,7 +22,7 @@ from robodyn_cli.given.motion import plan_motion
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import NARROWER, extrapolated
-from robodyn_cli.over.sensitivity.gradients import MotionGradients
+from robodyn_cli.over.sensitivity.gradients import Along, MotionGradients
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import SINGULAR
@@ -147,7 +147,8 @@ class LedSlopes:
         dt, *given = given_changes(self.asked, self.numbers, lambda scene: self.course_of(scene).arrays)
         if self.motion is None:
             return {"t": dt[:, None], **dict(zip(("q", "v", "a"), given))}
-        return self.motion.changes(groups, dt[:, None], [*given, self.course.arrays[1]])
+        along = self.motion.gradients(groups)
+        return self.motion.changes(along, dt[:, None], [*given, self.course.arrays[1]])
 
 
 class LedMotion:
@@ -165,19 +166,20 @@ class LedMotion:
         levels = dict(zip((*LEVELS_OF, "J"), self.conditions.levels()))
         self.gradients = MotionGradients(problem, {**levels, "N": velocity_map(problem)}, places)
 
-    def changes(self, groups: Mapping[str, Array], dt: Array, asked: Arrays) -> dict[str, Array]:
+    def changes(self, along: Along, dt: Array, asked: Arrays = ()) -> dict[str, Array]:
         """Return the derivatives (T, n, K) of t, q, v and v-dot.
 
         Parameters
         ----------
-        groups : the motion. dt : of the times of the samples (T, 1, K). asked : of the values, rates and accelerations
-            that are asked for (T, k, K), and these values (T, k) themselves.
+        along : ``gradients`` along the motion. dt : of the times of the samples (T, 1, K). asked : of the values, rates
+            and accelerations that are asked for (T, k, K), and these values (T, k) themselves; nothing where no key
+            changes what is asked for.
 
         Raises
         ------
         CapabilityError : the conditions do not determine the motion.
         """
-        conditions, along = self.conditions, self.gradients(groups)
+        conditions = self.conditions
         sizes = conditions.sizes[:, None]
         J = along["J"].reshape(len(dt), -1, self.nv) * conditions.lengths / sizes
         s = np.linalg.svd(J, compute_uv=False)
@@ -190,7 +192,7 @@ class LedMotion:
         N = along["N"].reshape(len(dt), -1, self.nv)
         for level, (name, group) in enumerate(LEVELS_OF.items()):
             rows = self._rows(along[name], along.change(name, moved))
-            if conditions.led:
+            if conditions.led and asked:
                 rows[:, -conditions.led :] -= self._asked_rows(asked, level)
             step = -(back @ (rows / sizes))
             moved[group] = N @ step if level == 0 else step

@@ -29,11 +29,13 @@ from robodyn_cli.over.sensitivity.differences import (
     why_not,
 )
 from robodyn_cli.over.sensitivity.motion.ends import Ending, MotionSlopes
+from robodyn_cli.over.sensitivity.motion.peaks import slopes_of_extremes
 from robodyn_cli.over.sensitivity.motion.variational import programs_of
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
 from robodyn_cli.results.result import Result
+from robodyn_cli.scene.checks.check import EXTREMES
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.facts import ABSENT
@@ -146,7 +148,7 @@ def simulate(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     CapabilityError : there are none.
     """
     outputs, scene = asked.task.outputs, asked.scene
-    if not any(name.startswith("final.") or name == "termination.time" for name in outputs):
+    if not any(name.startswith(("final.", EXTREMES)) or name == "termination.time" for name in outputs):
         return {}
     if scene.initial.source is not None:
         raise CapabilityError("the run goes on from a stored one")
@@ -154,10 +156,10 @@ def simulate(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     if motion.problem.model.switched:
         raise CapabilityError("payloads are gripped or released on the way")
     refuse_structure(asked, numbers, programs_of(motion), lambda x: programs_of(build_motion(integrable(x))))
-    slopes = MotionSlopes(
-        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(scene.simulate.duration)
-    )
-    return _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
+    end = Ending(scene.simulate.duration)
+    slopes = MotionSlopes(motion, [asked.keys[k] for k in numbers], asked.places(numbers), end)
+    own = _of_end(motion, outputs, slopes, ("final.time", "termination.time"), ("final.q.", "", "final.qd."))
+    return own | slopes_of_extremes(asked, slopes, end)
 
 
 def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
@@ -171,7 +173,7 @@ def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     from robodyn_cli.works.deploy.scan import decide, scan
 
     outputs, scene = asked.task.outputs, asked.scene
-    if not any(name.startswith(("lock.", "criteria.", "termination.")) for name in outputs):
+    if not any(name.startswith(("lock.", "criteria.", "termination.", EXTREMES)) for name in outputs):
         return {}
     if scene.deploy.latches:
         raise CapabilityError("latches that close change the motion")
@@ -186,11 +188,12 @@ def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     if found.driven or end.time is None or end.criterion not in kinds:
         raise CapabilityError("no event of the motion's state gives the time of the lock")
     function = next(e.value for e in motion.system.events if e.kind is kinds[end.criterion])
-    slopes = MotionSlopes(
-        motion, [asked.keys[k] for k in numbers], asked.places(numbers), Ending(end.time, function)
-    )
+    ending = Ending(end.time, function)
+    slopes = MotionSlopes(motion, [asked.keys[k] for k in numbers], asked.places(numbers), ending)
     times = ("lock.time", "termination.time", f"criteria.{end.criterion}")
-    return _of_end(motion, outputs, slopes, times, ("lock.angles.", "lock.angles_deg.", "lock.rates."))
+    own = _of_end(motion, outputs, slopes, times, ("lock.angles.", "lock.angles_deg.", "lock.rates."))
+    # behind the lock another mechanism moves
+    return own if scene.deploy.after == "continue" else own | slopes_of_extremes(asked, slopes, ending)
 
 
 def _of_end(
@@ -204,6 +207,9 @@ def _of_end(
 
     times : keys of its time. prefixes : of its positions, its positions in degrees, and its rates.
     """
+    heads = tuple(prefix for prefix in prefixes if prefix)
+    if not any(name in times or name.startswith(heads) for name in outputs):
+        return {}
     model = motion.problem.model
     values, errors = slopes.found()
     rows = dict.fromkeys(times, (values.time, errors.time))

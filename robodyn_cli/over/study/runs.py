@@ -17,6 +17,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.commands import COMMANDS, places
 from robodyn_cli.errors import FAILED, INTERRUPTED, SceneError
@@ -24,6 +25,7 @@ from robodyn_cli.expr.statements import Expectation
 from robodyn_cli.over.batch.criteria import EXIT_CODE, judge
 from robodyn_cli.over.commands import execute
 from robodyn_cli.over.many.command import BatchCommand, ManyRuns, ended, error_of, number_of
+from robodyn_cli.over.many.groups import Built
 from robodyn_cli.over.many.keys import settings
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed
@@ -57,11 +59,6 @@ def _command_of(task: Task) -> BatchCommand[Any] | None:
     return command_for(command, task.family.own)
 
 
-def is_smooth(task: Task) -> bool:
-    """Tell whether differences of compiled runs serve as derivatives of all outputs."""
-    return suits(task) and all(commands[task.command].is_smooth(key) for key in task.outputs)
-
-
 def beyond(task: Task) -> list[str]:
     """Return the outputs and expectations of a study that compiled code does not give."""
     margins = ["motorisation"] if task.family.own.motorisation is not None else []  # decide the exit code
@@ -82,6 +79,9 @@ def why_slow(task: Task) -> str:
     if task.command not in commands or not keys:
         return f"each run is a whole command: there is no compiled code of {task.command} for many runs"
     more = f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else ""
+    command = _command_of(task)
+    slow = () if command is None else command.slow.items()
+    more += next((f" ({why})" for head, why in slow if keys[0].startswith(head)), "")
     advice = "" if set(keys) & set(task.outputs) else " of expect (--set expect={} leaves it out)"
     return f"each run is a whole command: compiled code does not give {', '.join(keys[:MOST_KEYS])}{more}{advice}"
 
@@ -119,6 +119,10 @@ class Compiled:
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
+
+    def structures(self, values: Array) -> list[tuple[Built, NDArray[np.int64]]]:
+        """Return the structures that serve rows of values (N, keys), with the numbers of their rows."""
+        return self._mechanism.structures(self._command, values)
 
     def blocks(self, missing: Missing) -> Iterator[RunRows]:
         """Yield the rows of all missing runs that could be made, a block at a time."""

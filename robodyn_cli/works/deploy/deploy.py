@@ -50,7 +50,8 @@ from robodyn_cli.works.deploy.lock import (
     find_lock,
     relocate,
     rescan,
-    with_start_elsewhere,
+    with_multipliers_beside,
+    with_rounding,
 )  # fmt: skip
 from robodyn_cli.works.deploy.recording import (
     FollowedLock,
@@ -337,7 +338,7 @@ def _lock_keys(done: Deployment) -> LockKeys | None:
                 np.array([relocated.lock.time]), relocated.lock.state[None, :].copy(), done.driver.parameters
             )
     other = describe_lock(done.motion, relocated.scanned, relocated.lock, relocated.latch, error, recorder)
-    other = with_start_elsewhere(other, done.motion)
+    other, keys = with_multipliers_beside(other, done.motion, done.lock), with_rounding(keys, done.latch)
     # the error of the time is known already
     return dataclasses.replace(with_second(keys, other, relocated.factor, ("lock",)), time_error=error)
 

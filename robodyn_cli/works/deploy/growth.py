@@ -12,10 +12,12 @@ from robodyn_cli.algorithms.reactions import loop_wrench
 from robodyn_cli.equations.contact_joints import contact_joints, is_contact
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import literal
+from robodyn_cli.formulations.system import System
 from robodyn_cli.loops.pairs import FixedLoop
 from robodyn_cli.model.model import BASE, FixedFrame, Loop, Model
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.spatial.algebra import Array, identity, snap, vector
+from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.summaries.deploy import ImpactErrors, LatchKeys
 
 GRID = 1e-3  # s, the uniform grid on which the running median is taken
@@ -101,6 +103,27 @@ def starts_beside(own: Array, other: Array) -> Array:
     return np.array([own + share * (other - own) for share in SHARES])
 
 
+# parts of the largest position and of the largest rate that rounding leaves at a lock: both runs to it begin in one
+# pose, and may share as much (random four-bars against their energy, by three methods: up to 5e-14 of the rates)
+POSE_ROUNDED, RATES_ROUNDED = ROUNDED, 5e-14
+DRAWS = 4
+
+
+def rounding_at_lock(system: System, x: Array) -> Array:
+    """Return what rounding leaves of states (..., nx) at locks; nothing of what is no position or rate."""
+    floor = np.zeros_like(x)
+    for places, part in ((system.q_places, POSE_ROUNDED), (system.v_places, RATES_ROUNDED)):
+        own = list(places)
+        floor[..., own] = part * np.abs(x[..., own]).max(axis=-1, keepdims=True, initial=0.0)
+    return floor
+
+
+def locks_beside(system: System, x: Array) -> Array:
+    """Return states (DRAWS, ..., nx) around those at locks, as far away as rounding may have moved these."""
+    draws = np.random.default_rng(0).standard_normal((DRAWS, *(1,) * (x.ndim - 1), x.shape[-1]))
+    return np.asarray(x + draws * rounding_at_lock(system, x))
+
+
 def farthest(values: Array) -> Array:
     """Return the value (...,) that is farthest from the first of values (S, ...)."""
     place = np.argmax(np.abs(values - values[0]), axis=0)
@@ -157,6 +180,12 @@ class LatchImpact:
             energy_lost=self.energy_lost,
             errors=ImpactErrors(),
         )
+
+    def rounding(self) -> ImpactErrors:
+        """Return what rounding of the rates before leaves: impulses are linear in them, energies quadratic."""
+        arrays = (self.qd_before, self.impulse, self.angular_impulse, self.linear_impulse)
+        rates, impulse, angular, linear = (RATES_ROUNDED * float(np.linalg.norm(x)) for x in arrays)
+        return ImpactErrors(rates, impulse, angular, linear, 2.0 * RATES_ROUNDED * abs(self.energy_lost))
 
 
 def locked(problem: Problem, first: str, second: str, q: Array, t: float) -> Locked:

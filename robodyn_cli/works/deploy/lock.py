@@ -30,11 +30,13 @@ from robodyn_cli.summaries.deploy import (
 from robodyn_cli.summaries.facts import ABSENT, Absent, rounded_up
 from robodyn_cli.works.deploy.growth import (
     GRID,
+    RATES_ROUNDED,
     LatchImpact,
     Locked,
     close_latch,
     farthest,
     locked,
+    locks_beside,
     multiplier_norm,
     starts_beside,
 )
@@ -310,14 +312,36 @@ def describe_lock(
     )
 
 
-def with_start_elsewhere(keys: LockKeys, motion: Motion) -> LockKeys:
-    """Return the keys of a lock with the multipliers farthest off of starts that close the loops as well."""
-    if keys.multipliers is None or not isinstance(keys.multipliers, MultiplierKeys):
+def with_rounding(keys: LockKeys, latch: ClosedLatch | None) -> LockKeys:
+    """Return the keys of a lock with errors that a second run to it may share with the first."""
+    rates = keys.rates or {}
+    least = RATES_ROUNDED * max(map(abs, rates.values()), default=0.0)
+    keys = dataclasses.replace(keys, errors=LockErrors(rates=least if rates else ABSENT))
+    if latch is None or not isinstance(keys.latch, LatchKeys):
         return keys
+    return dataclasses.replace(keys, latch=dataclasses.replace(keys.latch, errors=latch.impact.rounding()))
+
+
+def with_multipliers_beside(keys: LockKeys, motion: Motion, first: Lock) -> LockKeys:
+    """Return the keys of a second run's lock with the multipliers farthest from those of the first run.
+
+    Counted are starts that close the loops as well, and states at the lock that differ by rounding alone.
+    """
+    multipliers = keys.multipliers
+    if multipliers is None or not isinstance(multipliers, MultiplierKeys):
+        return keys
+    rows = motion.problem.constraints.of_loops
+
+    def norms(t: float, x: Array) -> Array:
+        return multiplier_norm(motion.observer.multipliers(np.full(len(x), t), np.asfortranarray(x))[:, rows])
+
     starts = starts_beside(motion.start, motion.closed_otherwise().start)
-    lam = motion.observer.multipliers(np.zeros(len(starts)), np.asfortranarray(starts))
-    start = float(farthest(multiplier_norm(lam[:, motion.problem.constraints.of_loops])))
-    return dataclasses.replace(keys, multipliers=dataclasses.replace(keys.multipliers, start=start))
+    multipliers = dataclasses.replace(multipliers, start=float(farthest(norms(0.0, starts))))
+    if isinstance(multipliers.at_lock, float):
+        beside = np.vstack([first.state, locks_beside(motion.system, first.state)])
+        moved = np.append(norms(first.time, beside), multipliers.at_lock)
+        multipliers = dataclasses.replace(multipliers, at_lock=float(farthest(moved)))
+    return dataclasses.replace(keys, multipliers=multipliers)
 
 
 def _multiplier_keys(motion: Motion, scanned: Scan, recorder: Recorder) -> MultiplierKeys:

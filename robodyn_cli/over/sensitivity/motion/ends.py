@@ -172,54 +172,67 @@ FORMULAS = ("torques.", "forces.", "parameters.", "prescribed.", "robot.")  # wh
 
 @record
 class EndSlopes:
-    """Derivatives at the end of a motion: of its time (K,), of positions (nq, K) and rates (nv, K) there."""
+    """Derivatives at the end of a motion: of its time (K,), of positions (nq, K), rates (nv, K), figures (n, K)."""
 
     time: Array
     q: Array
     v: Array
+    figures: Array
 
 
 @record
 class SlopesAtEnd:
-    """Rows of derivatives by keys (1 + nq + nv, K): of the end's time, positions and rates.
+    """Rows of derivatives by keys (1 + nq + nv + n, K): of the end's time, positions, rates and figures.
 
-    sizes : of the terms that they are sums of, which rounding leaves its share of.
+    sizes : of the terms that they are sums of, which rounding leaves its share of. doubts : what the error of the end's
+    time leaves of them.
     """
 
     values: Array
     sizes: Array
+    doubts: Array
 
 
 @record
 class Ending:
-    """Where a motion ends: time [s]; if an event ends it, what is zero there, in the integrator's symbols."""
+    """Where a motion ends, or is looked at: time [s] and its error; if an event ends it, what is zero there.
+
+    figures : whose derivatives there are wanted. All are of the integrator's symbols. lasts : whether a key that is the
+    duration moves it.
+    """
 
     time: float
     function: Scalar | None = None
+    figures: tuple[Scalar, ...] = ()
+    doubt: float = 0.0
+    lasts: bool = True
 
 
 class MotionSlopes:
     """The derivatives of a motion's end by keys, whose numbers are at ``places``, empty of keys that have none.
+
+    ``seen`` are the figures of the ending and their rates, once derivatives have been found.
 
     Raises
     ------
     CapabilityError : the motion, or its start, has no derivatives that can be computed exactly.
     """
 
+    seen: tuple[list[float], list[float]]
+
     def __init__(self, motion: Motion, keys: Sequence[Key], places: Sequence[str], ending: Ending) -> None:
         refuse(motion)
-        self.motion, self.places, self.ending = motion, places, ending
-        self.lasting = np.array(
-            [float(key.sort == OPTION) for key in keys]
-        )  # keys that are the time of the end
+        self.motion, self.places = motion, places
+        # keys that are the time of the end
+        self._lasting = np.array([float(key.sort == OPTION) for key in keys])
         self.variational = Variational(motion, places)
         self.updates = Updated(motion, self.variational)
         self.start = self.updates.begun(start_slopes(motion, self.variational, keys))
-        self.follow()
+        self.until(ending)
 
-    def follow(self) -> None:
-        """Integrate the motion to see its switches and steps, between which it is smooth."""
-        motion, end = self.motion, self.ending.time
+    def until(self, ending: Ending) -> None:
+        """Integrate the motion to where it is to end now, to see its switches and steps, between which it is smooth."""
+        self.ending, motion, end = ending, self.motion, ending.time
         self.switches = switches_of(motion, end)
         steps = step_times(motion, end)
         first = First(motion.options, motion.choice.method, np.array([len(steps) + 1]), np.array([end]))
@@ -245,22 +258,25 @@ class MotionSlopes:
             if worst <= AGREES or worst > last / GAINS or 2 * blocks > MOST:
                 break
             before, last = finer, worst
-        return self._rows(finer.values), self._rows(np.maximum(apart, ROUNDING * finer.sizes))
+        errors = np.maximum(apart, ROUNDING * finer.sizes) + finer.doubts
+        return self._rows(finer.values), self._rows(errors)
 
     def _scales(self, sizes: Array) -> Array:
         """Return what differences of derivatives are compared with, from the sizes of their terms.
 
         A row that is zero but for rounding is compared with the others of its kind.
         """
-        nq, scales = self.motion.problem.model.nq, sizes.copy()
-        for rows in (slice(0, 1), slice(1, 1 + nq), slice(1 + nq, None)):
+        nq, nv, scales = self.motion.problem.model.nq, self.motion.problem.model.nv, sizes.copy()
+        kinds = [slice(0, 1), slice(1, 1 + nq), slice(1 + nq, 1 + nq + nv)]
+        kinds += [slice(k, k + 1) for k in range(1 + nq + nv, len(sizes))]
+        for rows in kinds:
             largest = sizes[rows].max(axis=0)
             scales[rows] = np.maximum(np.maximum(sizes[rows], PART * largest), 1e-300)
         return scales
 
     def _rows(self, rows: Array) -> EndSlopes:
-        nq = self.motion.problem.model.nq
-        return EndSlopes(rows[0], rows[1 : 1 + nq], rows[1 + nq :])
+        nq, n = self.motion.problem.model.nq, 1 + self.motion.problem.model.nq + self.motion.problem.model.nv
+        return EndSlopes(rows[0], rows[1 : 1 + nq], rows[1 + nq : n], rows[n:])
 
     def once(self, options: Options, blocks: int) -> SlopesAtEnd:
         """Return the derivatives from one integration, with so many blocks of samples in each part of the motion."""
@@ -315,7 +331,7 @@ class MotionSlopes:
         one.
         """
         plain, function = self.variational.system, self.ending.function
-        shift = self.lasting
+        shift = self._lasting * self.ending.lasts
         if function is None:
             end = end.moved(self.ending.time - end.t)
         else:
@@ -329,8 +345,18 @@ class MotionSlopes:
             terms = (np.abs(at.keys[0]) + np.abs(at.state[0]) @ np.abs(S)) / abs(pace)
         of_time = np.outer(end.rate, shift)
         places = [*plain.q_places, *plain.v_places]
+        figures, at_end = self.ending.figures, dataclasses.replace(end, S=S)
+        own = self.variational.figures(figures, at_end, shift, (sizes, terms))
+        later = end.moved(self.ending.doubt)
+        later = dataclasses.replace(later, S=S + later.S - end.S)
+        moved = self.variational.figures(figures, later, shift, (sizes, terms))
+        self.seen = own.values.tolist(), own.rates.tolist()
         values, sizes = S + of_time, sizes + np.abs(of_time)
-        return SlopesAtEnd(np.vstack([shift, values[places]]), np.vstack([terms, sizes[places]]))
+        doubts = np.zeros_like(values[places])
+        return SlopesAtEnd(
+            np.vstack([shift, values[places], own.slopes]), np.vstack([terms, sizes[places], own.sizes]),
+            np.vstack([0.0 * shift, doubts, np.abs(moved.slopes - own.slopes)]),
+        )  # fmt: skip
 
     def _on_constraints(self, end: StatePoint) -> tuple[Array, Array]:
         """Return S moved onto the derivatives of the constraints, from which integration drifts, and the sizes of the

@@ -117,6 +117,17 @@ class StatePoint:
 
 
 @record
+class FigureSlopes:
+    """Figures at a point of a motion: values and rates along it (n,), derivatives by keys and the sizes of their terms
+    (n, K)."""
+
+    values: Array
+    rates: Array
+    slopes: Array
+    sizes: Array
+
+
+@record
 class Linearised:
     """Equations at times t (T,) and states x (T, nx): x-dot (T, nx), and for the rates of v and z their derivatives by
     the state, A (T, nr, nx), by keys, B (T, nr, K), and by time (T, nr).
@@ -207,6 +218,27 @@ class Variational:
         _, function = self._known[identity]
         values, J = function({**self.system.own_groups([t], x, np.zeros(0)), **more})
         return Slopes(values, J[:, :n], J[:, n + 1 :], J[:, n])
+
+    def figures(
+        self, figures: Sequence[Scalar], at: StatePoint, shift: Array, sizes: tuple[Array, Array]
+    ) -> FigureSlopes:
+        """Return figures at a point of the motion whose time moves by ``shift`` (K,) with the keys.
+
+        sizes : of the terms of S (nx, K), and of ``shift``.
+
+        Raises
+        ------
+        CapabilityError : a figure has no derivative that is finite.
+        """
+        if not figures:
+            return FigureSlopes(*np.zeros((2, 0)), *np.zeros((2, 0, len(shift))))
+        own = self.slopes(figures, at.t, at.x)
+        rates, parts = own.time + own.state @ at.rate, np.abs(own.time) + np.abs(own.state) @ np.abs(at.rate)
+        slopes = own.keys + own.state @ at.S + np.outer(rates, shift)
+        if not np.isfinite(slopes).all():
+            raise CapabilityError("derivatives at the end are not finite")
+        terms = np.abs(own.keys) + np.abs(own.state) @ sizes[0] + np.outer(parts, sizes[1])
+        return FigureSlopes(own.values, rates, slopes, terms)
 
 
 def programs_of(motion: Motion) -> list[Program]:
