@@ -196,7 +196,10 @@ class _Variants:
         for k in range(len(self.tables)):
             parts = {n: arrays[f"o{i}"][k].T for i, n in enumerate(self.outputs)}
             psi = parts.pop("psi", np.zeros((samples, 0)))
-            tau = np.sum(list(parts.values()), axis=0) if still else program.shared(parts, psi, sampled)
+            if still:
+                tau = np.sum(list(parts.values()), axis=0)
+            else:
+                tau = program.shared(parts, psi, sampled, np.arange(samples))
             if tau is None:
                 return None
             torques.append(tau)
