@@ -19,7 +19,7 @@ import yaml
 from robodyn_cli.cli.app import run as run_words
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.over.findings import findings
-from tests.fuzz.cases import _signature
+from tests.fuzz.cases import _signature, datasets_not_finite
 from tests.pairs.reasons import reason_of
 
 BEFORE_STEPS = (2, 3, 4, 5)
@@ -144,20 +144,7 @@ def against_validate(path: Path, command: str, done: Outcome) -> list[str]:
 
 def not_finite(results: Path) -> list[str]:
     """Return which data of a run that succeeded are not finite, and errors of 0 of figures that are not."""
-    import h5py
-    import numpy as np
-
-    bad: list[str] = []
-
-    def look(name: str, item: Any) -> None:
-        if name.startswith("stability/"):  # steps without a bound, methods that did not come to an end
-            return
-        if isinstance(item, h5py.Dataset) and item.dtype.kind == "f" and not np.isfinite(item[()]).all():
-            bad.append(f"not finite: /{name}")
-
-    if (results / "result.h5").exists():
-        with h5py.File(results / "result.h5") as file:
-            file.visititems(look)
+    bad = [f"not finite: /{name}" for name in datasets_not_finite(results / "result.h5")]
     summary = json.loads((results / "summary.json").read_text(), parse_constant=lambda word: 1 / 0)
     return bad + list(_errors_of_nothing(summary, "summary"))
 
