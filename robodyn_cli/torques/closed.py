@@ -175,9 +175,7 @@ class ClosedLoops(InverseProgram):
     def _shared_by(self) -> list[Scalar]:
         return self.others["psi"]
 
-    def shared(
-        self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array
-    ) -> Array | None:
+    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array) -> Array | None:
         assert sampled.loops is not None
         psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
         try:

@@ -206,9 +206,7 @@ class InverseProgram(ABC):
         """Return the expressions beside the terms that decide how actuators share the load."""
         return []
 
-    def shared(
-        self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array
-    ) -> Array | None:
+    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array) -> Array | None:
         """Return the torques (S, nv) that bear loads (S, nv) by name, shared as expressions ``by`` (S, n) decide.
 
         places : of the S rows among the samples (T,); S may be a multiple, with all places again and again.
