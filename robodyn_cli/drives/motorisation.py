@@ -38,6 +38,7 @@ from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, Ratio, RatioErrors
 from robodyn_cli.summaries.facts import ABSENT, JOINT
 from robodyn_cli.torques.checks import breaks_of_joint
+from robodyn_cli.torques.rest import settled
 
 SLOW = 1e-12  # of the rates: so slow that only the direction of motion counts
 AT_REST = 1e-9  # of the largest rate of a joint, below which it is at rest
@@ -225,11 +226,12 @@ class JointMargins:
         """Where torques jump or bend by kind of ratio, in steps from the first sample: friction where any joint turns
         back, and along a motion what motors and gears can give at corners of their envelope too."""
         times, breaks, names = self.moved.times, self.moved.breaks, self.problem.model.v_names
-        for v, a in zip(self.moved.qd.T, self.moved.qdd.T):
+        rates = settled(self.moved.qd)
+        for v, a in zip(rates.T, self.moved.qdd.T):
             breaks = breaks_of_joint(times, v, a, breaks)
         found = {"static": breaks}
         for name, train in trains(self.problem.scene).items():
-            v, a = (x[:, names.index(name)] for x in (self.moved.qd, self.moved.qdd))
+            v, a = (x[:, names.index(name)] for x in (rates, self.moved.qdd))
             for corner in train.corners:
                 breaks = breaks_of_joint(times, np.abs(v) - corner, np.sign(v) * a, breaks)
         return {**found, "dynamic": breaks}

@@ -171,8 +171,8 @@ class Train:
 
     @property
     def corners(self) -> list[float]:
-        """The rates of the joint [rad/s or m/s] at which ``available`` jumps or bends, first those where it does so most:
-        the largest speeds of motor and gear, where the gear begins to bear less, and the vertices of the envelope."""
+        """The rates of the joint [rad/s or m/s] at which ``available`` jumps or bends, first those where it does most:
+        the largest speeds of motor and gear, where the gear begins to bear less, and vertices of the envelope."""
         curve, gear = self.curves.driving, self.gear
         speeds, torques = curve.speeds, curve.torques
         with np.errstate(divide="ignore"):  # an upright edge is a jump

@@ -243,19 +243,21 @@ def _summed(figure: Figure, times: Array, y: Array, breaks: Breaks) -> tuple[Arr
     return values, errors
 
 
-def tops(times: Array, y: Array) -> tuple[Array, Array]:
-    """Return the largest values (n,) of many columns y (T, n), and their times, without their errors."""
-    value, time = np.full(y.shape[1], -np.inf), np.zeros(y.shape[1])
-    for part in stretches(times):
-        columns = np.arange(y.shape[1])
-        top, at = (
-            x.reshape(len(part.first), -1)
-            for x in _uniform_tops(part.of(y), *(np.repeat(x, y.shape[1]) for x in (part.low, part.high)))
-        )
-        k = np.argmax(top, axis=0)
-        better = top[k, columns] > value
-        value = np.where(better, top[k, columns], value)
-        time = np.where(better, times[part.first[k]] + part.step[k] * at[k, columns], time)
+def tops(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
+    """Return the largest values (n,) of many columns y (T, n), and their times, without their errors; breaks : see
+    ``quadrature``."""
+    n = y.shape[1]
+    value, time = np.full(n, -np.inf), np.zeros(n)
+    for part in stretches(times, breaks):
+        block = part.of(y)
+        for piece, low, high in pieces(part.samples, part.breaks):
+            reach = (np.repeat(x, n) for x in part.reach(piece, low, high))
+            top, at = (x.reshape(len(part.first), n) for x in _uniform_tops(block[piece], *reach))
+            k = np.argmax(top, axis=0)
+            own, place = (x[k, np.arange(n)] for x in (top, at))
+            better = own > value
+            value = np.where(better, own, value)
+            time = np.where(better, times[part.first[k]] + part.step[k] * (piece.start + place), time)
     return value, time
 
 

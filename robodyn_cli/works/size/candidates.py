@@ -36,6 +36,7 @@ from robodyn_cli.solve.extremes import largest_magnitude
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.torques.checks import breaks_of
 from robodyn_cli.torques.program import InverseProgram, Sampled
+from robodyn_cli.torques.rest import settled
 from robodyn_cli.works.inverse import evaluated, looked_at, planned_at, program_of
 
 SPEED = "speed"  # limit of a motor that is not run, by its top speed
@@ -114,7 +115,8 @@ class Responses:
         assert tau is not None
         return Responses(
             scene, tuple(drives), tuple(names.index(name) for name in drives), planned.times,
-            sampled.motion.qd, sampled.motion.qdd, tau, None if R is None or hold is None else _projected(hold, R),
+            settled(sampled.motion.qd), sampled.motion.qdd, tau,
+            None if R is None or hold is None else _projected(hold, R),
             tuple(breaks_of(program.problem, planned.times, sampled.motion)),
         )  # fmt: skip
 
