@@ -37,8 +37,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, Ratio, RatioErrors
 from robodyn_cli.summaries.facts import ABSENT, JOINT
-from robodyn_cli.torques.checks import breaks_of_joint
-from robodyn_cli.torques.rest import settled
+from robodyn_cli.torques.checks import breaks_of_joint, settled
 
 SLOW = 1e-12  # of the rates: so slow that only the direction of motion counts
 AT_REST = 1e-9  # of the largest rate of a joint, below which it is at rest

@@ -26,8 +26,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT, JOINT
-from robodyn_cli.torques.checks import breaks_of_joint
-from robodyn_cli.torques.rest import settled
+from robodyn_cli.torques.checks import breaks_of_joint, settled
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 

@@ -111,6 +111,13 @@ class Recorder:
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
+    def go_back(self, time: float) -> None:
+        """Forget the samples from a time [s] on, of which there is one before it at least."""
+        kept = self.array("time") < time
+        self.blocks = {path: [self.array(path)[kept]] for path in self.blocks}
+        self._borne = [{path: x[block["time"] < time] for path, x in block.items()} for block in self._borne]
+        self.samples, self.last_time = int(np.sum(kept)), float(self.array("time")[-1])
+
     @property
     def relative_drift(self) -> float:
         """The drift of the energy over the energy exchanged."""

@@ -40,9 +40,7 @@ from robodyn_cli.spatial.algebra import Array
 
 TRIES = 3  # places of the largest samples that are looked at
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
-BETWEEN = np.linspace(0.0, 1.0, 17)[
-    :, None
-]  # places between neighbours where a polynomial is evaluated first
+BETWEEN = np.linspace(0.0, 1.0, 17)[:, None]  # between neighbours, where a polynomial is evaluated first
 FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it

@@ -27,7 +27,6 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent, LoopResidual
 from robodyn_cli.summaries.inverse import InverseErrors, JointErrors, JointFigures
 from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.torques.rest import settled
 from robodyn_cli.trajectories.motion import JointMotion
 
 
@@ -80,6 +79,8 @@ class Loaded:
 
 AGREE = 1e-2  # of a step, by which two polynomials of a smooth rate put its root apart at most
 APART = 1e-3  # of the mean time between samples, by which times that are told apart differ
+LEAST = 1e-100  # rad/s or m/s: a rate of which only the sign counts
+ROUNDED = 256 * np.finfo(float).eps  # of the fastest joint's rate, up to which rates may be rounding alone
 STEPS = 2  # of Newton's method to when a joint turns back, from a place that polynomials tell
 
 
@@ -118,6 +119,19 @@ def _turns(times: Array, motion: JointMotion, columns: set[int]) -> list[tuple[f
     """Return where joints turn back, in steps from the first sample, each with its column."""
     qd = settled(motion.qd)
     return [(x, k) for k in sorted(columns) for x in turns_of(times, qd[:, k], motion.qdd[:, k])]
+
+
+def settled(v: Array) -> Array:
+    """Return rates (T, n) of which those that rounding alone may make are zero, so that it decides the sign of no loss;
+    at the first and the last sample they go as beside these."""
+    rounded = (v != 0.0) & (np.abs(v) <= ROUNDED * np.abs(v).max(initial=0.0))
+    if not rounded.any():
+        return v
+    found = np.where(rounded, 0.0, v)
+    if len(v) > 1:
+        for end, beside in ((0, 1), (-1, -2)):
+            found[end] = np.where(rounded[end], LEAST * np.sign(found[beside]), found[end])
+    return found
 
 
 def turning(problem: Problem) -> set[int]:

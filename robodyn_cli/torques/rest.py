@@ -17,11 +17,10 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.model.model import TORQUE, JointForce, Model
 from robodyn_cli.solve.quadrature import gaps_between
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.checks import LEAST
 
 MOST_PERIODS = 3  # that a warning lists for one joint
-LEAST = 1e-100  # rad/s or m/s: a rate of which only the sign counts
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
-ROUNDED_RATE = 4 * ROUNDING  # of the fastest joint's, up to which rates may be rounding alone
 
 
 def with_rest(problem: Problem, planned: Planned) -> Planned:
@@ -45,19 +44,6 @@ def _begin_as_they_go_on(rates: Array, times: Array) -> None:
     for ends, inside in ((np.append(0, gaps + 1), 1), (np.append(gaps, len(times) - 1), -1)):
         ends = ends[rates[ends] == 0.0]
         rates[ends] = LEAST * np.sign(rates[ends + inside])
-
-
-def settled(v: Array) -> Array:
-    """Return rates (T, n) of which those that rounding alone may make are zero, so that it decides the sign of no loss;
-    at the first and the last sample they go as beside these."""
-    rounded = (v != 0.0) & (np.abs(v) <= ROUNDED_RATE * np.abs(v).max(initial=0.0))
-    if not rounded.any():
-        return v
-    found = np.where(rounded, 0.0, v)
-    if len(v) > 1:
-        for end, beside in ((0, 1), (-1, -2)):
-            found[end] = np.where(rounded[end], LEAST * np.sign(found[beside]), found[end])
-    return found
 
 
 def explained_rate(planned: Planned, force: JointForce) -> float:

@@ -22,8 +22,7 @@ from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
 from robodyn_cli.over.study.statistics import Moments, SampleSpread, quantiles
 from robodyn_cli.solve.extremes import Extreme, integral, largest, smallest, tops
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, sampling_error, spaced
-from robodyn_cli.torques.checks import turns_of
-from robodyn_cli.torques.rest import LEAST, settled
+from robodyn_cli.torques.checks import LEAST, settled, turns_of
 
 
 def extreme(value: float, error: float, time: float, time_error: float = 0.0) -> Extreme:

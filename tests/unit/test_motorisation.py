@@ -235,6 +235,18 @@ def test_a_deployment_that_locks_with_too_small_a_margin_is_undersized() -> None
         assert result.summary["lock"] is not None
 
 
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_second_run_that_locks_before_the_last_sample_of_the_first() -> None:
+    """Multipliers are large enough at a sample, or a step of the scan behind it: the second run's times went back."""
+    friction = "robot.joints.phi1.friction={coulomb: 0.01, transition_speed: 1e-3}"
+    changes = ["expect={}", friction, "motorisation={required: 1e-3}", "deploy.criterion=multipliers"]
+    result = deploy(load_scene(CONFIGS / "four_bar_deploy.yaml", [*changes, "simulate.samples=1001"]))
+    figures, lock = result.summary["motorisation"]["theta1"], result.summary["lock"]
+    assert np.diff(result.time).min() > 0.0 and result.time[-1] == lock["time"]
+    assert 0.0 < figures["errors"]["ratio"] < figures["ratio"] and figures["errors"]["time"] < 0.1
+    assert 0.0 < lock["multipliers"]["errors"]["at_lock"] < 0.1 * lock["multipliers"]["at_lock"]
+
+
 def test_torques_with_a_role_are_those_of_their_formula() -> None:
     plain = hinge() + "torques: {hinge: '0.3 - 0.1*qd.hinge'}\n"
     named = hinge() + "torques: {hinge: {formula: '0.3 - 0.1*qd.hinge', role: load}}\n"

@@ -34,9 +34,8 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.extremes import largest_magnitude
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.checks import breaks_of
+from robodyn_cli.torques.checks import breaks_of, settled
 from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.torques.rest import settled
 from robodyn_cli.works.inverse import evaluated, looked_at, planned_at, program_of
 
 SPEED = "speed"  # limit of a motor that is not run, by its top speed
