@@ -112,11 +112,12 @@ class Recorder:
             self.blocks.setdefault(path, []).append(block)
 
     def go_back(self, time: float) -> None:
-        """Forget the samples from a time [s] on, of which there is one before it at least."""
+        """Forget the samples from a time [s] on."""
         kept = self.array("time") < time
         self.blocks = {path: [self.array(path)[kept]] for path in self.blocks}
         self._borne = [{path: x[block["time"] < time] for path, x in block.items()} for block in self._borne]
-        self.samples, self.last_time = int(np.sum(kept)), float(self.array("time")[-1])
+        self.samples = int(np.sum(kept))
+        self.last_time = float(self.array("time").max(initial=-np.inf))
 
     @property
     def relative_drift(self) -> float:
