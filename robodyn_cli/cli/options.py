@@ -10,7 +10,7 @@ import os
 import stat
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -21,7 +21,10 @@ from robodyn_cli.errors import SceneError, did_you_mean
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
+    from robodyn_cli.expr.statements import Variation
     from robodyn_cli.report.registry import Drawings
+
+Parsed = TypeVar("Parsed")
 
 
 def utf8(value: str) -> str:
@@ -286,3 +289,39 @@ def with_shared(command: Callable[..., int]) -> Callable[..., int]:
             parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     return run
+
+
+def variations(texts: Sequence[str]) -> dict[str, Variation]:
+    """Return what each key varies over.
+
+    Raises
+    ------
+    SceneError : a text is not KEY=SPEC, or names a key that another one names.
+    """
+    from robodyn_cli.expr.statements import FORMS, parse_variation
+
+    # other spellings of one key are found once the scene is read
+    return pairs("--vary", texts, "KEY=SPEC", FORMS, parse_variation)
+
+
+def pairs(
+    option: str, texts: Sequence[str], form: str, allowed: str, parse: Callable[[str], Parsed]
+) -> dict[str, Parsed]:
+    """Return what follows on each name in the texts of an option, ``NAME=...``.
+
+    Raises
+    ------
+    SceneError : a text has no such form, which ``allowed`` explains, or names what another one names.
+    """
+    found: dict[str, Parsed] = {}
+    for text in texts:
+        name, _, value = (part.strip() for part in text.partition("="))
+        if not name or not value:
+            raise SceneError(f"{option} {text}: is not {form}; {allowed}")
+        if name in found:
+            raise SceneError(f"{option} {name}: is given twice")
+        try:
+            found[name] = parse(value)
+        except SceneError as error:
+            raise SceneError(f"{option} {name}: {error.message}") from error
+    return found

@@ -5,14 +5,10 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Iterator, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robodyn_cli.cli.console import width
-from robodyn_cli.errors import SceneError
 from robodyn_cli.summaries.facts import LOAD, UnitOf, rounded_up
-
-if TYPE_CHECKING:
-    from robodyn_cli.expr.statements import Variation
 
 
 def table(rows: Sequence[Sequence[str]], columns: int | None = None) -> str:
@@ -317,29 +313,6 @@ def _below(value: Any, path: tuple[str, ...]) -> Any:
     for key in path:
         value = value.get(key) if isinstance(value, Mapping) else None
     return value
-
-
-def variations(texts: Sequence[str]) -> dict[str, Variation]:
-    """Return what each key varies over.
-
-    Raises
-    ------
-    SceneError : a text is not KEY=SPEC, or names a key that another one names.
-    """
-    from robodyn_cli.expr.statements import FORMS, parse_variation
-
-    variations: dict[str, Variation] = {}
-    for text in texts:
-        key, sign, spec = (part.strip() for part in text.partition("="))
-        if not sign or not key:
-            raise SceneError(f"--vary {text}: is not KEY=SPEC; {FORMS}")
-        if key in variations:  # other spellings of one key are found once the scene is read
-            raise SceneError(f"--vary {key}: is given twice")
-        try:
-            variations[key] = parse_variation(spec)
-        except SceneError as error:
-            raise SceneError(f"--vary {key}: {error.message}") from error
-    return variations
 
 
 def design_lines(summary: Mapping[str, Any]) -> list[str]:

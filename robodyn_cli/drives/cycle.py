@@ -180,24 +180,26 @@ def _heated(
 @record
 class Use:
     """How much of a limit a cycle uses (...,), 1 : all of it; at : the time that decides [s], None for a mean;
-    samples : times and uses of one cycle (2, T), of which it is the largest."""
+    samples, used : samples and uses (T,) of one cycle, of which it is the largest."""
 
     part: Array
     at: Array | None = None
-    samples: Array | None = None
+    samples: CycleSamples | None = None
+    used: Array | None = None
 
     @staticmethod
-    def most(part: Array, times: Array) -> Use:
+    def most(part: Array, samples: CycleSamples) -> Use:
         """Return the largest use of samples (..., T): of one cycle between the samples too, see ``extremes``."""
-        value, at = (x.reshape(part.shape[:-1]) for x in tops(times, part.reshape(-1, part.shape[-1]).T))
-        return Use(value, at, None if part.ndim > 1 else np.stack([times, part]))
+        columns = part.reshape(-1, part.shape[-1]).T
+        value, at = (x.reshape(part.shape[:-1]) for x in tops(samples.times, columns, samples.breaks))
+        return Use(value, at) if part.ndim > 1 else Use(value, at, samples, part)
 
     @cached_property
     def errors(self) -> tuple[float, float]:
         """The errors of the use and of its time, of one cycle; a search, which needs none, does not pay for them."""
-        if self.samples is None or self.at is None:
+        if self.samples is None or self.used is None or self.at is None:
             return 0.0, 0.0
-        top = largest(self.samples[0], self.samples[1][:, None])
+        top = largest(self.samples.times, self.used[:, None], self.samples.breaks)
         part, at = abs(top.value[0] - self.part), abs(top.time[0] - self.at)
         return float(top.error[0] + part), float(top.time_error[0] + at)
 
@@ -220,7 +222,7 @@ def motor_limits(
     ``peak`` : of its envelope. ``continuous`` : of its rated current, or of its continuous envelope at the rms
     speed. ``winding`` : of the warming that its winding bears.
     """
-    uses = {"peak": Use.most(peak_use(curves, cycle), samples.times)}
+    uses = {"peak": Use.most(peak_use(curves, cycle), samples)}
     thermal = motor.thermal
     if isinstance(motor, Electric) and motor.rated_current is not None:
         assert cycle.current is not None
@@ -231,7 +233,7 @@ def motor_limits(
         bears = thermal.max_temperature - supply.ambient
         part = (cycle.temperature - supply.ambient) / bears
         # the losses of a stepper are always the same
-        uses["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part, samples.times)
+        uses["winding"] = Use(part.max(axis=-1)) if cycle.current is None else Use.most(part, samples)
     return uses
 
 
@@ -250,7 +252,7 @@ def gear_limits(
     uses: dict[str, Use] = {}
     size, rate = np.abs(load), np.abs(speed)
     if gear.peak_torque is not None:
-        uses["gear_peak"] = Use.most(size / gear.peak_torque, samples.times)
+        uses["gear_peak"] = Use.most(size / gear.peak_torque, samples)
     if gear.rated_torque is not None:
         turned = samples.mean(rate)
         cube = samples.mean(rate * size**3)
@@ -258,7 +260,7 @@ def gear_limits(
             mean = np.cbrt(np.maximum(cube, 0.0) / turned)
         uses["gear_rated"] = Use(np.where(turned > 0.0, mean, size.max(axis=-1)) / gear.rated_torque)
     if gear.max_speed is not None:
-        uses["gear_speed"] = Use.most(rate * turns / gear.max_speed, samples.times)
+        uses["gear_speed"] = Use.most(rate * turns / gear.max_speed, samples)
     return uses
 
 
@@ -270,5 +272,5 @@ def other_limits(train: Train, duty: Duty) -> dict[str, Use]:
         uses |= gear_limits(train.gear, share, duty.speed, train.turns, duty.samples)
     if train.brake is not None and duty.hold is not None:
         held = train.brake.holding_torque * train.turns * train.drive.count
-        uses["brake"] = Use.most(np.abs(duty.hold) / held, duty.times)
+        uses["brake"] = Use.most(np.abs(duty.hold) / held, duty.samples)
     return uses

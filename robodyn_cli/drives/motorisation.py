@@ -37,7 +37,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.drives import MotorisationFigures, MotorisationKeys, Ratio, RatioErrors
 from robodyn_cli.summaries.facts import ABSENT, JOINT
-from robodyn_cli.torques.checks import breaks_of_joint
+from robodyn_cli.torques.checks import breaks_of_joint, settled
 
 SLOW = 1e-12  # of the rates: so slow that only the direction of motion counts
 AT_REST = 1e-9  # of the largest rate of a joint, below which it is at rest
@@ -209,8 +209,8 @@ class JointMargins:
         found = {}
         for column, k in enumerate(self.driven):
             ratios, met = {}, True
-            for kind, sides in self.sides.items():
-                ratios[kind], slope = self._least(sides, column, k)
+            for kind in self.sides:
+                ratios[kind], slope = self._least(kind, column, k)
                 met = met and bool(slope >= np.arctan(required) - EXACT)
             least = min(ratios.values(), key=lambda x: np.inf if x.ratio is None else x.ratio)
             own = {f.name: getattr(least, f.name) for f in dataclasses.fields(Ratio)}
@@ -221,17 +221,25 @@ class JointMargins:
         return found
 
     @cached_property
-    def breaks(self) -> tuple[float, ...]:
-        """Where torques jump, in steps from the first sample: friction where any joint turns back."""
-        breaks = self.moved.breaks
-        for v, a in zip(self.moved.qd.T, self.moved.qdd.T):
-            breaks = breaks_of_joint(self.moved.times, v, a, breaks)
-        return breaks
+    def breaks(self) -> dict[str, tuple[float, ...]]:
+        """Where torques jump or bend by kind of ratio, in steps from the first sample: friction where any joint turns
+        back, and along a motion what motors and gears can give at corners of their envelope too."""
+        times, breaks, names = self.moved.times, self.moved.breaks, self.problem.model.v_names
+        rates = settled(self.moved.qd)
+        for v, a in zip(rates.T, self.moved.qdd.T):
+            breaks = breaks_of_joint(times, v, a, breaks)
+        found = {"static": breaks}
+        for name, train in trains(self.problem.scene).items():
+            v, a = (x[:, names.index(name)] for x in (rates, self.moved.qdd))
+            for corner in train.corners:
+                breaks = breaks_of_joint(times, np.abs(v) - corner, np.sign(v) * a, breaks)
+        return {**found, "dynamic": breaks}
 
-    def _least(self, sides: RatioSides, column: int, k: int) -> tuple[Ratio, float]:
+    def _least(self, kind: str, column: int, k: int) -> tuple[Ratio, float]:
         """Return the least ratio of a joint, and the angle whose tangent it is."""
-        moved, slope = self.moved, sides.slope[:, column]
-        least: Extreme = smallest(moved.times, slope[:, None], self.breaks)
+        moved, sides = self.moved, self.sides[kind]
+        slope = sides.slope[:, column]
+        least: Extreme = smallest(moved.times, slope[:, None], self.breaks[kind])
         value, error, time, time_error = (
             float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
         )

@@ -26,7 +26,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.drives import DriveFigures, DriveKeys
 from robodyn_cli.summaries.facts import ABSENT, JOINT
-from robodyn_cli.torques.checks import breaks_of_joint
+from robodyn_cli.torques.checks import breaks_of_joint, settled
 
 UNDERSIZED = "undersized"  # status of a run with a drive that does not bear its duty
 
@@ -119,7 +119,7 @@ class Drives:
     @staticmethod
     def of(scene: Scene, problem: Problem, moved: Moved) -> Drives:
         """Return the drives of a scene along a motion."""
-        rest = Standstill.of(problem, moved)
+        rest, rates = Standstill.of(problem, moved), settled(moved.qd)
         drives = {}
         for name, train in trains(scene).items():
             k = problem.model.v_names.index(name)
@@ -127,8 +127,8 @@ class Drives:
             load = moved.tau[:, k] - reflected * moved.qdd[:, k]
             inertia = None if rest.inertia is None else rest.inertia[:, k] - reflected
             hold = None if rest.hold is None else rest.hold[:, k]
-            breaks = breaks_of_joint(moved.times, moved.qd[:, k], moved.qdd[:, k], moved.breaks)
-            duty = Duty(moved.times, moved.qd[:, k], moved.qdd[:, k], load, hold, inertia, breaks)
+            breaks = breaks_of_joint(moved.times, rates[:, k], moved.qdd[:, k], moved.breaks)
+            duty = Duty(moved.times, rates[:, k], moved.qdd[:, k], load, hold, inertia, breaks)
             drives[name] = Evaluated.of(train, duty)
         return Drives(problem, drives)
 

@@ -21,7 +21,6 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closing.assembly import Assembled
 from robodyn_cli.solve.closure import mechanism_size
-from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, LoopResidual, Termination
 from robodyn_cli.summaries.motion import (
@@ -344,8 +343,8 @@ def with_margins(records: list[Any], result: Result, run: Run, estimate: Estimat
     from robodyn_cli.drives.report import Moved
 
     def moved(recorder: Recorder) -> Moved:
-        jumps = (float(event["time"]) for event in run.driver.log)
-        return Moved.of(recorder.array, tuple(breaks_at(recorder.array("time"), jumps)))
+        jumps = [float(event["time"]) for event in run.driver.log]
+        return Moved.of(recorder.array, tuple(recorder.breaks(recorder.array("time"), jumps)))
 
     again = None
     if estimate is not None and estimate.recorder is not None:

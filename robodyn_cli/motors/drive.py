@@ -170,6 +170,25 @@ class Train:
         return np.asarray(self.drive.count * torque)
 
     @property
+    def corners(self) -> list[float]:
+        """The rates of the joint [rad/s or m/s] at which ``available`` jumps or bends, first those where it does most:
+        the largest speeds of motor and gear, where the gear begins to bear less, and vertices of the envelope."""
+        curve, gear = self.curves.driving, self.gear
+        speeds, torques = curve.speeds, curve.torques
+        with np.errstate(divide="ignore"):  # an upright edge is a jump
+            bends = np.abs(np.diff(np.diff(torques) / np.diff(speeds)))
+        found = [curve.top_speed]
+        if gear is not None and gear.max_speed is not None:
+            found.append(gear.max_speed)
+        if gear is not None and gear.peak_torque is not None:
+            over = gear.efficiency * self.turns * torques - gear.peak_torque
+            passes = np.flatnonzero(over[:-1] * over[1:] < 0.0)
+            part = over[passes] / (over[passes] - over[passes + 1])
+            found += (speeds[passes] + part * np.diff(speeds)[passes]).tolist()
+        found += speeds[1:-1][np.argsort(-bends, kind="stable")].tolist()
+        return [float(speed / self.turns) for speed in found]
+
+    @property
     def supply(self) -> Supply:
         """What the motor runs on."""
         return Supply(self.drive.voltage, self.drive.ambient)

@@ -111,6 +111,14 @@ class Recorder:
         for path, block in data.items():
             self.blocks.setdefault(path, []).append(block)
 
+    def go_back(self, time: float) -> None:
+        """Forget the samples from a time [s] on."""
+        kept = self.array("time") < time
+        self.blocks = {path: [self.array(path)[kept]] for path in self.blocks}
+        self._borne = [{path: x[block["time"] < time] for path, x in block.items()} for block in self._borne]
+        self.samples = int(np.sum(kept))
+        self.last_time = float(self.array("time").max(initial=-np.inf))
+
     @property
     def relative_drift(self) -> float:
         """The drift of the energy over the energy exchanged."""

@@ -40,9 +40,7 @@ from robodyn_cli.spatial.algebra import Array
 
 TRIES = 3  # places of the largest samples that are looked at
 SMOOTH = 1e-2  # of the second difference: a smaller bound says that a function is smooth
-BETWEEN = np.linspace(0.0, 1.0, 17)[
-    :, None
-]  # places between neighbours where a polynomial is evaluated first
+BETWEEN = np.linspace(0.0, 1.0, 17)[:, None]  # between neighbours, where a polynomial is evaluated first
 FEW = 64  # jumps of a function that are looked for
 HIDDEN = 1e-3  # of the range of a function, above which its differences may show a jump
 ALONE = 0.2  # of the largest difference of a jump, below which those beside it do not take part in it
@@ -243,19 +241,21 @@ def _summed(figure: Figure, times: Array, y: Array, breaks: Breaks) -> tuple[Arr
     return values, errors
 
 
-def tops(times: Array, y: Array) -> tuple[Array, Array]:
-    """Return the largest values (n,) of many columns y (T, n), and their times, without their errors."""
-    value, time = np.full(y.shape[1], -np.inf), np.zeros(y.shape[1])
-    for part in stretches(times):
-        columns = np.arange(y.shape[1])
-        top, at = (
-            x.reshape(len(part.first), -1)
-            for x in _uniform_tops(part.of(y), *(np.repeat(x, y.shape[1]) for x in (part.low, part.high)))
-        )
-        k = np.argmax(top, axis=0)
-        better = top[k, columns] > value
-        value = np.where(better, top[k, columns], value)
-        time = np.where(better, times[part.first[k]] + part.step[k] * at[k, columns], time)
+def tops(times: Array, y: Array, breaks: Breaks = ()) -> tuple[Array, Array]:
+    """Return the largest values (n,) of many columns y (T, n), and their times, without their errors; breaks : see
+    ``quadrature``."""
+    n = y.shape[1]
+    value, time = np.full(n, -np.inf), np.zeros(n)
+    for part in stretches(times, breaks):
+        block = part.of(y)
+        for piece, low, high in pieces(part.samples, part.breaks):
+            reach = (np.repeat(x, n) for x in part.reach(piece, low, high))
+            top, at = (x.reshape(len(part.first), n) for x in _uniform_tops(block[piece], *reach))
+            k = np.argmax(top, axis=0)
+            own, place = (x[k, np.arange(n)] for x in (top, at))
+            better = own > value
+            value = np.where(better, own, value)
+            time = np.where(better, times[part.first[k]] + part.step[k] * (piece.start + place), time)
     return value, time
 
 

@@ -79,6 +79,9 @@ class Loaded:
 
 AGREE = 1e-2  # of a step, by which two polynomials of a smooth rate put its root apart at most
 APART = 1e-3  # of the mean time between samples, by which times that are told apart differ
+LEAST = 1e-100  # rad/s or m/s: a rate of which only the sign counts
+ROUNDED = 256 * np.finfo(float).eps  # of the fastest joint's rate, up to which rates may be rounding alone
+STEPS = 2  # of Newton's method to when a joint turns back, from a place that polynomials tell
 
 
 # figures (n,) that size an actuator, with their errors, by key below that of its joint in the summary
@@ -100,17 +103,40 @@ def breaks_of(problem: Problem, times: Array, motion: JointMotion) -> list[float
 
     Payloads come and go, the trajectory has knots, and joints that lose energy turn back.
     """
-    losing = {place for place, _ in problem.losses(smooth=False)}
-    return _breaks(problem, times, _turns(times, motion, losing))
+    return _breaks(problem, times, [x for x, _ in _turns(times, motion, _losing(problem))])
+
+
+def _losing(problem: Problem) -> set[int]:
+    """Return the velocity coordinates on which something acts that loses energy."""
+    return {place for place, _ in problem.losses(smooth=False)}
 
 
 def _breaks(problem: Problem, times: Array, turns: Sequence[float]) -> list[float]:
     return spaced([*knot_places(problem.scene, times), *turns], len(times), jumps(problem, times))
 
 
-def _turns(times: Array, motion: JointMotion, columns: set[int]) -> list[float]:
-    """Return where joints turn back, in steps from the first sample."""
-    return [x for k in sorted(columns) for x in turns_of(times, motion.qd[:, k], motion.qdd[:, k])]
+def _turns(times: Array, motion: JointMotion, columns: set[int]) -> list[tuple[float, int]]:
+    """Return where joints turn back, in steps from the first sample, each with its column."""
+    qd = settled(motion.qd)
+    return [(x, k) for k in sorted(columns) for x in turns_of(times, qd[:, k], motion.qdd[:, k])]
+
+
+def settled(v: Array) -> Array:
+    """Return rates (T, n) of which those that rounding alone may make are zero, so that it decides the sign of no loss;
+    at the first and the last sample they go as beside these."""
+    rounded = (v != 0.0) & (np.abs(v) <= ROUNDED * np.abs(v).max(initial=0.0))
+    if not rounded.any():
+        return v
+    found = np.where(rounded, 0.0, v)
+    if len(v) > 1:
+        for end, beside in ((0, 1), (-1, -2)):
+            found[end] = np.where(rounded[end], LEAST * np.sign(found[beside]), found[end])
+    return found
+
+
+def turning(problem: Problem) -> set[int]:
+    """Return the velocity coordinates of joints that lose energy, or whose drives do: torques jump where they turn."""
+    return _losing(problem) | {problem.model.v_names.index(name) for name in problem.scene.drives}
 
 
 def crowded_turns(
@@ -119,11 +145,9 @@ def crowded_turns(
     """Return when joints that lose energy, or whose drives do, turn back [s], where one does so near to a knot or to
     another that it is no break; else none.
 
-    at : the motion at other times (T,), for a step of Newton's method; without it they are told less exactly.
+    at : the motion at other times (T,), for steps of Newton's method; without it they are told less exactly.
     """
-    losing = {place for place, _ in problem.losses(smooth=False)}
-    columns = sorted(losing | {problem.model.v_names.index(name) for name in problem.scene.drives})
-    found = [(x, k) for k in columns for x in turns_of(times, motion.qd[:, k], motion.qdd[:, k])]
+    found = _turns(times, motion, turning(problem))
     places, own = [x for x, _ in found], np.array([k for _, k in found], dtype=int)
     turns = _times_of(places, times)
     apart = APART * float(times[-1] - times[0]) / len(times)
@@ -137,11 +161,14 @@ def crowded_turns(
         return []
     free = np.flatnonzero(away(_breaks(problem, times, ())) > apart)
     free = free[np.argsort(turns[free])]
+    exact = turns[free]
     if at is None:
-        return turns[free].tolist()
-    there = at(np.concatenate([times[:1], turns[free], times[-1:]]))
+        return exact.tolist()
     rows = np.arange(1, 1 + len(free))
-    exact = turns[free] - there.qd[rows, own[free]] / there.qdd[rows, own[free]]
+    for _ in range(STEPS):
+        there = at(np.concatenate([times[:1], exact, times[-1:]]))
+        step = there.qd[rows, own[free]] / there.qdd[rows, own[free]]
+        exact = np.sort(exact - np.clip(step, -apart, apart))
     return exact[np.diff(exact, prepend=-np.inf) > apart].tolist()
 
 
@@ -154,8 +181,9 @@ def _times_of(places: Sequence[float], times: Array) -> Array:
 def turns_of(times: Array, v: Array, a: Array) -> list[float]:
     """Return where rates v (T,) change their sign, in steps from the first sample, by polynomials with their slopes
     a (T,): cubic ones, and through the samples beside these where that agrees, as it does of smooth rates."""
-    found: list[float] = []
-    for n in np.flatnonzero(v[:-1] * v[1:] < 0.0).tolist():
+    sign = np.sign(v)
+    found: list[float] = (1.0 + np.flatnonzero((sign[1:-1] == 0.0) & (sign[:-2] * sign[2:] < 0.0))).tolist()
+    for n in np.flatnonzero(sign[:-1] * sign[1:] < 0.0).tolist():
         rise, step = v[n + 1] - v[n], times[n + 1] - times[n]
         low, high = step * a[n], step * a[n + 1]
         roots = np.roots([low + high - 2.0 * rise, 3.0 * rise - 2.0 * low - high, low, v[n]])
@@ -168,7 +196,7 @@ def turns_of(times: Array, v: Array, a: Array) -> list[float]:
                 root -= float(np.polyval(c, root) / np.polyval(np.polyder(c), root))
             inside = [root] if abs(root - inside[0]) < AGREE else inside
         found += [n + x for x in inside]
-    return found
+    return sorted(found)
 
 
 @lru_cache(maxsize=1)

@@ -20,7 +20,6 @@ from robodyn_cli.given.loop_conditions import Lead, lead_of, leads_apart, veloci
 from robodyn_cli.given.motion import Planned, motion_duration
 from robodyn_cli.loops.base import Row
 from robodyn_cli.observe.observe import add_rows
-from robodyn_cli.observe.rounding import few
 from robodyn_cli.observe.singular_values import singular_values
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
@@ -176,7 +175,7 @@ class ClosedLoops(InverseProgram):
     def _shared_by(self) -> list[Scalar]:
         return self.others["psi"]
 
-    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
+    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array) -> Array | None:
         assert sampled.loops is not None
         psi = by.reshape(len(by), len(self.rows), self.problem.model.nv)
         try:
@@ -185,11 +184,9 @@ class ClosedLoops(InverseProgram):
             return None
         if not geared(self.problem.model):
             return tau
-        places = few(len(sampled.times))
-        a, v = (
-            np.tile(x[places], (len(tau) // len(places), 1)) for x in (sampled.motion.qdd, sampled.motion.qd)
-        )
-        return tau - self._losses(loads, tau, a, v)
+        again = np.resize(places, len(tau))
+        motion = sampled.motion
+        return tau - self._losses(loads, tau, motion.qdd[again], motion.qd[again])
 
     def forward(self, sampled: Sampled, numbers: ManyNumbers | None = None) -> tuple[Array, Array]:
         # solves for the free motion with M and h, which the torques did not use

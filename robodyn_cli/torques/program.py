@@ -189,7 +189,7 @@ class InverseProgram(ABC):
         split = np.split(drawn, [sum(len(term) for term in self.terms.values())], axis=-1)
         terms = split[0].reshape(-1, len(self.terms), split[0].shape[-1] // len(self.terms))
         loads = dict(zip(self.terms, np.moveaxis(terms, 1, 0)))
-        tau = self.shared(loads, split[1].reshape(len(terms), -1), sampled)
+        tau = self.shared(loads, split[1].reshape(len(terms), -1), sampled, places)
         return None if tau is None else tau.reshape(*drawn.shape[:-1], -1)
 
     @cached_property
@@ -206,8 +206,11 @@ class InverseProgram(ABC):
         """Return the expressions beside the terms that decide how actuators share the load."""
         return []
 
-    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled) -> Array | None:
-        """Return the torques (T, nv) that bear loads (T, nv) by name, shared as expressions ``by`` (T, n) decide."""
+    def shared(self, loads: Mapping[str, Array], by: Array, sampled: Sampled, places: Array) -> Array | None:
+        """Return the torques (S, nv) that bear loads (S, nv) by name, shared as expressions ``by`` (S, n) decide.
+
+        places : of the S rows among the samples (T,); S may be a multiple, with all places again and again.
+        """
         total: Array = np.sum(list(loads.values()), axis=0)
         return total
 

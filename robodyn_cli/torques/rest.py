@@ -17,9 +17,9 @@ from robodyn_cli.given.motion import Planned
 from robodyn_cli.model.model import TORQUE, JointForce, Model
 from robodyn_cli.solve.quadrature import gaps_between
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.torques.checks import LEAST
 
 MOST_PERIODS = 3  # that a warning lists for one joint
-LEAST = 1e-100  # rad/s or m/s: a rate of which only the sign counts
 ROUNDING = 64 * np.finfo(float).eps  # relative, of what a motion is computed from
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -100,6 +101,27 @@ def test_figures_along_a_motion_whose_accelerations_jump_are_those_of_its_pieces
     assert len(peaks) > 50
     for x in peaks:
         assert None not in x.errors and max(x.errors) < NEAR * abs(x.values[0]), str(x)
+
+
+# two knots 5.7 samples apart: the use of an envelope, which jumps at them, moved by 7 700 times its error
+PAIR = """{type: quintic, points: [
+    {t: 0, q: {theta1: -90 deg, theta2: 0}},
+    {t: 0.38115, q: {theta1: -1.12226, theta2: -0.28057}, qd: {theta1: 0.03841, theta2: -1.09224}},
+    {t: 0.43769, q: {theta1: -1.12152, theta2: -0.33356}, qd: {theta1: -0.01212, theta2: -0.78225}},
+    {t: 1, q: {theta1: 0.3904, theta2: -0.16178}}]}
+"""
+
+
+def test_figures_of_knots_that_are_few_samples_apart(tmp_path: Path) -> None:
+    path = tmp_path / "pair.yaml"
+    text = re.sub(r"(?s)trajectory:.*?\ncontrol:", lambda _: f"trajectory: {PAIR}control:", STOPS)
+    path.write_text(text.replace("1.15, samples: 201", "1.0, samples: 101"), encoding="utf-8")
+    own = ("reactions", "drives", "control")
+    found = [x for x in moves(runs_of(path, "simulate", 101)) if x.key.startswith(own)]
+    assert len(found) > 100
+    assert not [str(x) for x in found if x.ratio > TIMES]
+    beyond = [str(x) for x in found if x.ratio > 1.0]
+    assert len(beyond) <= OFTEN * len(found), beyond
 
 
 TURNS = """

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robodyn_cli.commands import COMMANDS
-from tests.fuzz.cases import SLOW, store_results, try_case
+from tests.fuzz.cases import SLOW, datasets_not_finite, store_results, try_case
 from tests.fuzz.makers import WEIGHTS, make
 
 CASES = 60
@@ -36,3 +36,13 @@ def test_whatever_comes_is_done_or_refused(block: int, stored: Path, tmp_path: P
 
 def test_every_command_is_tried() -> None:
     assert set(WEIGHTS) == set(COMMANDS)
+
+
+def test_gaps_that_the_format_tells_are_no_findings(tmp_path: Path) -> None:
+    """A pole is at infinity, and a torque is a number."""
+    import h5py
+
+    with h5py.File(tmp_path / "result.h5", "w") as file:
+        file["poles/p"], file["curvatures/tip"] = [0.0, float("nan")], [0.0, float("inf")]
+        file["tau"] = [[float("nan")], [1.0]]
+    assert datasets_not_finite(tmp_path / "result.h5") == ["curvatures/tip", "tau"]

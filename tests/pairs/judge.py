@@ -19,7 +19,7 @@ import yaml
 from robodyn_cli.cli.app import run as run_words
 from robodyn_cli.integrators.runtime.integrator import Integrator
 from robodyn_cli.over.findings import findings
-from tests.fuzz.cases import _signature, not_finite_data
+from tests.fuzz.cases import _signature, datasets_not_finite
 from tests.pairs.reasons import reason_of
 
 BEFORE_STEPS = (2, 3, 4, 5)
@@ -144,8 +144,7 @@ def against_validate(path: Path, command: str, done: Outcome) -> list[str]:
 
 def not_finite(results: Path) -> list[str]:
     """Return which data of a run that succeeded are not finite, and errors of 0 of figures that are not."""
-    path = results / "result.h5"
-    bad = [f"not finite: /{name}" for name in not_finite_data(path)] if path.exists() else []
+    bad = [f"not finite: /{name}" for name in datasets_not_finite(results / "result.h5")]
     summary = json.loads((results / "summary.json").read_text(), parse_constant=lambda word: 1 / 0)
     return bad + list(_errors_of_nothing(summary, "summary"))
 

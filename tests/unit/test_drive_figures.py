@@ -180,3 +180,39 @@ def test_joints_without_a_drive_may_have_a_gear_of_their_own() -> None:
     )
     text = text.replace("q: {j:", "q: {k: 0, j:")
     assert list(_asked(load_scene_text(text + "actuated: [j]\n"), None)) == ["j"]
+
+
+GANTRY = """
+schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: x, type: prismatic, axis: [0.6, 0.8, 0]}
+    - {name: y, type: prismatic, axis: [-0.8, 0.6, 0]}
+  links: [{name: cart, mass: 3}, {name: lift, mass: 2}]
+  points: {tip: {link: lift, at: [0, 0, 0]}}
+catalogue:
+  motors: {m: {type: dc, torque_constant: 0.2, resistance: 0.9, voltage: 90, max_current: 60, rated_current: 20, coulomb: 0.05}}
+  gears: {s: {type: ball_screw, lead: 0.02, efficiency: 0.8, back_driving: 0.6}}
+drives: {x: {motor: m, gear: s}, y: {motor: m, gear: s}}
+initial: {q: {x: 0.362, y: 0.134}}
+trajectory:
+  type: path
+  point: tip
+  law: quintic
+  start: {position: [0.11, 0.37, 0]}
+  segments: [{type: line, to: [0.29, 0.61, 0], duration: 0.5}, {type: line, to: [0.17, 0.45, 0], duration: 0.5}]
+inverse: {samples: 101}
+"""
+
+
+def test_rounding_decides_about_no_loss_of_a_drive_at_rest() -> None:
+    """A path along one joint leaves the other rates of 1e-16 of both signs; it holds the lift's weight, without losses."""
+    result = inverse(load_scene_text(GANTRY))
+    rates = result["qd"][:, 1]
+    assert 0.0 < np.abs(rates).max() < 1e-15
+    figures = result.summary["drives"]["y"]
+    held = 2.0 * 9.81 * 0.6 * 0.02 / (2.0 * math.pi)
+    assert figures["shaft"]["peak_torque"] == pytest.approx(held, rel=1e-12)
+    assert figures["shaft"]["errors"]["peak_torque"] < 1e-12 * held and figures["gear_loss"] == 0.0
+    assert figures["electrical"]["rms_current"] == pytest.approx(held / 0.2, rel=1e-12)

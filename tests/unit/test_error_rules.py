@@ -22,7 +22,7 @@ from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
 from robodyn_cli.over.study.statistics import Moments, SampleSpread, quantiles
 from robodyn_cli.solve.extremes import Extreme, integral, largest, smallest, tops
 from robodyn_cli.solve.quadrature import integrate, integrate_positive, sampling_error, spaced
-from robodyn_cli.torques.checks import turns_of
+from robodyn_cli.torques.checks import LEAST, settled, turns_of
 
 
 def extreme(value: float, error: float, time: float, time_error: float = 0.0) -> Extreme:
@@ -112,6 +112,16 @@ def test_where_a_rate_turns_back() -> None:
     found = 0.05 * np.array(turns_of(t, np.cos(3.0 * t), -3.0 * np.sin(3.0 * t)))
     assert np.allclose(found, np.pi / 6.0 * np.array([1.0, 3.0, 5.0]), atol=1e-11)
     assert turns_of(np.arange(3.0), np.array([1.0, 0.5, 0.2]), np.zeros(3)) == []
+    assert turns_of(np.arange(5.0), np.array([0.0, -0.5, 0.0, 0.5, 0.0]), np.ones(5)) == [2.0]
+
+
+def test_rounding_decides_no_sign_of_a_rate() -> None:
+    """Of the second joint, which stands still, and where the first comes to rest; what it has from elsewhere stays."""
+    v = np.array([[1e-17, 2e-17], [-1.0, -3e-17], [0.0, 1e-17], [1e-9, 0.0], [1.0, 4e-17], [-2e-16, 1e-17]])
+    found = settled(v)
+    assert not found[:, 1].any()
+    np.testing.assert_array_equal(found[1:-1, 0], v[1:-1, 0])
+    assert np.sign(found[[0, -1], 0]).tolist() == [-1.0, 1.0] and np.abs(found[[0, -1], 0]).max() == LEAST
 
 
 def test_tops_of_many_columns_are_those_of_each() -> None:

@@ -92,6 +92,43 @@ def test_torques_of_a_mechanism() -> None:
     agree("schema: 1\ncommand: inverse\n" + LED, to, OF_TORQUES, "actuated=[crank]")
 
 
+CROWDED = """
+schema: 1
+command: inverse
+gravity: [0, -9.81, 0]
+robot:
+  joints:
+    - {name: a, type: revolute, axis: [0, 0, 1], friction: {coulomb: 3}}
+    - {name: b, type: revolute, axis: [0, 0, 1], origin: {xyz: [0.6, 0, 0]}, friction: {coulomb: 2}}
+  links:
+    - {name: A, mass: 2, com: [0.3, 0, 0], com_frame: joint, inertia: {zz: 0.1}}
+    - {name: B, mass: 1, com: [0.2, 0, 0], com_frame: joint, inertia: {zz: 0.05}}
+trajectory: {type: quintic, points: [{t: 0, q: {a: 0, b: 0}}, {t: 0.5, q: {a: 0.6, b: 0.5}, qd: {a: 0.01, b: -0.004}},
+  {t: 1, q: {a: 0.1, b: 0.2}}]}
+inverse: {samples: 41}
+"""
+
+
+def test_friction_that_turns_near_a_knot() -> None:
+    """A cut where a joint turns back moves with the key: the lowest torque of b is there (by -0.004 rad/s it was
+    6.9e-6, with an error of 2.9e-9)."""
+    to = [
+        "robot.links.A.mass",
+        "trajectory.points.1.qd.a",
+        "trajectory.points.1.qd.b",
+        "trajectory.points.1.t",
+    ]
+    of = ["joints.b.torque_range.0", "peak_torque.b", "rms_torque.b", "peak_torque.a", "joints.a.peak_power"]
+    agree(CROWDED, to, of)
+    found, _ = exact_slopes(asked(CROWDED, to, of))
+    for output, key, value in (
+        ("joints.b.torque_range.0", 2, 0.80838928858),
+        ("joints.a.peak_power", 3, -163.8391523),
+    ):
+        slope = found[output, key]
+        assert abs(slope.value - value) <= slope.error < 1e-3 * abs(value)
+
+
 def test_torques_of_more_actuators_than_freedoms() -> None:
     """Torques of least norm follow the pseudo-inverse of a matrix that changes too."""
     to, of = ["robot.links.bar.mass", "robot.joints.rod.a"], ["rms_torque.crank", "rms_torque.slide"]

@@ -278,6 +278,17 @@ def test_a_mechanism_with_loops() -> None:
     )
 
 
+def test_a_gear_with_losses_in_a_joint_that_nothing_is_sought_for() -> None:
+    """Losses follow from what the actuators of a mechanism share, at each of the samples."""
+    scene = load_scene(
+        CONFIGS / "mechanisms" / "five_bar_circle.yaml",
+        ["drives={left: {motor: servo0p64_3000}}", "robot.joints.right.gear={efficiency: 0.7}"],
+    )
+    found = size(scene, by="mass")
+    assert found.status == "ok" and found.summary["size"]["margin_difference"] < 1e-9
+    assert "right" not in found.summary["drives"] and found.summary["drives"]["left"]["mass"] > 0.0
+
+
 def test_payloads_that_come_and_go() -> None:
     """What drives bear changes with what is carried, in the search as in the run that follows it."""
     load = "{name: box, at: tip, mass: 4, com: [0.1, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}, from: {time: 0.7}, until: {time: 1.9}}"

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, utf8
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, number, pairs, utf8, variations
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
-from robodyn_cli.cli.words import table, variations
+from robodyn_cli.cli.words import table
 from robodyn_cli.errors import OF_STATUS, SceneError
 from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.threads import cores
@@ -131,20 +131,8 @@ def _targets(texts: Sequence[str]) -> dict[str, Expectation]:
     """
     from robodyn_cli.expr.statements import parse_expectation
 
-    targets: dict[str, Expectation] = {}
-    for text in texts:
-        name, sign, value = (part.strip() for part in text.partition("="))
-        if not name or not sign or not value:
-            raise SceneError(
-                f"--reach {text}: is not OUTPUT=VALUE; allowed: OUTPUT=VALUE, 'OUTPUT=VALUE +- TOLERANCE'"
-            )
-        if name in targets:
-            raise SceneError(f"--reach {name}: is given twice")
-        try:
-            targets[name] = parse_expectation(value)
-        except SceneError as error:
-            raise SceneError(f"--reach {name}: {error.message}") from error
-    return targets
+    allowed = "allowed: OUTPUT=VALUE, 'OUTPUT=VALUE +- TOLERANCE'"
+    return pairs("--reach", texts, "OUTPUT=VALUE", allowed, parse_expectation)
 
 
 def _limits(texts: Sequence[str]) -> dict[str, Expectation]:

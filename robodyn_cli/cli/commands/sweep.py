@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, choice, number, utf8
+from robodyn_cli.cli.options import Jobs, SceneFile, SharedOptions, choice, number, utf8, variations
 from robodyn_cli.cli.runner import begun, output, publish, show, store
 from robodyn_cli.cli.words import number as shown
-from robodyn_cli.cli.words import table, variations
+from robodyn_cli.cli.words import table
 from robodyn_cli.commands import SAMPLERS
 from robodyn_cli.errors import FAILED, SceneError
 from robodyn_cli.threads import cores

@@ -22,7 +22,7 @@ from robodyn_cli.observe.reactions import figures as largest_loads
 from robodyn_cli.over.many.inverse import figure_of
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_second, slopes_along
+from robodyn_cli.over.sensitivity.gradients import MotionGradients, every_nth, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
@@ -31,10 +31,10 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.drives import DriveFigures
 from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads, Termination
 from robodyn_cli.summaries.inverse import JointFigures
-from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures
+from robodyn_cli.torques.checks import Loaded, breaks_of, joint_figures, turning
 from robodyn_cli.torques.closed import ClosedLoops
 from robodyn_cli.torques.program import InverseProgram, Sampled
-from robodyn_cli.works.inverse import evaluated_at, program_of
+from robodyn_cli.works.inverse import evaluated_at, looked_at, program_of
 
 
 @record
@@ -130,7 +130,11 @@ class InverseSlopes:
     def _course(scene: Scene) -> LedCourse:
         program = program_of(scene)
         lead = program.lead if isinstance(program, ClosedLoops) else None
-        return LedCourse.of(program.problem, program.looked_at(scene.inverse.samples), lead)
+        samples = scene.inverse.samples
+        # where a joint turns back moves with a key, and a cut there with it
+        cut = turning(program.problem) and scene.trajectory is not None
+        times = looked_at(program, samples, program.plan).times if cut else program.looked_at(samples)
+        return LedCourse.of(program.problem, times, lead)
 
     @cached_property
     def _wanted(self) -> set[str]:
@@ -140,7 +144,7 @@ class InverseSlopes:
     def _figures(self, k: int, step: float, every: int) -> InverseFigures:
         """Return the figures for a key changed by so much, along the derivatives of the samples."""
         sampled, moved = self.sampled, self.moved
-        motion, part = sampled.motion, every_second(sampled.times, every)
+        motion, part = sampled.motion, every_nth(sampled.times, every)
         arrays = {"q": motion.q, "v": motion.qd, "a": motion.qdd, "tau": sampled.tau, **self.wrenches}
         there = {name: (x + step * moved[name][:, :, k])[part] for name, x in arrays.items()}
         times = (sampled.times + step * moved["t"][:, 0, k])[part]

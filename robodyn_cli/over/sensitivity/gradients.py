@@ -172,7 +172,8 @@ class Along:
 
 WIDEST = 5e-3  # part of the arrays by which they are changed at most
 LEVELS = 4
-ALL, ODD = 1, (-1, 2)  # which samples to take, see ``every_second``
+ALL, FEWER = 1, (-1, 2, 4)  # which samples to take, see ``every_nth``
+ORDER = 6  # of what samples put peaks off by, in the time between them
 ESTIMATES = ("error_estimate.",)
 NOTHING = 1e-6  # part of a key, by which a change cannot be as large as all of an array
 ROUNDING = 1e-15  # of a figure of many samples
@@ -223,7 +224,8 @@ def _step(arrays: Sequence[tuple[Array, Array]], scale: float) -> float:
 def _slopes(outputs: Sequence[str], give: Callable[[float, int], Any], step: float) -> list[Slope]:
     """Return the derivatives of outputs by one key, changed by at most ``step``.
 
-    How they differ with every second sample tells how much of them is due to the samples, between which a peak may lie.
+    How they differ with every second and every fourth sample tells how much of them is due to the samples, between
+    which a peak may lie.
     """
     steps = np.array([step / NARROWER**level for level in range(LEVELS)])
     sides = np.array([[_numbers(outputs, give(way * x, 1)) for way in (1.0, -1.0)] for x in steps])
@@ -233,21 +235,22 @@ def _slopes(outputs: Sequence[str], give: Callable[[float, int], Any], step: flo
     )  # a figure that stays has no rounding
     values, errors = extrapolated(raw, ROUNDING * size / steps[:, None])
     there = np.array(
-        [[_numbers(outputs, give(way * steps[1], every)) for way in (1.0, -1.0)] for every in ODD]
+        [[_numbers(outputs, give(way * steps[1], every)) for way in (1.0, -1.0)] for every in FEWER]
     )
-    fine, coarse = there[:, 0] - there[:, 1]
-    sampled = np.abs(coarse - fine) / (2.0 * steps[1])
+    fine, half, quarter = (there[:, 0] - there[:, 1]) / (2.0 * steps[1])
+    # all and half of the samples may agree by chance, but hardly half and a quarter too
+    sampled = np.maximum(np.abs(half - fine), np.abs(quarter - half) / 2**ORDER)
     solved = SOLVED * np.maximum(np.abs(values), size * WIDEST / step)
     return [Slope(float(y), float(e), EXACT) for y, e in zip(values, MARGIN * errors + sampled + solved)]
 
 
-def every_second(times: Array, every: int) -> NDArray[np.int_]:
-    """Return which samples at times (T,) to take: all, or, of an odd number in each stretch of uniform ones, each (-1)
-    or every second one (2)."""
+def every_nth(times: Array, every: int) -> NDArray[np.int_]:
+    """Return which samples at times (T,) to take: all, or, of 4 n + 1 in each stretch of uniform ones, each (-1) or
+    every second or fourth one."""
     if every == ALL or len(times) < 3:
         return np.arange(len(times))
     parts = [
-        (part, np.arange((part.samples + 1) % 2, part.samples, 1 if every == ODD[0] else 2))
+        (part, np.arange((part.samples - 1) % FEWER[-1], part.samples, max(every, 1)))
         for part in stretches(times)
     ]
     return np.unique(np.concatenate([(part.first[:, None] + own).ravel() for part, own in parts]))

@@ -66,6 +66,10 @@ def _slopes(asked: AskedSlopes, k: int, give: Callable[[Scene], Arrays]) -> list
     steps = [2.0 * part * (abs(asked.values[k]) or 1.0) for part in parts]
     sides = [[give(asked.changed([k], way * part)) for way in (1.0, -1.0)] for part in parts]
     for arrays in zip(*(zip(*pair) for pair in sides)):
+        if len({a.shape for pair in arrays for a in pair}) > 1:
+            raise CapabilityError(
+                "the motion is cut at other places when the key changes, as where joints turn back"
+            )
         raw = np.array([(a - b) / step for (a, b), step in zip(arrays, steps)])
         size = max(float(np.abs(a).max(initial=0.0)) for pair in arrays for a in pair)
         noise = np.array([np.full(raw[0].shape, ROUNDED * size / step) for step in steps])

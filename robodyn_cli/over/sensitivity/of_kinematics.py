@@ -22,7 +22,7 @@ from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.over.many.kinematics import KinematicsStructure
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
 from robodyn_cli.over.sensitivity.differences import Slope
-from robodyn_cli.over.sensitivity.gradients import ALL, MotionGradients, every_second, slopes_along
+from robodyn_cli.over.sensitivity.gradients import ALL, MotionGradients, every_nth, slopes_along
 from robodyn_cli.over.sensitivity.led import LedCourse, LedMotion, LedSlopes
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.check import EXTREMES
@@ -117,7 +117,7 @@ class KinematicsSlopes:
         wanted = self.asked.task.outputs
         if all(name.startswith("at.") for name in wanted):
             every = ALL  # these are no figures of samples
-        part = every_second(planned.times, every)
+        part = every_nth(planned.times, every)
         there = {
             name: (x + step * moved[name][:, :, k])[part]
             for name, x in (

@@ -118,11 +118,9 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     if follow is not None:
         scene = _following(scene, follow, check)
     _check_runs(scene, check)
-    outputs, balance = (
-        scene.outputs,
-        (scene.inverse.shaking, scene.inverse.flywheel, scene.simulate.fluctuation),
-    )
-    if any((scene.expect, scene.study.of, scene.search, outputs.extremes, outputs.abscissa, *balance)):
+    balance = (scene.inverse.shaking, scene.inverse.flywheel, scene.simulate.fluctuation)
+    columns = (scene.outputs.extremes, scene.outputs.abscissa)
+    if any((scene.expect, scene.study.of, scene.search, *columns, *balance)):
         from robodyn_cli.scene.checks.keys import check_figures
 
         scene = check_figures(scene, check)

@@ -334,9 +334,10 @@ def _lock_keys(done: Deployment) -> LockKeys | None:
     if done.estimate.recorder is not None:
         recorder = done.estimate.recorder
         if not done.found.driven:
-            recorder.emit(
-                np.array([relocated.lock.time]), relocated.lock.state[None, :].copy(), done.driver.parameters
-            )
+            # it may lock before the last sample that the first run has come to
+            time, state = relocated.lock.time, relocated.lock.state
+            recorder.go_back(time)
+            recorder.emit(np.array([time]), state[None, :].copy(), done.driver.parameters)
     other = describe_lock(done.motion, relocated.scanned, relocated.lock, relocated.latch, error, recorder)
     other, keys = with_multipliers_beside(other, done.motion, done.lock), with_rounding(keys, done.latch)
     # the error of the time is known already

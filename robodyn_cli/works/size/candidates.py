@@ -34,7 +34,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.extremes import largest_magnitude
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.torques.checks import breaks_of
+from robodyn_cli.torques.checks import breaks_of, settled
 from robodyn_cli.torques.program import InverseProgram, Sampled
 from robodyn_cli.works.inverse import evaluated, looked_at, planned_at, program_of
 
@@ -114,7 +114,8 @@ class Responses:
         assert tau is not None
         return Responses(
             scene, tuple(drives), tuple(names.index(name) for name in drives), planned.times,
-            sampled.motion.qd, sampled.motion.qdd, tau, None if R is None or hold is None else _projected(hold, R),
+            settled(sampled.motion.qd), sampled.motion.qdd, tau,
+            None if R is None or hold is None else _projected(hold, R),
             tuple(breaks_of(program.problem, planned.times, sampled.motion)),
         )  # fmt: skip
 
@@ -196,7 +197,10 @@ class _Variants:
         for k in range(len(self.tables)):
             parts = {n: arrays[f"o{i}"][k].T for i, n in enumerate(self.outputs)}
             psi = parts.pop("psi", np.zeros((samples, 0)))
-            tau = np.sum(list(parts.values()), axis=0) if still else program.shared(parts, psi, sampled)
+            if still:
+                tau = np.sum(list(parts.values()), axis=0)
+            else:
+                tau = program.shared(parts, psi, sampled, np.arange(samples))
             if tau is None:
                 return None
             torques.append(tau)
