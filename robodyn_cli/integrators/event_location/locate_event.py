@@ -16,7 +16,7 @@ from robodyn_cli.integrators.stepping.writer import ARGUMENTS, Tables
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs
-from robodyn_cli.kernels.program import NUMBERS
+from robodyn_cli.kernels.program import NUMBERS, Program
 
 # the run's own arguments, room for a copy of its memory block and its bytes, for values of the event functions, and
 # for what ``locate_event`` finds
@@ -51,6 +51,17 @@ def switching_function(system: System, tables: Tables, programs: Programs) -> Fu
     assert program is not None
     f = Function("switching", ["ptr %places"])
     load_places(f, "w", "n", "y", "p", NUMBERS, REGISTERS, "values")
+    # eight at once like in the search, so that a long program is in the module but once
+    width = 1 if program.operations <= INLINE_LIMIT else LANES
+    values = programs.evaluate(f, program, inputs_at(f, system, tables, program), width)
+    for k, value in enumerate(values["g"]):
+        f.store(f.lane(value, 0), f.offset("%values", k))
+    f.ret()
+    return f
+
+
+def inputs_at(f: Function, system: System, tables: Tables, program: Program) -> dict[str, Array]:
+    """Return the inputs of a program at the current time and state; places are loaded."""
     nq: Int | int = system.nq
     nv: Int | int = system.nv
     if system.dynamics.any_size:
@@ -58,15 +69,8 @@ def switching_function(system: System, tables: Tables, programs: Programs) -> Fu
     first: dict[str, tuple[str, Int | int]] = {
         "t": ("%w", DoubleSlot.T), "q": ("%y", 0), "v": ("%y", nq), "z": ("%y", nq + nv), "p": ("%p", 0)
     }  # fmt: skip
-    inputs: dict[str, Array] = {group: Array(f, f.offset(*first[group])) for group in program.inputs}
-    inputs[NUMBERS] = Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))
-    # eight at once like in the search, so that a long program is in the module but once
-    width = 1 if program.operations <= INLINE_LIMIT else LANES
-    for k, value in enumerate(programs.evaluate(f, program, inputs, width)["g"]):
-        value = f.lane(value, 0)
-        f.store(value, f.offset("%values", k))
-    f.ret()
-    return f
+    inputs = {group: Array(f, f.offset(*first[group])) for group in program.inputs}
+    return {**inputs, NUMBERS: Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))}
 
 
 def trial_step_function() -> Function:
@@ -233,5 +237,6 @@ def _alone(f: Function, count: int) -> Condition:
         g: Value = f.load(f.offset("%values", k))
         above = f.compare("ogt", before, 0.0) & f.compare("ogt", g, 0.0)
         below = f.compare("olt", before, 0.0) & f.compare("olt", g, 0.0)
-        f.store_int(f.load_int(changed) + f.select_int(above | below, 0, 1), changed)
+        off = f.compare("oeq", before, 0.0) & f.compare("oeq", g, 0.0)  # by a parameter
+        f.store_int(f.load_int(changed) + f.select_int(above | below | off, 0, 1), changed)
     return f.compare_int("eq", f.load_int(changed), 1)

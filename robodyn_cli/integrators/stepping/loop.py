@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import Any
 
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.event_location.closings import close_latch_function, restart_function
 from robodyn_cli.integrators.event_location.locate_event import (
     locate_event_function,
     run_to_event_function,
@@ -64,7 +65,10 @@ def write_run(system: System, method: Method, programs: Programs) -> str:
             switching_function(system, tables, programs),
             trial_step_function(),
             locate_event_function(count),
+            restart_function(count),
         ]
+    if system.closings is not None:
+        functions.append(close_latch_function(system, system.closings, tables, programs))
     registers = Function("registers", [], result="i64")
     registers.ret(programs.room)
     return module([*functions, registers, *programs.functions.values()])
