@@ -120,7 +120,7 @@ def run_to_event_function(count: int) -> Function:
     return f
 
 
-def locate_event_function(count: int) -> Function:
+def locate_event_function(count: int, closings: bool) -> Function:
     """Return ``i64 locate_event(places)`` for so many event functions; 1 if the state is at an event of one function
     alone.
 
@@ -129,6 +129,7 @@ def locate_event_function(count: int) -> Function:
     secants go on until the last two lie on either side, with bisection where a secant leaves the bracket. They give
     up where a trial step fails or meets values of zero, or beyond (T, T_END).
 
+    closings : whether latches close by themselves; a function that stays zero is then one of a closed latch.
     bracket : two rows of 1 + count, a time and the values there, before and after the sign change; the time is NaN
     where no trial step was on that side.
     """
@@ -145,7 +146,7 @@ def locate_event_function(count: int) -> Function:
                 rounds.again()
             after, beyond = secants.note(x, g)
             with f.when(after & f.compare("ole", beyond, secants.resolution)):
-                rounds.leave(_alone(f, count))
+                rounds.leave(_alone(f, count, closings))
             secants.aim(x, after, beyond, given_up)
         _arm(f, count)
         f.store_int(samples, f.offset("%n", IntegerSlot.LAST_SAMPLE))
@@ -222,13 +223,14 @@ class _Secants:
 
 
 def _arm(f: Function, count: int) -> None:
-    """Watch the event functions from the side that their values are on."""
+    """Watch the event functions from the side that their values are on; one at zero keeps the side it came from."""
     with f.count(count) as k:
-        f.store(f.load(f.offset("%values", k)), f.offset(f.offset("%w", DoubleSlot.SIZE), k))
+        g, armed = f.load(f.offset("%values", k)), f.offset(f.offset("%w", DoubleSlot.SIZE), k)
+        f.store(f.select(f.compare("oeq", g, 0.0), f.load(armed), g), armed)
     f.store_int(1, f.offset("%n", IntegerSlot.WATCH))
 
 
-def _alone(f: Function, count: int) -> Condition:
+def _alone(f: Function, count: int, closings: bool) -> Condition:
     """Return whether just one event function has changed its sign since before the step."""
     changed = f.int_slot()
     f.store_int(0, changed)
@@ -237,6 +239,8 @@ def _alone(f: Function, count: int) -> Condition:
         g: Value = f.load(f.offset("%values", k))
         above = f.compare("ogt", before, 0.0) & f.compare("ogt", g, 0.0)
         below = f.compare("olt", before, 0.0) & f.compare("olt", g, 0.0)
-        off = f.compare("oeq", before, 0.0) & f.compare("oeq", g, 0.0)  # by a parameter
-        f.store_int(f.load_int(changed) + f.select_int(above | below | off, 0, 1), changed)
+        stays = above | below
+        if closings:
+            stays = stays | (f.compare("oeq", before, 0.0) & f.compare("oeq", g, 0.0))
+        f.store_int(f.load_int(changed) + f.select_int(stays, 0, 1), changed)
     return f.compare_int("eq", f.load_int(changed), 1)
