@@ -124,10 +124,10 @@ def locate_event_function(count: int, closings: bool) -> Function:
     """Return ``i64 locate_event(places)`` for so many event functions; 1 if the state is at an event of one function
     alone.
 
-    Secants, each going a little beyond its root, until one lies beyond it by less than the resolution. If no other
-    function has changed its sign on the way there, that is the event, and the run may go on from there; else the
-    secants go on until the last two lie on either side, with bisection where a secant leaves the bracket. They give
-    up where a trial step fails or meets values of zero, or beyond (T, T_END).
+    Secants, each going a little beyond its root, until one lies beyond it by less than the resolution, or the last two
+    lie on either side of it so near. If no other function has changed its sign on the way there, that is the event, and
+    the run may go on from there; else the secants go on until the bracket is so short, with bisection where a secant
+    leaves it. They give up where a trial step fails or meets values of zero, or beyond (T, T_END).
 
     closings : whether latches close by themselves; a function that stays zero is then one of a closed latch.
     bracket : two rows of 1 + count, a time and the values there, before and after the sign change; the time is NaN
@@ -145,9 +145,11 @@ def locate_event_function(count: int, closings: bool) -> Function:
                 f.store(x + secants.half, secants.x)
                 rounds.again()
             after, beyond = secants.note(x, g)
-            with f.when(after & f.compare("ole", beyond, secants.resolution)):
+            near = f.compare("ole", beyond, secants.resolution) | secants.is_short()
+            with f.when(after & near):
                 rounds.leave(_alone(f, count, closings))
-            secants.aim(x, after, beyond, given_up)
+                given_up.leave(secants.is_short())
+            secants.aim(x, after, beyond)
         _arm(f, count)
         f.store_int(samples, f.offset("%n", IntegerSlot.LAST_SAMPLE))
         f.ret(1)
@@ -210,16 +212,20 @@ class _Secants:
         f.store(g, self.old_g)
         return after, f.abs(g / slope)
 
-    def aim(self, x: Value, after: Condition, beyond: Value, given_up: Block) -> None:
-        """Choose the next time, unless the bracket is as short as rounding allows."""
+    def is_short(self) -> Condition:
+        """Return whether the bracket is as short as rounding allows."""
+        f = self.f
+        return f.compare("ole", f.load(self.after) - f.load(self.before), self.resolution)
+
+    def aim(self, x: Value, after: Condition, beyond: Value) -> None:
+        """Choose the next time: the end of a bracket that is as short as rounding allows."""
         f = self.f
         a, b = f.load(self.before), f.load(self.after)
-        given_up.leave(f.compare("ole", b - a, self.resolution))
         distance = beyond + self.half
         aim = f.select(after, x - distance, x + distance)
         # comparisons with an end that is not known yet are false
         out = f.compare("ole", aim, a) | f.compare("oge", aim, b)
-        f.store(f.select(out, (a + b) * 0.5, aim), self.x)
+        f.store(f.select(self.is_short(), b, f.select(out, (a + b) * 0.5, aim)), self.x)
 
 
 def _arm(f: Function, count: int) -> None:
