@@ -24,7 +24,7 @@ PLACES = (*ARGUMENTS, "saved", "bytes", "values", "bracket")
 COUNTERS = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS, IntegerSlot.PROJECTIONS]
 PATIENCE = 256  # steps; a trial step that takes more goes on in Python, where interrupts are handled
 TELLING = 16.0  # a secant is used if its two times differ by at least so many resolutions
-TRIALS = 10  # a simple root takes three, one that is shared four
+TRIALS = 20  # a simple root takes three, one that is shared four; more where rounding hides it
 STEEPEST = 1e300
 
 
