@@ -48,7 +48,7 @@ def restart_function(count: int) -> Function:
 
 
 def close_latch_function(system: System, closings: Closings, tables: Tables, programs: Programs) -> Function:
-    """Return ``i64 close_latch(places)``, whose result is a ``Verdict``: answer the event of a latch at which the run is.
+    """Return ``i64 close_latch(places)``, whose result is a ``Verdict``: answer the event of a latch where the run is.
 
     How near latches have come is noted at all events; where one closes, its impulse changes state and parameters.
     """
@@ -135,6 +135,6 @@ class _ClosingCode:
             self._put(k, here["q"][k], f.offset("%y", system.q_places[q]))
         for place, value in zip(system.v_places, here["v"]):
             f.store(value, f.offset("%y", place))
-        assert system.work_place is not None
-        work = f.offset("%y", system.work_place)
-        f.store(f.load(work) - here["lost"][0], work)
+        if system.work_place is not None:
+            work = f.offset("%y", system.work_place)
+            f.store(f.load(work) - here["lost"][0], work)

@@ -24,7 +24,8 @@ PLACES = (*ARGUMENTS, "saved", "bytes", "values", "bracket")
 COUNTERS = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS, IntegerSlot.PROJECTIONS]
 PATIENCE = 256  # steps; a trial step that takes more goes on in Python, where interrupts are handled
 TELLING = 16.0  # a secant is used if its two times differ by at least so many resolutions
-TRIALS = 20  # a simple root takes three, one that is shared four; more where rounding hides it
+TRIALS = 10  # a simple root takes three, one that is shared four
+MORE_TRIALS = 20  # where rounding hides a root behind which the run could go on without Python
 STEEPEST = 1e300
 
 
@@ -136,7 +137,7 @@ def locate_event_function(count: int, closings: bool) -> Function:
     f = Function("locate_event", ["ptr %places"], result="i64", flags="")
     load_places(f, "w", "n", "values", "bracket")
     samples = f.load_int(f.offset("%n", IntegerSlot.LAST_SAMPLE))
-    secants = _Secants(f, count)
+    secants = _Secants(f, count, MORE_TRIALS if closings else TRIALS)
     with f.block() as given_up:
         with f.loop() as rounds:
             x, g = secants.try_next(given_up)
@@ -160,8 +161,8 @@ def locate_event_function(count: int, closings: bool) -> Function:
 class _Secants:
     """Secants of the event function that changed sign; x is the time of the next trial step."""
 
-    def __init__(self, f: Function, count: int) -> None:
-        self.f, self.count = f, count
+    def __init__(self, f: Function, count: int, trials: int) -> None:
+        self.f, self.count, self.trials = f, count, trials
         self.before, self.after = "%bracket", f.offset("%bracket", 1 + count)
         self.x, self.slope, self.old_x, self.old_g = f.slot(), f.slot(), f.slot(), f.slot()
         self.rounds = f.int_slot()
@@ -185,7 +186,7 @@ class _Secants:
         f = self.f
         x = f.load(self.x)
         inside = f.compare("ogt", x, self.start) & f.compare("ole", x, self.end)
-        given_up.leave(unless=inside & f.compare_int("sle", f.bump(self.rounds), TRIALS))
+        given_up.leave(unless=inside & f.compare_int("sle", f.bump(self.rounds), self.trials))
         status = f.call_int("trial_step", ["ptr %places", f"double {x.ref}", "i64 -1"])
         g = f.load(f.offset("%values", self.which))
         arrived = f.compare_int("eq", status, int(Status.DONE)) & f.compare("ord", g, 0.0)

@@ -36,9 +36,9 @@ class Engine:
     """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
     interpreted : whether long programs are interpreted; they may be at first unless that is not wanted. tables : of
-    numbers that the code reads. addresses : of ``run_to_event``, ``trial_step``, ``close_latch`` and of what all take. memory : of the
-    run, its copy from before the step with an event. p : parameters. out : block of samples. bracket : see
-    ``locate_event_function``.
+    numbers that the code reads. addresses : of ``run_to_event``, ``trial_step``, ``close_latch`` and of what all take.
+    memory : of the run, its copy from before the step with an event. p : parameters. out : block of samples. bracket :
+    see ``locate_event_function``.
     """
 
     def __init__(self, system: System, method: str, p: Array, interpreted: bool = True) -> None:

@@ -72,7 +72,7 @@ class IntegerSlot:
 
 
 class Note:
-    """What is noted of each latch of ``System.closings``; the state before the last closing follows behind all of them."""
+    """What is noted of each latch of ``System.closings``; the state before the last closing follows behind them all."""
 
     TIME = 0  # when it closed; not a number: it has not
     ANGLE = 1  # of its coordinate
@@ -116,7 +116,8 @@ class Memory:
 
     w, n : see ``DoubleSlot`` and ``IntegerSlot``, as memoryviews, which single numbers enter and leave faster than
     arrays. armed : the values of event functions, which follow the slots in w. notes : see ``Note``, a row a latch. y :
-    the state. dense : what dense output keeps. addresses : where w, n, y and dense lie; the block starts with ``w``. saved_w, saved_n : w and n of the copy.
+    the state. dense : what dense output keeps. addresses : where w, n, y and dense lie; the block starts with ``w``.
+    saved_w, saved_n : w and n of the copy.
     """
 
     def __init__(self, system: System, dense: int) -> None:

@@ -244,7 +244,8 @@ class _Queue:
 
 
 # A table of addresses and numbers.
-# run, trial, close : ``run_to_event``, ``trial_step`` and ``close_latch``, where there is one. stop : a count that is not zero ends the loop. clear : empty memory.
+# run, trial, close : ``run_to_event``, ``trial_step`` and ``close_latch``, where there is one. stop : a count that is
+# not zero ends the loop. clear : empty memory.
 # events : how many functions there are; passing : those at which a run goes on, by bit.
 # Rows of the runs, with the bytes of each: w, n, y, p and numbers as in ``PLACES``, and blocks of samples.
 JOB = (

@@ -88,7 +88,9 @@ class ClosedRuns:
 def suits(batch: RunBatch, method: str) -> bool:
     """Tell whether compiled code closes the latches of a batch by itself."""
     motion = batch.structure.motion
-    return motion.system.closings is not None and methods[method].adaptive and motion.scene.simulate.samples > 1
+    return (
+        motion.system.closings is not None and methods[method].adaptive and motion.scene.simulate.samples > 1
+    )
 
 
 def _arrived(runs: Runs) -> Masks:
@@ -105,7 +107,7 @@ def _notes(batch: RunBatch, runs: Runs) -> Array:
 def _values(batch: RunBatch, x: Array) -> Array:
     """Return what passes zero where each latch closes, at states x (N, nx): (N, k)."""
     system, problem = batch.structure.motion.system, batch.structure.motion.problem
-    closes = Expressions([row.closes for row in problem.latches])
+    closes = Expressions([row.closes for row in problem.latches if row.closes is not None])
     return batch.numbers.evaluate(closes, {"q": system.split(x)[0].T})
 
 
@@ -129,7 +131,8 @@ def _begun(batch: RunBatch, method: str) -> tuple[RunBatch, Masks]:
     rates = Expressions(list(motion.problem.forward.qdd))
     groups = {"t": [0.0], "q": q.T, "v": v.T, "z": z.T, "p": list(system.parameters)}
     a = batch.numbers.evaluate(rates, groups)
-    sides, sound = np.zeros((len(x), first_note(len(events)) - DoubleSlot.SIZE)), (np.abs(values) > TORN).all(axis=1)
+    sides = np.zeros((len(x), first_note(len(events)) - DoubleSlot.SIZE))
+    sound: Masks = np.all(np.abs(values) > TORN, axis=1)
     for n, function in enumerate(events):
         if isinstance(function, LatchFunction) and function.change is LatchChange.TURNS:
             place = latches[function.number].closing

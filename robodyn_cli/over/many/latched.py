@@ -184,7 +184,11 @@ class LatchedRun:
         result.steps[row] = self.steps
         if self.own.last is not None:
             time, x, name = self.own.last
-            locks = {key: self._with_errors("locks", key) for key in self.own.locks if key == name or self._is_end(key)}
+            locks = {
+                key: self._with_errors("locks", key)
+                for key in self.own.locks
+                if key == name or self._is_end(key)
+            }
             result.time[row], result.time_error[row] = time, _number(time_error(locks, name, self.time))
             result.q[row], result.qd[row], _ = motion.system.split(x)
             if (other := self.other) is not None:
@@ -331,4 +335,4 @@ def _facts_of(latches: Latches, end: float) -> LatchFacts:
     """Return what the latches of a watcher did up to an end [s]."""
     facts, last = latches.facts(end), latches.last
     named = None if last is None else (last[0], last[1], latches.names[last[2]])
-    return LatchFacts(*(facts[name] for name in OF_LATCHES), named)
+    return LatchFacts(facts["locks"], facts["missed"], named)
