@@ -5,9 +5,9 @@
 Double pendulums start at random and have random masses; 10 s at 1e-9. heyoka integrates the formulas of
 ``peers/formulas.py`` with masses as parameters, 8 runs a batch and one by one. Stiff ones have a spring of 1e4 to
 1e8 N m in the elbow. Four-bars have random springs, masses and lengths, arrays of ten panels with ten latches random
-springs, masses and dampers; their error is the largest estimated one of the time of a lock. Else the error is the median over the runs of the largest of angles and rates at the end, against
-heyoka at 1e-15 (stiff: radau13 at 1e-12). Times are of the processor, in turns; of threads and whole processes by the
-clock.
+springs, masses and dampers; their error is the largest estimated one of the time of a lock. Else the error is the median
+over the runs of the largest of angles and rates at the end, against heyoka at 1e-15 (stiff: radau13 at 1e-12). Times are
+of the processor, in turns; of threads and whole processes by the clock.
 """
 
 from __future__ import annotations
@@ -361,8 +361,8 @@ def main() -> None:
         with report.part("one array"):
             one = report.more["array"] = one_array(1 if chosen.quick else 3)
             print(
-                f"\nOne array of ten panels: {one['cold']:.2f} s without compiled code, {one['cached']:.2f} s with it, of "
-                f"which the run with its error estimate takes {1e3 * one['run']:.0f} ms",
+                f"\nOne array of ten panels: {one['cold']:.2f} s without compiled code, {one['cached']:.2f} s with it; "
+                f"the run with its error estimate takes {1e3 * one['run']:.0f} ms of that",
                 flush=True,
             )
         with report.part("error over run time"):

@@ -245,8 +245,8 @@ def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matri
 
 
 def are_plain(problem: Problem) -> bool:
-    """Tell whether an impulse that follows from M alone closes each latch: all are rigid, stay closed, close by a joint's
-    position, and each holds a joint of its own in an open chain."""
+    """Tell whether an impulse that follows from M alone closes each latch: all are rigid, stay closed, close by the
+    position of a joint, and each holds a joint of its own in an open chain."""
     own = [row.v for row in problem.latches if row.rigid and row.opens is None and row.closing is not None]
     beside = problem.contact_joints or problem.all_constraints.rows
     return 0 < len(problem.latches) == len({v for v in own if v is not None}) and not beside
