@@ -5,9 +5,9 @@
 Double pendulums start at random and have random masses; 10 s at 1e-9. heyoka integrates the formulas of
 ``peers/formulas.py`` with masses as parameters, 8 runs a batch and one by one. Stiff ones have a spring of 1e4 to
 1e8 N m in the elbow. Four-bars have random springs, masses and lengths, arrays of ten panels with ten latches random
-springs, masses and dampers; their error is the largest estimated one of the time of a lock. Else the error is the median
-over the runs of the largest of angles and rates at the end, against heyoka at 1e-15 (stiff: radau13 at 1e-12). Times are
-of the processor, in turns; of threads and whole processes by the clock.
+springs, masses and dampers; their error is the largest estimated one of the time of a lock. Else the error is the
+median over the runs of the largest of angles and rates at the end, against heyoka at 1e-15 (stiff: radau13 at 1e-12).
+Times are of the processor, in turns; of threads and whole processes by the clock.
 """
 
 from __future__ import annotations

@@ -14,9 +14,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.algorithms.linear import LdlFactor
 from robodyn_cli.errors import CapabilityError
-from robodyn_cli.expr.functions import absolute, maximum, where
+from robodyn_cli.expr.functions import maximum, where
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Loop
 from robodyn_cli.model.places import placed
@@ -25,7 +24,6 @@ from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zer
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import MechanismParts
-    from robodyn_cli.equations.problem import Problem
     from robodyn_cli.scene.nested_options import DeployLatch
 
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
@@ -242,44 +240,6 @@ def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matri
         M[:, v] = M[:, v] * moves
         M[v, v], f[v], psi[:, v] = own, f[v] * moves, psi[:, v] * moves
     return M, f, psi
-
-
-def are_plain(problem: Problem) -> bool:
-    """Tell whether an impulse that follows from M alone closes each latch: all are rigid, stay closed, close by the
-    position of a joint, and each holds a joint of its own in an open chain."""
-    own = [row.v for row in problem.latches if row.rigid and row.opens is None and row.closing is not None]
-    beside = problem.contact_joints or problem.all_constraints.rows
-    return 0 < len(problem.latches) == len({v for v in own if v is not None}) and not beside
-
-
-def closing_alone(problem: Problem) -> dict[str, list[Scalar]]:
-    """Return what follows where one plain latch closes, whose parameters say already that it holds.
-
-        M (v+ - v) = Lambda,   v+ = 0 where a latch holds,   Lambda = 0 elsewhere
-
-    Returns
-    -------
-    values (k,) : what passes zero where each closes. q (k,) : where it holds its coordinate. v (nv,) : v+. impulses
-    (k,) : Lambda of what each holds. lost : energy [J]. apart : positive unless another one closes at the same instant,
-    or comes to rest by it. waited : how many of those that the run waits for are open, 1 where it goes on in any case.
-    """
-    latches, q, v, until = problem.latches, problem.q, problem.v, problem.scene.deploy.until
-    held = zeros(len(v))
-    for row in latches:
-        held[row.v] = row.hold
-    M, f, _ = without_held(problem, problem.mass_matrix @ (held * v), zeros(0, len(v)))
-    after = (v + LdlFactor.of(M, problem.elimination_order).solve(f)) * (1.0 - held)
-    impulses, near = problem.mass_matrix @ (after - v), TOGETHER * maximum(problem.t, 1.0)
-    own: dict[str, list[Scalar]] = {name: [] for name in ("values", "q", "impulses", "apart")}
-    for row in latches:
-        assert row.closes is not None and row.q is not None and row.v is not None and row.closing is not None
-        distance = absolute(row.closes) - near * absolute(v[row.closing])
-        own["values"].append(row.closes)
-        own["q"].append(q[row.q] - row.closes if row.is_own else q[row.q])
-        own["impulses"].append(impulses[row.v])
-        own["apart"] += [row.closed + distance, row.closed + absolute(after[row.closing])]
-    waited = sum((1.0 - row.closed for row in latches if until in ("all", row.name)), float(until == "end"))
-    return {**own, "v": list(after), "lost": [-0.5 * dot(held * v, impulses)], "waited": [waited]}
 
 
 def held_rows(problem: MechanismParts) -> tuple[Matrix, list[Scalar], list[Scalar]]:

@@ -96,7 +96,7 @@ REPARTITION = Repartition()
 
 
 @record
-class Closed:
+class LatchClosed:
     """What compiled code has done where a latch closes: the state behind it, its impulse, and the energy lost [J]."""
 
     state: Array
@@ -163,7 +163,7 @@ class Event:
     state: Array
     time_error: float
     parameters: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
-    close: Callable[[], Closed | None] = lambda: None
+    close: Callable[[], LatchClosed | None] = lambda: None
 
     @property
     def name(self) -> str:

@@ -1,54 +1,24 @@
-"""The compiled functions that let a run go on behind an event: from a state that has been replaced, and from a latch
-that closes."""
+"""The compiled function that closes a latch, so that a run goes on there without Python."""
 
 from __future__ import annotations
 
-import enum
 import math
+from typing import TYPE_CHECKING
 
-from robodyn_cli.formulations.closings import Closings
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import inputs_at, load_places
-from robodyn_cli.integrators.runtime.memory import UNARMED, DoubleSlot, IntegerSlot, Note, first_note
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer, Note, first_note
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.ir import Function, Int, Value
 from robodyn_cli.kernels.lower import REGISTERS, Programs
 from robodyn_cli.kernels.program import NUMBERS
 
-RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
-
-
-class Verdict(enum.IntEnum):
-    """What has become of an event of a latch in compiled code."""
-
-    DOUBTFUL = 0  # nothing: others close at the same instant
-    GOES_ON = 1
-    ENDS = 2  # the run, with this closing
-
-
-def restart_function(count: int) -> Function:
-    """Return ``restart(places, step)``: the run goes on from a state that has been replaced, with a step that is at
-    most so long, and its event functions are to be armed anew."""
-    f = Function("restart", ["ptr %places", "double %step"], flags="")
-    load_places(f, "w", "n")
-    t, since = (f.load(f.offset("%w", slot)) for slot in (DoubleSlot.T, DoubleSlot.SINCE))
-    # the next event may come sooner than the last one did, so the step starts short again
-    with f.when(f.compare("ogt", t, since)):
-        f.store((t - since) * RESTART, f.offset("%w", DoubleSlot.RESTART))
-        f.store(t, f.offset("%w", DoubleSlot.SINCE))
-    part = f.min(f.load(f.offset("%w", DoubleSlot.RESTART)), f.argument("step"))
-    step = f.min(f.load(f.offset("%w", DoubleSlot.H)), f.load(f.offset("%w", DoubleSlot.FIRST)) * part)
-    f.store(step, f.offset("%w", DoubleSlot.H))
-    with f.count(count) as k:
-        f.store(0.0, f.offset(f.offset("%w", DoubleSlot.SIZE), k))
-    f.store_int(UNARMED, f.offset("%n", IntegerSlot.WATCH))
-    f.store_int(0, f.offset("%n", IntegerSlot.RATE_KNOWN))
-    f.ret()
-    return f
+if TYPE_CHECKING:
+    from robodyn_cli.formulations.closings import Closings
 
 
 def close_latch_function(system: System, closings: Closings, tables: Tables, programs: Programs) -> Function:
-    """Return ``i64 close_latch(places)``, whose result is a ``Verdict``: answer the event of a latch where the run is.
+    """Return ``i64 close_latch(places)``, whose result is a ``LatchAnswer``, to the event of a latch where the run is.
 
     How near latches have come is noted at all events; where one closes, its impulse changes state and parameters.
     """
@@ -67,10 +37,10 @@ def close_latch_function(system: System, closings: Closings, tables: Tables, pro
             code.commit(here)
             f.call("restart", ["ptr %places", f"double {f.constant(math.inf).ref}"])
             waits = f.compare("ogt", here["waited"][0], 0.5)
-            f.ret(f.select_int(waits, int(Verdict.GOES_ON), int(Verdict.ENDS)))
+            f.ret(f.select_int(waits, int(LatchAnswer.GOES_ON), int(LatchAnswer.ENDS)))
         code.set_closed(0.0)
-        f.ret(int(Verdict.DOUBTFUL))
-    f.ret(int(Verdict.GOES_ON))
+        f.ret(int(LatchAnswer.DOUBTFUL))
+    f.ret(int(LatchAnswer.GOES_ON))
     return f
 
 

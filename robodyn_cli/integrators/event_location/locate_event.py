@@ -27,6 +27,7 @@ TELLING = 16.0  # a secant is used if its two times differ by at least so many r
 TRIALS = 10  # a simple root takes three, one that is shared four
 MORE_TRIALS = 20  # where rounding hides a root behind which the run could go on without Python
 STEEPEST = 1e300
+RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 
 
 def load_places(f: Function, *names: str) -> None:
@@ -95,6 +96,27 @@ def trial_step_function() -> Function:
     with f.when(f.compare_int("eq", status, int(Status.DONE))):
         f.call("switching", ["ptr %places"])
     f.ret(status)
+    return f
+
+
+def restart_function(count: int) -> Function:
+    """Return ``restart(places, step)``: the run goes on from a state that has been replaced, with a step that is at
+    most so long, and its event functions are to be armed anew."""
+    f = Function("restart", ["ptr %places", "double %step"], flags="")
+    load_places(f, "w", "n")
+    t, since = (f.load(f.offset("%w", slot)) for slot in (DoubleSlot.T, DoubleSlot.SINCE))
+    # the next event may come sooner than the last one did, so the step starts short again
+    with f.when(f.compare("ogt", t, since)):
+        f.store((t - since) * RESTART, f.offset("%w", DoubleSlot.RESTART))
+        f.store(t, f.offset("%w", DoubleSlot.SINCE))
+    part = f.min(f.load(f.offset("%w", DoubleSlot.RESTART)), f.argument("step"))
+    step = f.min(f.load(f.offset("%w", DoubleSlot.H)), f.load(f.offset("%w", DoubleSlot.FIRST)) * part)
+    f.store(step, f.offset("%w", DoubleSlot.H))
+    with f.count(count) as k:
+        f.store(0.0, f.offset(f.offset("%w", DoubleSlot.SIZE), k))
+    f.store_int(UNARMED, f.offset("%n", IntegerSlot.WATCH))
+    f.store_int(0, f.offset("%n", IntegerSlot.RATE_KNOWN))
+    f.ret()
     return f
 
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robodyn_cli.formulations.events import LatchClosed
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.closings import Verdict
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Memory, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer, Memory, Note, Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
@@ -138,10 +138,16 @@ class Engine:
         """Go on from a state that has been replaced, with a step that is at most so long [s]."""
         self._restart(self._at, step)
 
-    def close_latch(self, event: int) -> Verdict:
-        """Answer an event of a latch, by its number, at the current state."""
+    def close_latch(self, event: int) -> LatchClosed | None:
+        """Close the latch that closes at an event, by its number, at the current state; None where code does not."""
+        latch = self._system.events[event].closing
+        if self._system.closings is None or latch is None:
+            return None
         self.memory.n[IntegerSlot.EVENT] = event
-        return Verdict(self._close_latch(self._at))
+        if self._close_latch(self._at) == LatchAnswer.DOUBTFUL:
+            return None
+        note = self.memory.notes[latch]
+        return LatchClosed(self.memory.y.copy(), float(note[Note.IMPULSE]), float(note[Note.LOST]))
 
     def look(self) -> list[float]:
         """Return the event functions at the current state."""

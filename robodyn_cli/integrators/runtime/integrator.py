@@ -12,16 +12,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robodyn_cli.errors import NumericalError
-from robodyn_cli.formulations.events import GO_ON, Closed, Event, EventKind, Jump, Outcome, Owner, Repartition
+from robodyn_cli.formulations.events import GO_ON, Event, EventKind, Jump, Outcome, Owner, Repartition
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.closings import Verdict
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.engine import Engine, doubles_at_start, first_step, integers_at_start
 from robodyn_cli.integrators.runtime.memory import (
     UNARMED,
     DoubleSlot,
     IntegerSlot,
-    Note,
     Parameters,
     Status,
     resolution,
@@ -312,18 +310,8 @@ class Integrator:
         return tuple(self._event(r.index, r.high - r.low) for r in roots)
 
     def _event(self, index: int, error: float) -> Event:
-        close = partial(self._close_latch, index)
+        close = partial(self.engine.close_latch, index)
         return Event(self.system.events[index], index, self.time, self.state, error, self.p.copy(), close)
-
-    def _close_latch(self, index: int) -> Closed | None:
-        """Let compiled code close the latch of an event function, None where it leaves that to the owner."""
-        latch = self.system.events[index].closing
-        if self.system.closings is None or latch is None:
-            return None
-        if self.engine.close_latch(index) is Verdict.DOUBTFUL:
-            return None
-        note = self.memory.notes[latch]
-        return Closed(self.state, float(note[Note.IMPULSE]), float(note[Note.LOST]))
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""

@@ -108,6 +108,14 @@ def first_note(events: int) -> int:
     return DoubleSlot.SIZE + max(1, events)
 
 
+class LatchAnswer(enum.IntEnum):
+    """What has become of an event of a latch in compiled code."""
+
+    DOUBTFUL = 0  # nothing: others close at the same instant
+    GOES_ON = 1
+    ENDS = 2  # the run, with this closing
+
+
 ROW = 8  # doubles; each part starts where a vector may
 
 

@@ -15,9 +15,8 @@ from __future__ import annotations
 from typing import Any
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.closings import Verdict
 from robodyn_cli.integrators.event_location.locate_event import PLACES, copy_block, load_places
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer, Status
 from robodyn_cli.integrators.stepping.control import judge, shorter
 from robodyn_cli.integrators.stepping.loop import REJECTIONS, RESOLUTION, end_of, is_too_small, step_over
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
@@ -339,9 +338,9 @@ def _close_latch(f: Function, status: str, stretches: LoopBlock) -> None:
     """Answer the event of a latch where code does that; leave the run where it does not, or ends there."""
     with f.when(Condition(f, f.name("icmp ne ptr %close, null"), 1)):
         verdict = f.emit_int("call i64 %close(ptr %places)")
-        ends = f.compare_int("eq", verdict, int(Verdict.ENDS))
+        ends = f.compare_int("eq", verdict, int(LatchAnswer.ENDS))
         f.store_int(f.select_int(ends, int(Status.HALTED), int(Status.EVENT)), status)
-        stretches.leave(f.compare_int("ne", verdict, int(Verdict.GOES_ON)))
+        stretches.leave(f.compare_int("ne", verdict, int(LatchAnswer.GOES_ON)))
 
 
 def _restore(f: Function, k: Int) -> None:

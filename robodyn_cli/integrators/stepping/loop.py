@@ -10,9 +10,9 @@ from __future__ import annotations
 from typing import Any
 
 from robodyn_cli.formulations.system import System
-from robodyn_cli.integrators.event_location.closings import close_latch_function, restart_function
 from robodyn_cli.integrators.event_location.locate_event import (
     locate_event_function,
+    restart_function,
     run_to_event_function,
     switching_function,
     trial_step_function,
@@ -68,6 +68,8 @@ def write_run(system: System, method: Method, programs: Programs) -> str:
             restart_function(count),
         ]
     if system.closings is not None:
+        from robodyn_cli.integrators.event_location.closings import close_latch_function
+
         functions.append(close_latch_function(system, system.closings, tables, programs))
     registers = Function("registers", [], result="i64")
     registers.ret(programs.room)

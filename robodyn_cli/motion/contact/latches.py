@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.equations.latches import FIELDS, TOGETHER
-from robodyn_cli.formulations.events import GO_ON, STOP, Closed, Event, Halt, Jump, Outcome
+from robodyn_cli.formulations.events import GO_ON, STOP, Event, Halt, Jump, LatchClosed, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.contact.checks import forced_on, torn_open
 from robodyn_cli.motion.contact.events import (
@@ -168,7 +168,7 @@ class Latches(LatchStates):
             self._tell(t, j, int(freedom))
         return self._outcome(t, x)
 
-    def _take_over(self, t: float, x: Array, k: int, closed: Closed) -> Outcome:
+    def _take_over(self, t: float, x: Array, k: int, closed: LatchClosed) -> Outcome:
         """Take note of a closing that compiled code has made; x : before it."""
         v = self._v_of[k]
         assert v is not None
