@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from robodyn_cli import load_scene_text
+from robodyn_cli import Mechanism, load_scene_text
 from robodyn_cli.formulations.closings import Closings
 from robodyn_cli.over.many import latched
 from robodyn_cli.scene.load import load_scene
@@ -128,3 +128,14 @@ def test_a_latch_in_its_position_at_the_start_is_left_to_python(tmp_path: Path) 
     tree = three_panels()
     tree["initial"]["q"]["hinge1"] = tree["deploy"]["latches"][1]["at"]
     compare(written(tree, tmp_path), KEYS[:2], rows(tree, KEYS[:2]), OF[:6], alone=False)
+
+
+def test_bits_do_not_depend_on_threads_or_other_runs(tmp_path: Path) -> None:
+    tree = three_panels()
+    mechanism, values = Mechanism(written(tree, tmp_path), KEYS[:3]), rows(tree, KEYS[:3])
+    one, two = (mechanism.deploy_many(values, of=OF[:6], threads=n) for n in (1, 2))
+    alone = mechanism.deploy_many(values[2:3], of=OF[:6], threads=1)
+    for key in OF[:6]:
+        np.testing.assert_array_equal(one.outputs[key], two.outputs[key])
+        np.testing.assert_array_equal(one.outputs[key][2:3], alone.outputs[key])
+    np.testing.assert_array_equal(one.q_error, two.q_error)
