@@ -33,7 +33,8 @@ class Closings:
             return None
         outputs = closing_alone(problem)
         if layout is not None:
-            outputs = {name: layout.renamed(values) for name, values in outputs.items()}
+            renamed = iter(layout.renamed([x for values in outputs.values() for x in values]))
+            outputs = {name: [next(renamed) for _ in values] for name, values in outputs.items()}
         places = [(row.place, row.q, row.v) for row in problem.latches]
         return Closings(make_program(outputs, STATE_GROUPS), *(tuple(x) for x in zip(*places)))  # type: ignore[arg-type]
 

@@ -94,7 +94,7 @@ class DeployLatches(Deploy):
 def _closed(batch: RunBatch, method: str, trusted: Masks) -> list[LatchedRun | None]:
     """Return the runs that compiled code makes alone, of those that are trusted; the others stay there."""
     runs: list[LatchedRun | None] = [None] * len(trusted)
-    if not suits(batch, method):
+    if not (trusted.any() and suits(batch, method)):
         return runs
     scene = batch.structure.motion.scene
     most = max(1, SAMPLES // (scene.simulate.samples * batch.states.shape[1]))
