@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -74,37 +75,43 @@ class DeployLatches(Deploy):
         trusted = batch.starts.sound.copy()
         if choice.may_change:  # those are looked into by the command
             trusted &= decays_of(batch) * batch.ends < FAST_DECAYS
-        runs = _closed(batch, method, trusted)
-        if trusted.any():
+        made: list[int] = []
+        for runs in _closed(batch, method, trusted):
+            made += _keep(batch, runs, rows, result)
+        if (left := np.setdiff1d(np.flatnonzero(trusted), made)).size:
             runner = _Runner(batch, method)
-            runs = [runner.make(k) if trusted[k] else run for k, run in enumerate(runs)]
-        made = np.array([k for k, run in enumerate(runs) if run is not None], dtype=np.int64)
-        if is_judged_by_energy(structure.motion) and len(made):
-            came = [run for run in runs if run is not None]
-            y, p = (np.array([getattr(run, name) for run in came]) for name in ("y", "p"))
-            steps = np.array([run.steps for run in came])
-            made = made[keeps_energy(batch.part(made), y, steps, p)]
-        for k in made.tolist():
-            run = runs[k]
-            assert run is not None
-            run.keep(result, int(rows[k]), structure.motion)
+            alone = {k: runner.make(k) for k in left.tolist()}
+            made += _keep(batch, {k: run for k, run in alone.items() if run is not None}, rows, result)
         return np.delete(rows, made).tolist()
 
 
-def _closed(batch: RunBatch, method: str, trusted: Masks) -> list[LatchedRun | None]:
-    """Return the runs that compiled code makes alone, of those that are trusted; the others stay there."""
-    runs: list[LatchedRun | None] = [None] * len(trusted)
+def _closed(batch: RunBatch, method: str, trusted: Masks) -> Iterator[dict[int, LatchedRun]]:
+    """Yield the runs that compiled code makes alone, of those that are trusted, by their numbers."""
     if not (trusted.any() and suits(batch, method)):
-        return runs
-    scene = batch.structure.motion.scene
-    most = max(1, SAMPLES // (scene.simulate.samples * batch.states.shape[1]))
-    for rows in np.array_split(np.flatnonzero(trusted), -(-np.count_nonzero(trusted) // most)):
+        return
+    samples = batch.structure.motion.scene.simulate.samples
+    parts = 1 + np.count_nonzero(trusted) * samples * batch.states.shape[1] // SAMPLES
+    for rows in np.array_split(np.flatnonzero(trusted), parts):
         closed = ClosedRuns.of(batch.part(rows), method)
-        for k in np.flatnonzero(closed.sound).tolist():
-            run = LatchedRun.in_compiled_code(closed, k)
-            if run is not None:
-                runs[rows[k]], trusted[rows[k]] = run, False
-    return runs
+        runs = {
+            int(rows[k]): LatchedRun.in_compiled_code(closed, k)
+            for k in np.flatnonzero(closed.sound).tolist()
+        }
+        yield {k: run for k, run in runs.items() if run is not None}
+
+
+def _keep(batch: RunBatch, runs: dict[int, LatchedRun], rows: Rows, result: ManyRuns) -> list[int]:
+    """Write those runs whose energy balances into the result; return their numbers in the batch."""
+    motion, made = batch.structure.motion, np.array(list(runs), dtype=np.int64)
+    if is_judged_by_energy(motion) and len(made):
+        y, p, steps = (
+            np.array([getattr(run, name) for run in runs.values()]) for name in ("y", "p", "steps")
+        )
+        made = made[keeps_energy(batch.part(made), y, steps, p)]
+    kept: list[int] = made.tolist()
+    for k in kept:
+        runs[k].keep(result, int(rows[k]), motion)
+    return kept
 
 
 class _Doubtful:
