@@ -291,7 +291,7 @@ def stages(words: list[str], cache: str) -> dict[str, float]:
         subprocess.run(line, env=environment, check=True)
         whole = time.perf_counter() - start
         told = json.loads(next(Path(out).rglob("summary.json")).read_text(encoding="utf-8"))
-        return {**told["wall_time_s"], "whole": whole}
+        return {**told.get("wall_time_s", {}), "whole": whole}
 
 
 def one_array(turns: int) -> dict[str, float]:
