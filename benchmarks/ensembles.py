@@ -4,15 +4,16 @@
 
 Double pendulums start at random and have random masses; 10 s at 1e-9. heyoka integrates the formulas of
 ``peers/formulas.py`` with masses as parameters, 8 runs a batch and one by one. Stiff ones have a spring of 1e4 to
-1e8 N m in the elbow. Four-bars have random springs, masses and lengths; their error is the largest estimated one of the
-time of a lock. Else the error is the median over the runs of the largest of angles and rates at the end, against
-heyoka at 1e-15 (stiff: radau13 at 1e-12). Times are of the processor, in turns; of threads and whole processes by the
-clock.
+1e8 N m in the elbow. Four-bars have random springs, masses and lengths, arrays of ten panels with ten latches random
+springs, masses and dampers; their error is the largest estimated one of the time of a lock. Else the error is the
+median over the runs of the largest of angles and rates at the end, against heyoka at 1e-15 (stiff: radau13 at 1e-12).
+Times are of the processor, in turns; of threads and whole processes by the clock.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import json
 import os
 import subprocess
 import sys
@@ -37,6 +38,7 @@ SPRING = "robot.joints.theta2.spring.stiffness"
 TOLERANCE, DURATION, BATCH = 1e-9, 10.0, 8
 CHECKED = 100  # runs whose errors are known
 SIX_BAR = Path(__file__).parent / "six_bar.yaml"
+ARRAY = Path(__file__).parent.parent / "configs" / "mechanisms" / "solar_array.yaml"
 
 
 def scene(method: str, tolerance: float = TOLERANCE, stiff: bool = False, samples: int = 2) -> str:
@@ -251,15 +253,55 @@ def four_bars(count: int, repeats: int) -> list[dict[str, Any]]:
     return rows
 
 
+def panels(count: int, repeats: int) -> list[dict[str, Any]]:
+    """Solar arrays of ten panels to the last of their ten latches, with random springs, masses and dampers."""
+    keys = ["robot.joints.hinge1.spring.stiffness", "robot.joints.hinge5.spring.stiffness",
+            "robot.links.panel3.mass", "robot.joints.hinge8.damper.damping"]  # fmt: skip
+    values = np.array([6.0, 2.7, 4.0, 0.11]) * np.random.default_rng(0).uniform(0.95, 1.05, (count, 4))
+    last, rows = ("locks.latch1.time",), []
+    for name, estimate in (("with error estimate", "true"), ("without", "false")):
+        text = ARRAY.read_text(encoding="utf-8")
+        scene = load_scene_text(text, str(ARRAY), [f"simulate.error_estimate={estimate}"])
+        mechanism = Mechanism(scene, keys)
+
+        def run(mechanism: Mechanism = mechanism) -> Any:
+            return mechanism.deploy_many(values, threads=1, of=last)
+
+        seconds = measure.median(measure.alternate({name: run}, repeats)[name])
+        found = run()
+        assert found.ok.all() and not found.one_by_one.any()
+        error = float(found.errors[last[0]].max()) if estimate == "true" else float("nan")
+        rows.append({"work": "arrays of ten panels, ten latches", "way": f"robodyn gauss, {name}", "runs": count,
+                     "seconds": seconds, "error": error})  # fmt: skip
+    return rows
+
+
 # -- whole processes --------------------------------------------------------------------------------------
 def command(words: list[str], cache: str) -> float:
     """Return the seconds of a command by the clock."""
+    return stages(words, cache)["whole"]
+
+
+def stages(words: list[str], cache: str) -> dict[str, float]:
+    """Return the seconds of a command by the clock, and of its stages as its summary tells them."""
     environment = {**os.environ, "ROBODYN_CACHE": cache, "PYTHONPATH": measure.search_path()}
     with tempfile.TemporaryDirectory() as out:
         line = [sys.executable, "-m", "robodyn_cli", *words, "--no-plots", "-q", "--out", f"{out}/out"]
         start = time.perf_counter()
         subprocess.run(line, env=environment, check=True)
-        return time.perf_counter() - start
+        whole = time.perf_counter() - start
+        told = json.loads(next(Path(out).rglob("summary.json")).read_text(encoding="utf-8"))
+        return {**told.get("wall_time_s", {}), "whole": whole}
+
+
+def one_array(turns: int) -> dict[str, float]:
+    """Return the seconds of the array as it stands, the least of some turns: whole commands without compiled code and
+    with all of it, and there the run with its error estimate."""
+    with tempfile.TemporaryDirectory() as folder:
+        caches = [f"{folder}/{turn}" for turn in range(turns)]
+        cold, warm = ([stages(["deploy", str(ARRAY)], cache) for cache in caches] for _ in range(2))
+    run = min(each["integrate"] + each["error_estimate"] for each in warm)
+    return {"cold": min(x["whole"] for x in cold), "cached": min(x["whole"] for x in warm), "run": run}
 
 
 def studies(count: int, turns: int) -> list[dict[str, Any]]:
@@ -298,6 +340,7 @@ def main() -> None:
             ("double pendulums", lambda: double_pendulums(count, repeats, heyoka)),
             ("stiff double pendulums", lambda: stiff(20 if chosen.quick else 1000, repeats, casadi)),
             ("four-bars to their lock", lambda: four_bars(count, repeats)),
+            ("arrays of ten panels", lambda: panels(count, 1 if chosen.quick else 3)),
         ):
             with report.part(name):
                 report.rows += bench()
@@ -315,6 +358,13 @@ def main() -> None:
                 *([r["work"], f"{r['single']:.2f}", f"{r['study']:.2f}", f"{r['study'] / r['single']:.1f}"]
                   for r in whole),
             ]), flush=True)  # fmt: skip
+        with report.part("one array"):
+            one = report.more["array"] = one_array(1 if chosen.quick else 3)
+            print(
+                f"\nOne array of ten panels: {one['cold']:.2f} s without compiled code, {one['cached']:.2f} s with it; "
+                f"the run with its error estimate takes {1e3 * one['run']:.0f} ms of that",
+                flush=True,
+            )
         with report.part("error over run time"):
             precise = report.more["work_precision"] = work_precision(count // 5, repeats) if heyoka else []
             print("\n" + measure.table([

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import MechanismParts
     from robodyn_cli.scene.nested_options import DeployLatch
 
+TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
 FIELDS = ("closed", "hold", "direction", "rest")
 

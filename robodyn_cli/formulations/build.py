@@ -72,6 +72,10 @@ def build_system(
         from robodyn_cli.formulations.quasi import with_layout
 
         system = with_layout(problem, system, layout)
+    if problem.latches:
+        from robodyn_cli.formulations.closings import Closings
+
+        system = dataclasses.replace(system, closings=Closings.of(problem, layout))
     if problem.control is None or problem.control.period is None:
         return system
     from robodyn_cli.formulations.updates import Updates

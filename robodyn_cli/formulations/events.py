@@ -95,6 +95,15 @@ STOP = Stop()
 REPARTITION = Repartition()
 
 
+@record
+class LatchClosed:
+    """What compiled code has done where a latch closes: the state behind it, its impulse, and the energy lost [J]."""
+
+    state: Array
+    impulse: float
+    lost: float
+
+
 # -- functions and owners ---------------------------------------------------------------------------------
 class Owner(Protocol):
     """The owner of event functions."""
@@ -130,6 +139,11 @@ class EventFunction:
         return (rising and self.direction >= 0) or (falling and self.direction <= 0)
 
     @property
+    def closing(self) -> int | None:
+        """The number of the latch of ``System.closings`` that closes where it is zero, None where none does."""
+        return None
+
+    @property
     def is_discontinuity(self) -> bool:
         """Whether the right-hand side or its slope jumps where the function is zero."""
         return self.kind is EventKind.DISCONTINUITY
@@ -140,7 +154,7 @@ class Event:
     """An event that happened: its function, the index of that among the system's functions, time and state.
 
     state : x = (q, v, z) of the integrator. time_error : width of the bracket of the time [s].
-    parameters : values of p.
+    parameters : values of p. close : lets compiled code close the latch that closes there, if it can.
     """
 
     function: EventFunction
@@ -149,6 +163,7 @@ class Event:
     state: Array
     time_error: float
     parameters: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
+    close: Callable[[], LatchClosed | None] = lambda: None
 
     @property
     def name(self) -> str:

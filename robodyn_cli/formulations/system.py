@@ -23,6 +23,7 @@ from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.record import record
 
 if TYPE_CHECKING:
+    from robodyn_cli.formulations.closings import Closings
     from robodyn_cli.formulations.index3 import Index3
     from robodyn_cli.formulations.linearisation import Jacobian
     from robodyn_cli.formulations.residual import Residual
@@ -113,7 +114,7 @@ class System:
     work_done_by : what does the work whose rate is among the z-dot; none where that is not integrated.
     layout : None where q, v, z are the mechanism's.
     forms : the same motion in forms that some methods use instead of the rates. updates : of states that are constant
-    but for known instants, the first of z.
+    but for known instants, the first of z. closings : of latches, which compiled code makes.
     """
 
     nq: int
@@ -129,6 +130,7 @@ class System:
     layout: Layout | None = None
     forms: Forms | None = None
     updates: Updates | None = None
+    closings: Closings | None = None
 
     @property
     def size(self) -> int:
@@ -290,6 +292,8 @@ class System:
         if self.updates is not None:
             names = ("controller at its samples", "delayed torques")
             programs |= dict(zip(names, self.updates.programs))
+        if self.closings is not None:
+            programs["latches that close"] = self.closings.program
         return {name: program for name, program in programs.items() if program is not None}
 
     @property
@@ -316,9 +320,11 @@ class System:
             ]
         if self.updates is not None:
             code.append(self.updates.digest)
-        return " ".join(
-            [size, str(self.nz), *code, *(f"{e.direction}{'j' * e.is_discontinuity}" for e in self.events)]
-        )
+        events = [f"{e.direction}{'j' * e.is_discontinuity}" for e in self.events]
+        if self.closings is not None:
+            code.append(self.closings.digest)
+            events = [f"{text}{e.closing}" for text, e in zip(events, self.events)]
+        return " ".join([size, str(self.nz), *code, *events])
 
 
 def _program(**outputs: Sequence[Scalar]) -> Program:

@@ -222,7 +222,7 @@ class Courses:
         agree = np.zeros(len(self.first), dtype=bool)
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = self.errors[:, :, list(places)].max(axis=2, initial=0.0)
-            typical = np.median(largest[:, largest.shape[1] // 2 :], axis=1)
+            typical = median(largest[:, largest.shape[1] // 2 :])
             before = np.minimum(typical, largest[:, BEFORE].min(axis=1))
             agree |= (largest[:, -1] < BY_CHANCE * before) & (before > AT_ROUNDING * least)
         return agree
@@ -232,7 +232,7 @@ class Courses:
         places = [*self.system.q_places, *self.system.v_places]
         largest = self.errors[:, :, places].max(axis=2, initial=0.0)
         count = largest.shape[1]
-        early = np.median(largest[:, 1 : 1 + count // 2], axis=1)
+        early = median(largest[:, 1 : 1 + count // 2])
         late, rounding = largest[:, count // 2 :].max(axis=1), np.maximum(floor.q, floor.qd)
         grown: Masks = (late > AMPLIFIED * rounding) & (late > GROWN * early) & (early < EARLY * rounding)
         return grown
@@ -250,7 +250,7 @@ class Courses:
         own = np.where(at_rounding, 1.0, np.maximum(LEAST_OWN, 1.0 - MARGIN / self.scale))
         for places, least in ((self.system.q_places, floor.q), (self.system.v_places, floor.qd)):
             largest = errors[:, errors.shape[1] // 2 :, list(places)].max(axis=2, initial=0.0)
-            typical = own * np.median(largest, axis=1)
+            typical = own * median(largest)
             last[:, list(places)] = np.maximum(last[:, list(places)], np.maximum(typical, least)[:, None])
         return last
 
@@ -289,6 +289,14 @@ class Floor:
 
     q: Array
     qd: Array
+
+
+def median(x: Array) -> Array:
+    """Return the medians (N,) of rows (N, n); that of numpy loads masked arrays, for as long as a short run takes."""
+    ordered, count = np.sort(x, axis=1), x.shape[1]
+    middle: Array = 0.5 * (ordered[:, (count - 1) // 2] + ordered[:, count // 2])
+    # what is not a number stands last
+    return np.where(np.isnan(ordered[:, -1]), np.nan, middle)
 
 
 def time_errors(first: First, apart: Any, more: Any, times: Any) -> Array:

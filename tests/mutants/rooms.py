@@ -80,6 +80,7 @@ ROOMS = {
     "over/many/integrate.py": ["test_error_rules.py", "test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/simulate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/latched.py": ["test_latched_many.py"],
+    "over/many/closings.py": ["test_closings.py", "test_latched_many.py"],
     "over/many/kinematics.py": ["test_many_kinematics.py"],
     "over/many/guides.py": ["test_many_kinematics.py", "test_mechanism_inverse.py"],
     "over/many/torques.py": ["test_mechanism_inverse.py", "test_mechanism.py", "test_study_blocks.py"],

@@ -202,6 +202,7 @@ def test_ensembles(tmp_path: Path) -> None:
     assert rows["double pendulums", "robodyn gauss"]["error"] < 1e-9
     assert rows["stiff double pendulums", "robodyn radau13"]["error"] < 1e-8
     assert rows["four-bars to their lock", "robodyn gauss, with error estimate"]["error"] < 1e-9
+    assert rows["arrays of ten panels, ten latches", "robodyn gauss, with error estimate"]["error"] < 1e-9
 
 
 def test_memory_of_studies(tmp_path: Path) -> None:

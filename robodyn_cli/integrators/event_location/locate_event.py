@@ -16,7 +16,7 @@ from robodyn_cli.integrators.stepping.writer import ARGUMENTS, Tables
 from robodyn_cli.kernels.arrays import Array
 from robodyn_cli.kernels.ir import Block, Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs
-from robodyn_cli.kernels.program import NUMBERS
+from robodyn_cli.kernels.program import NUMBERS, Program
 
 # the run's own arguments, room for a copy of its memory block and its bytes, for values of the event functions, and
 # for what ``locate_event`` finds
@@ -25,7 +25,9 @@ COUNTERS = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS,
 PATIENCE = 256  # steps; a trial step that takes more goes on in Python, where interrupts are handled
 TELLING = 16.0  # a secant is used if its two times differ by at least so many resolutions
 TRIALS = 10  # a simple root takes three, one that is shared four
+MORE_TRIALS = 20  # where rounding hides a root behind which the run could go on without Python
 STEEPEST = 1e300
+RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 
 
 def load_places(f: Function, *names: str) -> None:
@@ -51,6 +53,17 @@ def switching_function(system: System, tables: Tables, programs: Programs) -> Fu
     assert program is not None
     f = Function("switching", ["ptr %places"])
     load_places(f, "w", "n", "y", "p", NUMBERS, REGISTERS, "values")
+    # eight at once like in the search, so that a long program is in the module but once
+    width = 1 if program.operations <= INLINE_LIMIT else LANES
+    values = programs.evaluate(f, program, inputs_at(f, system, tables, program), width)
+    for k, value in enumerate(values["g"]):
+        f.store(f.lane(value, 0), f.offset("%values", k))
+    f.ret()
+    return f
+
+
+def inputs_at(f: Function, system: System, tables: Tables, program: Program) -> dict[str, Array]:
+    """Return the inputs of a program at the current time and state; places are loaded."""
     nq: Int | int = system.nq
     nv: Int | int = system.nv
     if system.dynamics.any_size:
@@ -58,15 +71,8 @@ def switching_function(system: System, tables: Tables, programs: Programs) -> Fu
     first: dict[str, tuple[str, Int | int]] = {
         "t": ("%w", DoubleSlot.T), "q": ("%y", 0), "v": ("%y", nq), "z": ("%y", nq + nv), "p": ("%p", 0)
     }  # fmt: skip
-    inputs: dict[str, Array] = {group: Array(f, f.offset(*first[group])) for group in program.inputs}
-    inputs[NUMBERS] = Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))
-    # eight at once like in the search, so that a long program is in the module but once
-    width = 1 if program.operations <= INLINE_LIMIT else LANES
-    for k, value in enumerate(programs.evaluate(f, program, inputs, width)["g"]):
-        value = f.lane(value, 0)
-        f.store(value, f.offset("%values", k))
-    f.ret()
-    return f
+    inputs = {group: Array(f, f.offset(*first[group])) for group in program.inputs}
+    return {**inputs, NUMBERS: Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))}
 
 
 def trial_step_function() -> Function:
@@ -93,6 +99,27 @@ def trial_step_function() -> Function:
     return f
 
 
+def restart_function(count: int) -> Function:
+    """Return ``restart(places, step)``: the run goes on from a state that has been replaced, with a step that is at
+    most so long, and its event functions are to be armed anew."""
+    f = Function("restart", ["ptr %places", "double %step"], flags="")
+    load_places(f, "w", "n")
+    t, since = (f.load(f.offset("%w", slot)) for slot in (DoubleSlot.T, DoubleSlot.SINCE))
+    # the next event may come sooner than the last one did, so the step starts short again
+    with f.when(f.compare("ogt", t, since)):
+        f.store((t - since) * RESTART, f.offset("%w", DoubleSlot.RESTART))
+        f.store(t, f.offset("%w", DoubleSlot.SINCE))
+    part = f.min(f.load(f.offset("%w", DoubleSlot.RESTART)), f.argument("step"))
+    step = f.min(f.load(f.offset("%w", DoubleSlot.H)), f.load(f.offset("%w", DoubleSlot.FIRST)) * part)
+    f.store(step, f.offset("%w", DoubleSlot.H))
+    with f.count(count) as k:
+        f.store(0.0, f.offset(f.offset("%w", DoubleSlot.SIZE), k))
+    f.store_int(UNARMED, f.offset("%n", IntegerSlot.WATCH))
+    f.store_int(0, f.offset("%n", IntegerSlot.RATE_KNOWN))
+    f.ret()
+    return f
+
+
 def run_to_event_function(count: int) -> Function:
     """Return ``i64 run_to_event(places)``, which calls ``run``, and ``locate_event`` where that meets an event.
 
@@ -116,22 +143,23 @@ def run_to_event_function(count: int) -> Function:
     return f
 
 
-def locate_event_function(count: int) -> Function:
+def locate_event_function(count: int, closings: bool) -> Function:
     """Return ``i64 locate_event(places)`` for so many event functions; 1 if the state is at an event of one function
     alone.
 
-    Secants, each going a little beyond its root, until one lies beyond it by less than the resolution. If no other
-    function has changed its sign on the way there, that is the event, and the run may go on from there; else the
-    secants go on until the last two lie on either side, with bisection where a secant leaves the bracket. They give
-    up where a trial step fails or meets values of zero, or beyond (T, T_END).
+    Secants, each going a little beyond its root, until one lies beyond it by less than the resolution, or the last two
+    lie on either side of it so near. If no other function has changed its sign on the way there, that is the event, and
+    the run may go on from there; else the secants go on until the bracket is so short, with bisection where a secant
+    leaves it. They give up where a trial step fails or meets values of zero, or beyond (T, T_END).
 
+    closings : whether latches close by themselves; a function that stays zero is then one of a closed latch.
     bracket : two rows of 1 + count, a time and the values there, before and after the sign change; the time is NaN
     where no trial step was on that side.
     """
     f = Function("locate_event", ["ptr %places"], result="i64", flags="")
     load_places(f, "w", "n", "values", "bracket")
     samples = f.load_int(f.offset("%n", IntegerSlot.LAST_SAMPLE))
-    secants = _Secants(f, count)
+    secants = _Secants(f, count, MORE_TRIALS if closings else TRIALS)
     with f.block() as given_up:
         with f.loop() as rounds:
             x, g = secants.try_next(given_up)
@@ -140,9 +168,11 @@ def locate_event_function(count: int) -> Function:
                 f.store(x + secants.half, secants.x)
                 rounds.again()
             after, beyond = secants.note(x, g)
-            with f.when(after & f.compare("ole", beyond, secants.resolution)):
-                rounds.leave(_alone(f, count))
-            secants.aim(x, after, beyond, given_up)
+            near = f.compare("ole", beyond, secants.resolution) | secants.is_short()
+            with f.when(after & near):
+                rounds.leave(_alone(f, count, closings))
+                given_up.leave(secants.is_short())
+            secants.aim(x, after, beyond)
         _arm(f, count)
         f.store_int(samples, f.offset("%n", IntegerSlot.LAST_SAMPLE))
         f.ret(1)
@@ -153,8 +183,8 @@ def locate_event_function(count: int) -> Function:
 class _Secants:
     """Secants of the event function that changed sign; x is the time of the next trial step."""
 
-    def __init__(self, f: Function, count: int) -> None:
-        self.f, self.count = f, count
+    def __init__(self, f: Function, count: int, trials: int) -> None:
+        self.f, self.count, self.trials = f, count, trials
         self.before, self.after = "%bracket", f.offset("%bracket", 1 + count)
         self.x, self.slope, self.old_x, self.old_g = f.slot(), f.slot(), f.slot(), f.slot()
         self.rounds = f.int_slot()
@@ -178,7 +208,7 @@ class _Secants:
         f = self.f
         x = f.load(self.x)
         inside = f.compare("ogt", x, self.start) & f.compare("ole", x, self.end)
-        given_up.leave(unless=inside & f.compare_int("sle", f.bump(self.rounds), TRIALS))
+        given_up.leave(unless=inside & f.compare_int("sle", f.bump(self.rounds), self.trials))
         status = f.call_int("trial_step", ["ptr %places", f"double {x.ref}", "i64 -1"])
         g = f.load(f.offset("%values", self.which))
         arrived = f.compare_int("eq", status, int(Status.DONE)) & f.compare("ord", g, 0.0)
@@ -205,26 +235,31 @@ class _Secants:
         f.store(g, self.old_g)
         return after, f.abs(g / slope)
 
-    def aim(self, x: Value, after: Condition, beyond: Value, given_up: Block) -> None:
-        """Choose the next time, unless the bracket is as short as rounding allows."""
+    def is_short(self) -> Condition:
+        """Return whether the bracket is as short as rounding allows."""
+        f = self.f
+        return f.compare("ole", f.load(self.after) - f.load(self.before), self.resolution)
+
+    def aim(self, x: Value, after: Condition, beyond: Value) -> None:
+        """Choose the next time: the end of a bracket that is as short as rounding allows."""
         f = self.f
         a, b = f.load(self.before), f.load(self.after)
-        given_up.leave(f.compare("ole", b - a, self.resolution))
         distance = beyond + self.half
         aim = f.select(after, x - distance, x + distance)
         # comparisons with an end that is not known yet are false
         out = f.compare("ole", aim, a) | f.compare("oge", aim, b)
-        f.store(f.select(out, (a + b) * 0.5, aim), self.x)
+        f.store(f.select(self.is_short(), b, f.select(out, (a + b) * 0.5, aim)), self.x)
 
 
 def _arm(f: Function, count: int) -> None:
-    """Watch the event functions from the side that their values are on."""
+    """Watch the event functions from the side that their values are on; one at zero keeps the side it came from."""
     with f.count(count) as k:
-        f.store(f.load(f.offset("%values", k)), f.offset(f.offset("%w", DoubleSlot.SIZE), k))
+        g, armed = f.load(f.offset("%values", k)), f.offset(f.offset("%w", DoubleSlot.SIZE), k)
+        f.store(f.select(f.compare("oeq", g, 0.0), f.load(armed), g), armed)
     f.store_int(1, f.offset("%n", IntegerSlot.WATCH))
 
 
-def _alone(f: Function, count: int) -> Condition:
+def _alone(f: Function, count: int, closings: bool) -> Condition:
     """Return whether just one event function has changed its sign since before the step."""
     changed = f.int_slot()
     f.store_int(0, changed)
@@ -233,5 +268,8 @@ def _alone(f: Function, count: int) -> Condition:
         g: Value = f.load(f.offset("%values", k))
         above = f.compare("ogt", before, 0.0) & f.compare("ogt", g, 0.0)
         below = f.compare("olt", before, 0.0) & f.compare("olt", g, 0.0)
-        f.store_int(f.load_int(changed) + f.select_int(above | below, 0, 1), changed)
+        stays = above | below
+        if closings:
+            stays = stays | (f.compare("oeq", before, 0.0) & f.compare("oeq", g, 0.0))
+        f.store_int(f.load_int(changed) + f.select_int(stays, 0, 1), changed)
     return f.compare_int("eq", f.load_int(changed), 1)

@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from robodyn_cli.formulations.events import LatchClosed
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Memory, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer, Memory, Note, Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.integrators.stepping.loop import write_run
 from robodyn_cli.kernels.arrays import aligned_zeros
@@ -35,15 +36,15 @@ class Engine:
     """Runs the compiled functions on memory that stays where it is; see ``locate_event.PLACES`` for what lies where.
 
     interpreted : whether long programs are interpreted; they may be at first unless that is not wanted. tables : of
-    numbers that the code reads. addresses : of ``run_to_event``, ``trial_step`` and of what both take. memory : of the
-    run, its copy from before the step with an event. p : parameters. out : block of samples. bracket : see
-    ``locate_event_function``.
+    numbers that the code reads. addresses : of ``run_to_event``, ``trial_step``, ``close_latch`` and of what all take.
+    memory : of the run, its copy from before the step with an event. p : parameters. out : block of samples. bracket :
+    see ``locate_event_function``.
     """
 
     def __init__(self, system: System, method: str, p: Array, interpreted: bool = True) -> None:
         self._system, self._name, self._method = system, method, methods[method]
         self.p = p
-        self.memory = Memory(len(system.events), system.size, self._method.dense_size(system))
+        self.memory = Memory(system, self._method.dense_size(system))
         self.bracket = np.zeros((2, 1 + len(system.events)))
         self.places = np.zeros(len(PLACES), dtype=np.int64)
         self._at = self.places.ctypes.data
@@ -86,8 +87,12 @@ class Engine:
         )
         self._run_to_event = compiled.function("run_to_event", ADDRESS, result=NUMBER)
         trial = compiled.address("trial_step") if system.events else 0
-        self.addresses = compiled.address("run_to_event"), trial, self._at
+        closes = compiled.address("close_latch") if system.closings is not None else 0
+        self.addresses = compiled.address("run_to_event"), trial, closes, self._at
+        if system.closings is not None:
+            self._close_latch = compiled.function("close_latch", ADDRESS, result=NUMBER)
         if system.events:
+            self._restart = compiled.function("restart", ADDRESS, DOUBLE)
             self._switching = compiled.function("switching", ADDRESS)
             self._trial_step = compiled.function("trial_step", ADDRESS, DOUBLE, NUMBER, result=NUMBER)
         room = compiled.function("memory", NUMBER, result=NUMBER)(system.nv)
@@ -129,6 +134,21 @@ class Engine:
         """Go back to the saved state, and from there to ``time``, writing samples up to number ``last``."""
         return STATUSES[self._trial_step(self._at, time, last)]
 
+    def restart(self, step: float) -> None:
+        """Go on from a state that has been replaced, with a step that is at most so long [s]."""
+        self._restart(self._at, step)
+
+    def close_latch(self, event: int) -> LatchClosed | None:
+        """Close the latch that closes at an event, by its number, at the current state; None where code does not."""
+        latch = self._system.events[event].closing
+        if self._system.closings is None or latch is None:
+            return None
+        self.memory.n[IntegerSlot.EVENT] = event
+        if self._close_latch(self._at) == LatchAnswer.DOUBTFUL:
+            return None
+        note = self.memory.notes[latch]
+        return LatchClosed(self.memory.y.copy(), float(note[Note.IMPULSE]), float(note[Note.LOST]))
+
     def look(self) -> list[float]:
         """Return the event functions at the current state."""
         self._switching(self._at)
@@ -155,6 +175,9 @@ def doubles_at_start(time: float, options: Options) -> dict[int, float]:
         DoubleSlot.LAST_ERROR: 1.0,
         DoubleSlot.T_AFTER: -math.inf,
         DoubleSlot.T_BEFORE: math.inf,
+        DoubleSlot.SINCE: time,
+        DoubleSlot.RESTART: math.inf,
+        DoubleSlot.FIRST: options.first,
     }
 
 

@@ -6,6 +6,7 @@ threads nor on the order.
 
 from __future__ import annotations
 
+import dataclasses
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -26,7 +27,7 @@ from robodyn_cli.integrators.runtime.engine import (
 )
 from robodyn_cli.integrators.runtime.memory import UNARMED, DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
-from robodyn_cli.integrators.stepping.lanes import JOB, suits, write_lanes, write_many
+from robodyn_cli.integrators.stepping.lanes import JOB, MOST_FUNCTIONS, suits, write_lanes, write_many
 from robodyn_cli.kernels.compiler import CompiledModule, compile_module, machine
 from robodyn_cli.kernels.program import NUMBERS
 from robodyn_cli.record import record
@@ -37,7 +38,6 @@ CHUNK = 64  # runs of one call into compiled code, at most: between calls interr
 PER_LANE = 64  # the same for each lane: the last runs of a call leave lanes idle
 FEW = 32  # samples, at most, to which runs in lanes go step by step; more make more steps than lanes save
 COUNTED = [IntegerSlot.ACCEPTED, IntegerSlot.REJECTED, IntegerSlot.EVALUATIONS]
-MOST_FUNCTIONS = 63  # events that fit into the bits of a number
 WAIT = 0.1  # s between looks of the calling thread at interrupts
 
 
@@ -77,13 +77,14 @@ NO_SAMPLES = Sampling()
 class Runs:
     """Rows of memory, one a run: before they are driven their starts, afterwards their ends.
 
-    w, n : see ``DoubleSlot`` and ``IntegerSlot``. y : states. numbers : what the programs read. out : samples
-    (N, nx, rows). status : see ``Status``.
+    w, n : see ``DoubleSlot`` and ``IntegerSlot``. y : states. p : parameters. numbers : what the programs read. out :
+    samples (N, nx, rows). status : see ``Status``.
     """
 
     w: Array
     n: Integers
     y: Array
+    p: Array
     numbers: Array
     out: Array
     status: Integers
@@ -95,14 +96,12 @@ class Runs:
         """Return some of the runs."""
         if len(rows) == len(self):
             return self
-        return Runs(
-            self.w[rows], self.n[rows], self.y[rows], self.numbers[rows], self.out[rows], self.status[rows]
-        )
+        return Runs(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
 
     def put(self, rows: Any, runs: Runs) -> None:
         """Put runs in place of these rows."""
-        for name in ("w", "n", "y", "numbers", "out", "status"):
-            getattr(self, name)[rows] = getattr(runs, name)
+        for field in dataclasses.fields(self):
+            getattr(self, field.name)[rows] = getattr(runs, field.name)
 
     @property
     def time(self) -> Array:
@@ -193,7 +192,8 @@ class Fleet:
         if options.draw:
             numbers = numbers * self.tables.off_by_rounding(options.draw)
         out = np.zeros((count, self.system.size, samples))
-        return Runs(w, n, np.array(starts), np.ascontiguousarray(numbers), out, np.full(count, -1))
+        p = np.tile(self._p, (count, 1))
+        return Runs(w, n, np.array(starts), p, np.ascontiguousarray(numbers), out, np.full(count, -1))
 
     def _set_steps(self, w: Array, ends: Array, options: Options, own: Array | None) -> None:
         """Set ends and steps; own : the longest or fixed step of each run."""
@@ -264,12 +264,12 @@ class Fleet:
 
     def _job(self, runs: Runs, stop: Integers) -> Integers:
         """Return the table ``JOB`` of these runs, all of whose arrays are kept by the caller."""
-        run, trial, _ = self._engines[0].addresses
+        run, trial, close, _ = self._engines[0].addresses
         fields: dict[str, int] = {
-            "run": run, "trial": trial, "stop": stop.ctypes.data, "clear": self._clear.ctypes.data,
+            "run": run, "trial": trial, "close": close, "stop": stop.ctypes.data, "clear": self._clear.ctypes.data,
             "events": len(self.system.events), "passing": self._passing, "all.status": runs.status.ctypes.data,
         }  # fmt: skip
-        rows = {"w": runs.w, "n": runs.n, "y": runs.y, NUMBERS: runs.numbers, "out": runs.out}
+        rows = {"w": runs.w, "n": runs.n, "y": runs.y, "p": runs.p, NUMBERS: runs.numbers, "out": runs.out}
         for name, array in rows.items():
             fields[f"all.{name}"] = array.ctypes.data
             fields[f"bytes.{name}"] = array.nbytes // max(len(array), 1)
@@ -286,7 +286,7 @@ class _Worker:
     def __init__(
         self, engine: Engine, many: Callable[..., int], job: Integers, chunks: deque[tuple[int, int]]
     ) -> None:
-        self._places, self._job, self._many, self._chunks = engine.addresses[2], job, many, chunks
+        self._places, self._job, self._many, self._chunks = engine.addresses[-1], job, many, chunks
 
     def work(self) -> None:
         """Make chunk after chunk until there are none."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
@@ -36,7 +37,6 @@ DEFAULTS = Options()
 # the compiled loop runs for about this long [s] at a time; the number of steps adapts itself
 SLICE_TIME = 0.02
 FIRST_SLICE = 256
-RESTART = 1 / 16  # first step after a jump, as a part of the time since the last one
 TRIAL_STEPS = 200  # that a trial may take; more are needed only towards a pose that no trial should cross
 # where a motion may have jumped: the time [s], states (nx,) and parameters before and behind
 Met = tuple[float, Array, Array, Array, Array]
@@ -86,7 +86,7 @@ class Integrator:
         for slot, count in integers_at_start(self.system.nv).items():
             n[slot] = count
         self.events_seen = 0
-        self._since, self._restart, self._toward = time, math.inf, math.nan
+        self._toward = math.nan
         self._approach = Approach(self._step, self.options.first < 1.0)
         self.before = 0
         self.pause: int | None = None
@@ -120,13 +120,7 @@ class Integrator:
         self.y[:] = state
         self.n[IntegerSlot.RATE_KNOWN] = 0
         if self.system.events:
-            # the next event may come sooner than the last one did, so the step starts short again
-            if self.time > self._since:
-                self._restart = RESTART * (self.time - self._since)
-                self._since = self.time
-            self.w[DoubleSlot.H] = min(self.w[DoubleSlot.H], self.options.first * min(self._restart, step))
-            self.memory.armed.fill(0.0)
-            self.n[IntegerSlot.WATCH] = UNARMED
+            self.engine.restart(step)
         if signs:
             self._watch(self.event_values(), signs)
 
@@ -316,7 +310,8 @@ class Integrator:
         return tuple(self._event(r.index, r.high - r.low) for r in roots)
 
     def _event(self, index: int, error: float) -> Event:
-        return Event(self.system.events[index], index, self.time, self.state, error, self.p.copy())
+        close = partial(self.engine.close_latch, index)
+        return Event(self.system.events[index], index, self.time, self.state, error, self.p.copy(), close)
 
     def _sort_out(self, seen: int, stop: float, flush: Callable[[], None]) -> tuple[float, tuple[Root, ...]]:
         """Return where to go, and the functions that change sign there, when more than one may do so."""

@@ -42,7 +42,10 @@ class DoubleSlot:
     T_AFTER = 19  # the stretch between two breakpoints, just inside: formulas of time have values there alone
     T_BEFORE = 20
     NEXT_UPDATE = 21  # instant at which a sampled controller acts next
-    SIZE = 22  # event function values follow
+    SINCE = 22  # when the state was last replaced
+    RESTART = 23  # the longest first step behind that
+    FIRST = 24  # first steps as a part of the usual ones, see ``Options``
+    SIZE = 25  # event function values follow, then what closings note
 
 
 class IntegerSlot:
@@ -68,6 +71,19 @@ class IntegerSlot:
     SIZE = 17
 
 
+class Note:
+    """What is noted of each latch of ``System.closings``; the state before the last closing follows behind them all."""
+
+    TIME = 0  # when it closed; not a number: it has not
+    ANGLE = 1  # of its coordinate
+    SPEED = 2  # before it closed
+    LOST = 3  # energy
+    IMPULSE = 4
+    NEAREST = 5  # how near it has come, at events, and when
+    NEAREST_TIME = 6
+    SIZE = 7
+
+
 class Status(enum.IntEnum):
     """Why the loop returned."""
 
@@ -79,11 +95,25 @@ class Status(enum.IntEnum):
     NOT_FINITE = 5
     NOT_SOLVED = 6  # the equations of a step whose length is fixed
     FAILED = 7  # a controller's function in Python has raised an error
+    HALTED = 8  # a latch has closed, behind which the run ends
 
 
 def resolution(a: float, b: float) -> float:
     """Return the shortest bracket of an event that rounding of these times allows."""
     return FINE * max(abs(a), abs(b))
+
+
+def first_note(events: int) -> int:
+    """Return the slot where the notes of closings begin, behind the values of so many event functions."""
+    return DoubleSlot.SIZE + max(1, events)
+
+
+class LatchAnswer(enum.IntEnum):
+    """What has become of an event of a latch in compiled code."""
+
+    DOUBTFUL = 0  # nothing: others close at the same instant
+    GOES_ON = 1
+    ENDS = 2  # the run, with this closing
 
 
 ROW = 8  # doubles; each part starts where a vector may
@@ -93,18 +123,23 @@ class Memory:
     """The arrays that the compiled loop works on, in one block, and room for a copy of it.
 
     w, n : see ``DoubleSlot`` and ``IntegerSlot``, as memoryviews, which single numbers enter and leave faster than
-    arrays. armed : the values of event functions, which follow the slots in w. y : the state. dense : what dense output
-    keeps. addresses : where w, n, y and dense lie; the block starts with ``w``. saved_w, saved_n : w and n of the copy.
+    arrays. armed : the values of event functions, which follow the slots in w. notes : see ``Note``, a row a latch. y :
+    the state. dense : what dense output keeps. addresses : where w, n, y and dense lie; the block starts with ``w``.
+    saved_w, saved_n : w and n of the copy.
     """
 
-    def __init__(self, events: int, size: int, dense: int) -> None:
-        counts = (DoubleSlot.SIZE + max(1, events), IntegerSlot.SIZE, size, max(1, dense))
+    def __init__(self, system: System, dense: int) -> None:
+        events, size, closings = len(system.events), system.size, system.closings
+        latches = 0 if closings is None else len(closings.first)
+        behind = first_note(events) + latches * Note.SIZE + (size if latches else 0)
+        counts = (behind, IntegerSlot.SIZE, size, max(1, dense))
         starts = [0]
         for count in counts:
             starts.append(starts[-1] + -(-count // ROW) * ROW)
         self.block, self.saved = aligned_zeros(starts[-1]), aligned_zeros(starts[-1])
         w, n, self.y, self.dense = (self.block[a : a + count] for a, count in zip(starts, counts))
-        self.w, self.n, self.armed = _doubles(w), _integers(n), w[DoubleSlot.SIZE :]
+        self.w, self.n, self.armed = _doubles(w), _integers(n), w[DoubleSlot.SIZE : first_note(events)]
+        self.notes = w[first_note(events) :][: latches * Note.SIZE].reshape(latches, Note.SIZE)
         self.saved_w, self.saved_n = _doubles(self.saved), _integers(self.saved[starts[1] :])
         self.addresses = tuple(self.block.ctypes.data + 8 * first for first in starts[:-1])
         self.nbytes = self.block.nbytes

@@ -16,7 +16,7 @@ from typing import Any
 
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import PLACES, copy_block, load_places
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, LatchAnswer, Status
 from robodyn_cli.integrators.stepping.control import judge, shorter
 from robodyn_cli.integrators.stepping.loop import REJECTIONS, RESOLUTION, end_of, is_too_small, step_over
 from robodyn_cli.integrators.stepping.stepper import SLACK, Method, Stepper
@@ -243,17 +243,19 @@ class _Queue:
 
 
 # A table of addresses and numbers.
-# run, trial : ``run_to_event`` and ``trial_step``. stop : a count that is not zero ends the loop. clear : empty memory.
+# run, trial, close : ``run_to_event``, ``trial_step`` and ``close_latch``, where there is one. stop : a count that is
+# not zero ends the loop. clear : empty memory.
 # events : how many functions there are; passing : those at which a run goes on, by bit.
-# Rows of the runs, with the bytes of each: w, n, y and numbers as in ``PLACES``, and blocks of samples.
+# Rows of the runs, with the bytes of each: w, n, y, p and numbers as in ``PLACES``, and blocks of samples.
 JOB = (
-    "run", "trial", "stop", "clear", "events", "passing",
-    "all.w", "bytes.w", "all.n", "bytes.n", "all.y", "bytes.y",
+    "run", "trial", "close", "stop", "clear", "events", "passing",
+    "all.w", "bytes.w", "all.n", "bytes.n", "all.y", "bytes.y", "all.p", "bytes.p",
     f"all.{NUMBERS}", f"bytes.{NUMBERS}", "all.out", "bytes.out", "all.status",
 )  # fmt: skip
 INTEGERS = ("bytes", "events", "passing")
-KEPT = ("w", "n", "y")  # rows that are restored before a run and kept after it
+KEPT = ("w", "n", "y", "p")  # rows that are restored before a run and kept after it
 ARGUMENTS = ("ptr %places", "ptr %job", "i64 %first", "i64 %last")
+MOST_FUNCTIONS = 63  # events that fit into the bits of a number
 MOST_EVENTS = 1000  # of a run: with more it may be chattering
 
 
@@ -283,6 +285,7 @@ def write_many() -> str:
             stretches.leave(f.compare_int("sgt", f.bump(events), MOST_EVENTS))
             stretches.leave(unless=_is_passed(f))
             _write_passed_samples(f, k, stretches)
+            _close_latch(f, status, stretches)
             _restore(f, k)
         for name in KEPT:
             f.copy(row_of(f, name, k), f"%{name}", f"%bytes.{name}")
@@ -307,6 +310,7 @@ def _is_passed(f: Function) -> Condition:
     """Return whether the state is at the event that was met, alone, and the run goes on there."""
     located = f.compare_int("ne", f.load_int(f.offset("%n", IntegerSlot.LOCATED)), 0)
     event = f.load_int(f.offset("%n", IntegerSlot.EVENT))
+    event = f.select_int(f.compare_int("slt", event, MOST_FUNCTIONS), event, MOST_FUNCTIONS)
     bit = f.emit_int(f"lshr i64 %passing, {event.ref}") & 1
     return located & f.compare_int("ne", bit, 0)
 
@@ -328,6 +332,15 @@ def _write_passed_samples(f: Function, k: Int, stretches: LoopBlock) -> None:
         with f.count(f.int_argument("events")) as event:
             f.store(f.load(f.offset("%values", event)), f.offset(f.offset("%w", DoubleSlot.SIZE), event))
         f.store_int(1, f.offset("%n", IntegerSlot.WATCH))
+
+
+def _close_latch(f: Function, status: str, stretches: LoopBlock) -> None:
+    """Answer the event of a latch where code does that; leave the run where it does not, or ends there."""
+    with f.when(Condition(f, f.name("icmp ne ptr %close, null"), 1)):
+        verdict = f.emit_int("call i64 %close(ptr %places)")
+        ends = f.compare_int("eq", verdict, int(LatchAnswer.ENDS))
+        f.store_int(f.select_int(ends, int(Status.HALTED), int(Status.EVENT)), status)
+        stretches.leave(f.compare_int("ne", verdict, int(LatchAnswer.GOES_ON)))
 
 
 def _restore(f: Function, k: Int) -> None:

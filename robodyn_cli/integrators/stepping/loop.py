@@ -12,6 +12,7 @@ from typing import Any
 from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.event_location.locate_event import (
     locate_event_function,
+    restart_function,
     run_to_event_function,
     switching_function,
     trial_step_function,
@@ -63,8 +64,13 @@ def write_run(system: System, method: Method, programs: Programs) -> str:
         functions += [
             switching_function(system, tables, programs),
             trial_step_function(),
-            locate_event_function(count),
+            locate_event_function(count, system.closings is not None),
+            restart_function(count),
         ]
+    if system.closings is not None:
+        from robodyn_cli.integrators.event_location.closings import close_latch_function
+
+        functions.append(close_latch_function(system, system.closings, tables, programs))
     registers = Function("registers", [], result="i64")
     registers.ret(programs.room)
     return module([*functions, registers, *programs.functions.values()])

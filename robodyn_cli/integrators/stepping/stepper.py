@@ -96,6 +96,7 @@ class Method:
             system.normal_form,
             system.switching,
             *(() if system.updates is None else system.updates.all_programs),
+            None if system.closings is None else system.closings.program,
         ]
         return Tables([*others, *(step.program for step in self.programs(system))])
 

@@ -109,6 +109,10 @@ class LatchFunction(EventFunction):
     number: int = 0
     change: LatchChange = LatchChange.CLOSES
 
+    @property
+    def closing(self) -> int | None:
+        return self.number if self.change is LatchChange.CLOSES else None
+
 
 @mutable_record
 class LatchClosing:

@@ -13,8 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.latches import FIELDS
-from robodyn_cli.formulations.events import GO_ON, Event, Halt, Jump, Outcome
+from robodyn_cli.equations.latches import FIELDS, TOGETHER
+from robodyn_cli.formulations.events import GO_ON, STOP, Event, Halt, Jump, LatchClosed, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.contact.checks import forced_on, torn_open
 from robodyn_cli.motion.contact.events import (
@@ -30,7 +30,6 @@ from robodyn_cli.ready.singularity import classify
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
 
-TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 AGAIN = 1e-6  # s, or part of the time: so soon after it has opened in its position a latch does not close
 NEW = 1e-6  # part of a row that must be independent of the others for its latch to bear anything
 TORN = 1e-6  # part of a rate, or of an acceleration, that a closed latch may leave
@@ -110,7 +109,7 @@ class Latches(LatchStates):
         t, x, k = event.time, event.state.copy(), function.number
         self._flight = np.inf
         if function.change is LatchChange.CLOSES:
-            return self._close(t, x, k)
+            return self._close(event, x, k)
         if function.change in (LatchChange.TURNS, LatchChange.PASSES):
             self._look(t, x)
             return GO_ON
@@ -134,11 +133,14 @@ class Latches(LatchStates):
                 raise torn_open(self.names[k], float(t[int(np.argmax(wrong))]))
 
     # -- closing --------------------------------------------------------------------------------------
-    def _close(self, t: float, x: Array, k: int) -> Outcome:
+    def _close(self, event: Event, x: Array, k: int) -> Outcome:
+        t = event.time
         rows, _ = self._look(t, x)
         latch = self.latches[k]
         if k in self.closed or t <= self._since[k] + AGAIN * max(1.0, t):
             return GO_ON
+        if (closed := event.close()) is not None:
+            return self._take_over(t, x, k, closed)
         if latch.closes is None:
             q = self.system.split(x)[0]
             if classify(self.problem, q, self.passive).kind != "dead_point":
@@ -163,15 +165,34 @@ class Latches(LatchStates):
             self.closings[k].has_peaked = self._growth(t, x, k) <= 0.0
         freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
         for j in together:
-            it = self.closings[j]
-            facts = {
-                "energy_lost": it.lost,
-                "degrees_of_freedom": int(freedom),
-                "rest": float(self._rest[j]),
-                "speed": it.speed,
-            }
-            self._log.append({"time": t, "name": self.names[j], "kind": "latched", **facts})
+            self._tell(t, j, int(freedom))
         return self._outcome(t, x)
+
+    def _take_over(self, t: float, x: Array, k: int, closed: LatchClosed) -> Outcome:
+        """Take note of a closing that compiled code has made; x : before it."""
+        v = self._v_of[k]
+        assert v is not None
+        self.last = (t, x.copy(), k)
+        order = 1 + sum(it.time < t for it in self.closings.values())
+        self._take(t, x, k, float(x[v]), order)
+        self.closings[k].lost, self.closings[k].impulse = closed.lost, closed.impulse
+        self.closed.append(k)
+        self.bearing.append(k)
+        self._write()
+        self._look(t, closed.state)
+        self._tell(t, k, len(self.system.v_places) - len(self.closed))
+        return STOP if self._is_met() else GO_ON
+
+    def _tell(self, t: float, k: int, freedom: int) -> None:
+        """Note a closing in the log."""
+        it = self.closings[k]
+        facts = {
+            "energy_lost": it.lost,
+            "degrees_of_freedom": freedom,
+            "rest": float(self._rest[k]),
+            "speed": it.speed,
+        }
+        self._log.append({"time": t, "name": self.names[k], "kind": "latched", **facts})
 
     def _take(self, t: float, x: Array, k: int, speed: float, order: int) -> None:
         """Note a closing, and put a coordinate exactly where its latch holds it."""

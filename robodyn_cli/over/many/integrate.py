@@ -45,7 +45,8 @@ CURVED = 1.5  # times the distance of two samples of Psi is at least the way bet
 class RunBatch:
     """Runs of one structure, ready to be driven: rows of values (N, keys), their numbers, starts and ends [s].
 
-    through : whether they go on where the loops come near a loss of rank.
+    through : whether they go on where the loops come near a loss of rank. slots : what memory holds at the start behind
+    ``DoubleSlot`` (N, n); None: zeros.
     """
 
     structure: Structure
@@ -58,6 +59,7 @@ class RunBatch:
     threads: int
     tables: dict[tuple[str, bool], Array]  # of numbers (N, n), by method
     through: bool = False
+    slots: Array | None = None
 
     @staticmethod
     def of(structure: Structure, values: Array, q: Array | None, qd: Array | None, threads: int) -> RunBatch:
@@ -81,7 +83,7 @@ class RunBatch:
         tables = {key: table[rows] for key, table in self.tables.items()}
         return RunBatch(
             self.structure, self.values[rows], numbers, starts, self.states[rows], self.ends[rows], self.options,
-            self.threads, tables, self.through,
+            self.threads, tables, self.through, None if self.slots is None else self.slots[rows],
         )  # fmt: skip
 
     def closed_otherwise(self) -> RunBatch:
@@ -114,6 +116,8 @@ class RunBatch:
         if key not in self.tables:
             self.tables[key] = table_rows(fleet.tables, self.numbers)
         runs = fleet.begin(self.states, self.tables[key], self.ends, options, limits, sampling)
+        if self.slots is not None:
+            runs.w[:, DoubleSlot.SIZE :] = self.slots
         fleet.drive(runs, self.threads)
         return runs
 

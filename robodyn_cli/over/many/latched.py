@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,13 @@ from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.error import Attempt, First, integrate_again, remainder
+from robodyn_cli.motion.error import Attempt, First, Masks, integrate_again, remainder
 from robodyn_cli.motion.method import FAST_DECAYS
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
+from robodyn_cli.over.many.closings import ClosedRuns, LatchFacts, suits
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
 from robodyn_cli.over.many.groups import first_of, table_rows
 from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
@@ -31,8 +33,9 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED, with_second
 from robodyn_cli.summaries.facts import Fact
-from robodyn_cli.works.deploy.latched import reason_of, time_error, watcher_of
+from robodyn_cli.works.deploy.latched import time_error, told_of, watcher_of
 
+SAMPLES = 4_000_000  # numbers that samples of runs in compiled code take at a time
 OF_LATCHES = ("locks", "missed")
 ENDS = ("lock.time", "lock.time_error", "termination.time")
 # what the summary says of every run that locks
@@ -67,24 +70,48 @@ class DeployLatches(Deploy):
     def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
         choice, result = structure.motion.choice, asked.result
         q, qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
-        batch = RunBatch.of(structure, result.values[rows], q, qd, 1)
+        batch = RunBatch.of(structure, result.values[rows], q, qd, asked.threads)
         method = DEFAULT if choice.may_change else choice.method
         trusted = batch.starts.sound.copy()
         if choice.may_change:  # those are looked into by the command
             trusted &= decays_of(batch) * batch.ends < FAST_DECAYS
-        runner = _Runner(batch, method)
-        runs = [runner.make(k) if trusted[k] else None for k in range(len(rows))]
-        made = np.array([k for k, run in enumerate(runs) if run is not None], dtype=np.int64)
-        if is_judged_by_energy(structure.motion) and len(made):
-            came = [run for run in runs if run is not None]
-            y, p = (np.array([getattr(run, name) for run in came]) for name in ("y", "p"))
-            steps = np.array([run.steps for run in came])
-            made = made[keeps_energy(batch.part(made), y, steps, p)]
-        for k in made.tolist():
-            run = runs[k]
-            assert run is not None
-            run.keep(result, int(rows[k]), structure.motion)
+        made: list[int] = []
+        for runs in _closed(batch, method, trusted):
+            made += _keep(batch, runs, rows, result)
+        if (left := np.setdiff1d(np.flatnonzero(trusted), made)).size:
+            runner = _Runner(batch, method)
+            alone = {k: runner.make(k) for k in left.tolist()}
+            made += _keep(batch, {k: run for k, run in alone.items() if run is not None}, rows, result)
         return np.delete(rows, made).tolist()
+
+
+def _closed(batch: RunBatch, method: str, trusted: Masks) -> Iterator[dict[int, LatchedRun]]:
+    """Yield the runs that compiled code makes alone, of those that are trusted, by their numbers."""
+    if not (trusted.any() and suits(batch, method)):
+        return
+    samples = batch.structure.motion.scene.simulate.samples
+    parts = 1 + np.count_nonzero(trusted) * samples * batch.states.shape[1] // SAMPLES
+    for rows in np.array_split(np.flatnonzero(trusted), parts):
+        closed = ClosedRuns.of(batch.part(rows), method)
+        runs = {
+            int(rows[k]): LatchedRun.in_compiled_code(closed, k)
+            for k in np.flatnonzero(closed.sound).tolist()
+        }
+        yield {k: run for k, run in runs.items() if run is not None}
+
+
+def _keep(batch: RunBatch, runs: dict[int, LatchedRun], rows: Rows, result: ManyRuns) -> list[int]:
+    """Write those runs whose energy balances into the result; return their numbers in the batch."""
+    motion, made = batch.structure.motion, np.array(list(runs), dtype=np.int64)
+    if is_judged_by_energy(motion) and len(made):
+        y, p, steps = (
+            np.array([getattr(run, name) for run in runs.values()]) for name in ("y", "p", "steps")
+        )
+        made = made[keeps_energy(batch.part(made), y, steps, p)]
+    kept: list[int] = made.tolist()
+    for k in kept:
+        runs[k].keep(result, int(rows[k]), motion)
+    return kept
 
 
 class _Doubtful:
@@ -108,24 +135,50 @@ def command_for(command: BatchCommand[Any], scene: Scene) -> BatchCommand[Any]:
 
 @record
 class LatchedRun:
-    """What a run came to: its end, its watcher, that of the second run and times a difference is an error (nan: none).
+    """What a run came to: its end, what its latches did, and those of the second run (None: there is none).
 
-    y, p : state and parameters at the end at ``time``. counts : by name of ``counters``. locks, missed : with errors.
+    y, p : state and parameters at the end at ``time``. counts : by name of ``counters``. factor : times a difference is
+    an error.
     """
 
     time: float
     y: Array
     p: Array
     counts: dict[str, float]
-    latches: Latches
     second_steps: float
     factor: float
-    locks: dict[str, Any]
-    missed: dict[str, Any]
-    last: tuple[float, Array, str] | None
-    other: Array | None
+    own: LatchFacts
+    second: LatchFacts | None
     reason: str
     is_locked: bool
+
+    @staticmethod
+    def in_compiled_code(closed: ClosedRuns, k: int) -> LatchedRun | None:
+        """Return run k of those in compiled code; None where the second one closes other latches."""
+        runs, second = closed.runs, closed.second
+        own = closed.facts(runs, k)
+        again = None if second is None else closed.facts(second, k)
+        if again is not None and again.locks.keys() != own.locks.keys():
+            return None
+        counts = {name: float(getattr(runs, name)[k]) for name in ("steps", "rejected", "evaluations")}
+        steps = math.nan if second is None else float(second.steps[k])
+        motion, time, factor = closed.batch.structure.motion, float(runs.time[k]), float(closed.factor[k])
+        told = told_of(motion.scene.deploy.until, [*own.locks, *own.missed], own.locks)
+        return LatchedRun(time, runs.y[k], runs.p[k], counts, steps, factor, own, again, *told)
+
+    def _with_errors(self, group: str, name: str) -> Any:
+        """Return the record of a latch among ``locks`` or ``missed``, None where it is not there."""
+        own, again = ({} if x is None else getattr(x, group) for x in (self.own, self.second))
+        if name in own and name in again:
+            return with_second(own[name], again[name], self.factor, (group, "LATCH"))
+        return own.get(name)
+
+    @property
+    def other(self) -> Array | None:
+        """The state at the last closing of the second run, where that is of the same latch."""
+        last = None if self.second is None else self.second.last
+        same = last is not None and self.own.last is not None and last[2] == self.own.last[2]
+        return last[1] if same and last is not None else None
 
     @property
     def steps(self) -> int:
@@ -136,12 +189,17 @@ class LatchedRun:
         result.code[row] = 0 if self.is_locked else OF_STATUS["no_lock"]
         result.reason[row] = "" if self.is_locked else self.reason
         result.steps[row] = self.steps
-        if self.last is not None:
-            time, x, name = self.last
-            result.time[row], result.time_error[row] = time, _number(time_error(self.locks, name, self.time))
+        if self.own.last is not None:
+            time, x, name = self.own.last
+            locks = {
+                key: self._with_errors("locks", key)
+                for key in self.own.locks
+                if key == name or self._is_end(key)
+            }
+            result.time[row], result.time_error[row] = time, _number(time_error(locks, name, self.time))
             result.q[row], result.qd[row], _ = motion.system.split(x)
-            if self.other is not None:
-                apart = self.factor * np.abs(self.other - x)
+            if (other := self.other) is not None:
+                apart = self.factor * np.abs(other - x)
                 for errors, own, off in zip(
                     (result.q_error, result.qd_error), motion.system.split(x), motion.system.split(apart)
                 ):
@@ -150,11 +208,15 @@ class LatchedRun:
         for key, column in result.outputs.items():
             column[row], result.errors[key][row] = self._figure(key, result, row)
 
+    def _is_end(self, name: str) -> bool:
+        """Tell whether the run ends where the load of a latch is largest."""
+        return self.own.locks[name].peak_time == self.time
+
     def _figure(self, key: str, result: ManyRuns, row: int) -> tuple[float, float]:
         """Return a figure of the summary and its error, nan for what there is not."""
         group, *names = key.split(".")
         if group in OF_LATCHES:
-            return _of_latch((self.locks if group == "locks" else self.missed).get(names[0]), names[1:])
+            return _of_latch(self._with_errors(group, names[0]), names[1:])
         if group == "counters":
             return float(self.counts[names[0]]), math.nan
         if key == SECOND_STEPS:
@@ -162,7 +224,7 @@ class LatchedRun:
         if key == "termination.time":
             return self.time, float(result.time_error[row])
         if isinstance(WORDS.get(key), bool):
-            return (math.nan if self.last is None else 0.0), math.nan
+            return (math.nan if self.own.last is None else 0.0), math.nan
         if key in ENDS:
             time, error = float(result.time[row]), float(result.time_error[row])
             return (time, error) if key == "lock.time" else (error, math.nan)
@@ -256,28 +318,28 @@ class _Runner:
 
     def _run(self, second_steps: int | None) -> LatchedRun | None:
         driver, latches, other = self.first, watcher_of(self.first.watchers), watcher_of(self.second.watchers)
-        facts, factor = latches.facts(driver.time), math.nan
-        locks, missed = (facts[name] for name in OF_LATCHES)
+        factor = math.nan
         if second_steps is not None:
             if {k: it.closings for k, it in latches.closings.items()} != {
                 k: it.closings for k, it in other.closings.items()
             }:
                 return None  # too sensitive: the command says so
             factor = float(remainder(self._begun, np.array([second_steps]))[0])
-            again = other.facts(self.second.time)
-            locks, missed = (
-                with_second(one, again[name], factor, (name, "LATCH"))
-                for one, name in zip((locks, missed), OF_LATCHES)
-            )
         if latches.warnings:
             return None
-        last = None if latches.last is None else (*latches.last[:2], latches.names[latches.last[2]])
-        same = second_steps is not None and latches.last is not None and other.last is not None
-        same = same and latches.last[2] == other.last[2]  # type: ignore[index]
+        second = None if second_steps is None else _facts_of(other, self.second.time)
         counters = driver.counters
+        until = self.motion.scene.deploy.until
+        told = told_of(until, latches.names, [latches.names[k] for k in latches.closed])
         return LatchedRun(
-            driver.time, driver.state, driver.parameters, vars(counters).copy(), latches,
-            math.nan if second_steps is None else float(second_steps), factor, locks, missed, last,
-            other.last[1] if same else None,  # type: ignore[index]
-            reason_of(latches), latches.are_closed,
+            driver.time, driver.state, driver.parameters, vars(counters).copy(),
+            math.nan if second_steps is None else float(second_steps), factor,
+            _facts_of(latches, driver.time), second, *told,
         )  # fmt: skip
+
+
+def _facts_of(latches: Latches, end: float) -> LatchFacts:
+    """Return what the latches of a watcher did up to an end [s]."""
+    facts, last = latches.facts(end), latches.last
+    named = None if last is None else (last[0], last[1], latches.names[last[2]])
+    return LatchFacts(facts["locks"], facts["missed"], named)

@@ -69,8 +69,12 @@ class Structure(Built):
             # what is only noted on the way ends no run
             noted = (EventKind.MARK, EventKind.RANK_LOSS) if through else (EventKind.MARK,)
             system = self.motion.system.watched_by(lambda e: None if e.kind in noted else e.owner)
-            passing = [k for k, e in enumerate(system.events) if e.is_discontinuity]
-            self._fleets[key] = Fleet(system, method, np.zeros(1), watch, passing)
+            closes = system.closings is not None
+            passing = [
+                k for k, e in enumerate(system.events)
+                if e.is_discontinuity or (closes and e.kind is EventKind.LATCH)
+            ]  # fmt: skip
+            self._fleets[key] = Fleet(system, method, np.array(system.parameters or [0.0]), watch, passing)
         return self._fleets[key]
 
     def conditioning(self, times: Array, x: Array) -> Conditioning:

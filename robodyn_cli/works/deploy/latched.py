@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -137,9 +137,10 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         jumps = [float(event["time"]) for event in result.events]
         overload = first_overload(result, scene.deploy.loads, run.recorder.breaks(result.time, jumps))
         latches = watcher_of(run.driver.watchers)
-        locked = "locked" if latches.are_closed else "no_lock"
-        result.status = "overload" if overload is not None else locked
-        summary = dataclasses.replace(summary, termination=Termination(reason_of(latches), run.driver.time))
+        closed = [latches.names[k] for k in latches.closed]
+        reason, is_locked = told_of(scene.deploy.until, latches.names, closed)
+        result.status = "overload" if overload is not None else "locked" if is_locked else "no_lock"
+        summary = dataclasses.replace(summary, termination=Termination(reason, run.driver.time))
     if overload is not None:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
         result.events.sort(key=lambda event: float(event["time"]))
@@ -169,17 +170,20 @@ def _often(count: int) -> str:
     return "never" if count == 0 else "once" if count == 1 else f"{count} times"
 
 
-def reason_of(latches: Latches) -> str:
-    """Return why the run ended, in words."""
-    until = latches.problem.scene.deploy.until
-    count = len(latches.latches)
+def told_of(until: str, names: Sequence[str], closed: Collection[str]) -> tuple[str, bool]:
+    """Return why a run ended, in words, and whether what it waited for is closed.
+
+    until : NAME, ``all`` or ``end``. names : of all latches. closed : of those that are.
+    """
+    count, still = len(names), [name for name in names if name not in closed]
     if until not in ("all", "end"):
-        return f"latch {until} is closed" if latches.are_closed else f"duration: latch {until} is open"
-    if latches.are_closed:
+        is_closed = until in closed
+        return (f"latch {until} is closed" if is_closed else f"duration: latch {until} is open"), is_closed
+    if not still:
         every = "the latch is closed" if count == 1 else f"all {count} latches are closed"
-        return every if until == "all" else f"duration: {every}"
-    names = [x.name for k, x in enumerate(latches.latches) if k not in latches.closed]
-    return f"duration: {len(names)} of {count} latches are open ({', '.join(names[:8])}{', ...' * (len(names) > 8)})"
+        return (every if until == "all" else f"duration: {every}"), True
+    listed = f"{', '.join(still[:8])}{', ...' * (len(still) > 8)}"
+    return f"duration: {len(still)} of {count} latches are open ({listed})", False
 
 
 def _lock(run: Run, summary: MotionSummary, estimate: Estimate | None) -> LockKeys | None:
