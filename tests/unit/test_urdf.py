@@ -281,10 +281,11 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
 @pytest.mark.parametrize(
     "element, words",
     [
-        ("<drake:ball_constraint/>", "<drake:ball_constraint>"),
+        ("<drake:linear_bushing_rpy/>", "<drake:linear_bushing_rpy>"),
+        ('<transmission><drake:rotor_inertia value="1"/></transmission>', "rotor_inertia"),
         (
-            '<transmission><actuator><drake:rotor_inertia value="1"/></actuator></transmission>',
-            "rotor_inertia",
+            '<drake:distance_constraint><drake:distance_constraint_stiffness value="9"/></drake:distance_constraint>',
+            "distance_constraint_stiffness",
         ),
         ("<drake:a_tag_of_next_year/>", "<drake:a_tag_of_next_year>"),
         ('<gazebo><joint name="g" type="revolute"><parent>upper</parent></joint></gazebo>', "<joint> 'g'"),
