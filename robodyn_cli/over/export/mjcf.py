@@ -14,10 +14,11 @@ from robodyn_cli.over.export.robot import (
     ExportedLink,
     ExportedRobot,
     base_pose,
+    followers,
     words,
     xml_text,
 )
-from robodyn_cli.over.export.scene import Format, followers
+from robodyn_cli.over.export.scene import Format
 from robodyn_cli.scene.sdf.frames import pose_between
 from robodyn_cli.scene.urdf.elements import UrdfPose
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,9 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model, unknown_among
 from robodyn_cli.over.export.robot import (
-    GROUND,
     ExportedCoupler,
+    ExportedFrames,
     ExportedRobot,
-    Frames,
-    base_pose,
     floats,
     fresh,
     kept_origins,
@@ -106,7 +104,7 @@ def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
         raise _refusal(scene, form, refused)
     reference = _reference(scene, model, form, notes)
     dh = [joint.name for joint in scene.robot.joints if joint.has_dh]
-    frames = Frames(model, form.turned, dh, reference)
+    frames = ExportedFrames(model, form.turned, dh, reference)
     links = {link.joint: link for link in links_of(model, frames, _limits(scene, model, form, notes))}
     ordered = tuple(links[joint.name] for joint in scene.robot.joints)
     if np.array_equal(reference, Manifold(model).neutral()):
@@ -361,41 +359,3 @@ def _coupler(scene: Scene, coupler: Any, model: Model, reference: Array) -> Expo
     terms = {name: float(x) for name, x in coupler.terms.items()}
     value -= sum(x * float(reference[model.body_of(name).q]) for name, x in terms.items())
     return ExportedCoupler(coupler.name, terms, value + 0.0)
-
-
-# -- what formats share ------------------------------------------------------------------------------------
-def followers(
-    couplers: Iterable[ExportedCoupler],
-) -> tuple[dict[str, tuple[str, float, float, str]], list[ExportedCoupler]]:
-    """Return couplers of two joints as q = multiplier q_leader + offset, and the other couplers.
-
-    The first are by joint: leader, multiplier, offset and the name of the coupler; each joint follows at most one.
-    """
-    mimics: dict[str, tuple[str, float, float, str]] = {}
-    others = []
-    for coupler in couplers:
-        terms = list(coupler.terms.items())
-        ways = [terms, terms[::-1]] if len(terms) == 2 else []
-        for (name, a), (leader, b) in ways:
-            if name not in mimics and not _follows(mimics, leader, name):
-                mimics[name] = (leader, -b / a + 0.0, coupler.value / a, coupler.name)
-                break
-        else:
-            others.append(coupler)
-    return mimics, others
-
-
-def _follows(mimics: Mapping[str, tuple[str, float, float, str]], joint: str, other: str) -> bool:
-    """Tell whether a joint follows another, directly or by way of others."""
-    while joint in mimics:
-        joint = mimics[joint][0]
-        if joint == other:
-            return True
-    return joint == other
-
-
-def held_root(robot: ExportedRobot) -> bool:
-    """Tell whether one link alone is on the ground, and fixed there where the world is."""
-    roots = [link for link in robot.links if link.parent == GROUND]
-    tied = any(end.link == GROUND for loop in robot.loops for end in loop.ends)
-    return len(roots) == 1 and roots[0].type == "fixed" and base_pose(roots[0].pose) and not tied

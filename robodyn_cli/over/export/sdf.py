@@ -16,10 +16,11 @@ from robodyn_cli.over.export.robot import (
     ExportedLink,
     ExportedLoop,
     ExportedRobot,
+    followers,
     words,
     xml_text,
 )
-from robodyn_cli.over.export.scene import Format, followers
+from robodyn_cli.over.export.scene import Format
 from robodyn_cli.scene.sdf.frames import WORLD
 
 VERSION = "1.11"

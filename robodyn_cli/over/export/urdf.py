@@ -18,11 +18,13 @@ from robodyn_cli.over.export.robot import (
     ExportedLink,
     ExportedLoop,
     ExportedRobot,
+    followers,
     fresh,
+    held_root,
     words,
     xml_text,
 )
-from robodyn_cli.over.export.scene import Format, followers, held_root
+from robodyn_cli.over.export.scene import Format
 from robodyn_cli.scene.sdf.frames import pose_between
 from robodyn_cli.scene.text.nodes import Scalar, Source, plain
 from robodyn_cli.scene.text.yaml_text import emit

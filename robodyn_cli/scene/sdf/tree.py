@@ -223,8 +223,8 @@ class _SdfTree:
             if name not in frames.frames:
                 raise element.error(f"<{element.tag}>: {unknown_name('link or frame', name, frames.frames)}")
             body = frames.body(frames.frames[name])
-            at = between(self.seats[body], frames.pose(frames.frames[name]) @ matrix(end.pose))[:3, 3]
-            ends.append(LoopEnd(body, UrdfPose(tuple(float(x) for x in at))))
+            T = between(self.seats[body], frames.pose(frames.frames[name]) @ matrix(end.pose))
+            ends.append(LoopEnd(body, pose_between(T)))
         return Closure(closure.place, closure.name, closure.type, (ends[0], ends[1]), closure.length)
 
     def closure(self, move: Move) -> Closure:

@@ -167,14 +167,14 @@ def _loop_joint(element: XmlElement) -> Closure:
 
 
 def _drake(element: XmlElement) -> Closure:
-    """Read ``drake:ball_constraint`` and ``drake:distance_constraint``, which have no names."""
+    """Read a constraint of Drake, which has no name."""
     kind, ends, length = constraint(element)
     first, second = (LoopEnd(link, UrdfPose(point)) for link, point in ends)
     name = f"{element.tag.removeprefix(DRAKE)}_{first.link}_{second.link}"
     return Closure(element.place, name, kind, (first, second), length)
 
 
-OF_DRAKE = {f"{DRAKE}{kind}_constraint": _drake for kind in ("ball", "distance")}
+OF_DRAKE = {f"{DRAKE}{kind}_constraint": _drake for kind in ("ball", "distance", "weld")}
 _READERS = {"loop": _loop, "constraint": _constraint, "loop_joint": _loop_joint, **OF_DRAKE}
 
 

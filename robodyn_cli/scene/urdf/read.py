@@ -12,7 +12,7 @@ from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
 from robodyn_cli.scene.urdf.closures import Ties, closures_of, couplings_of
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
 from robodyn_cli.scene.urdf.extended import with_file_beside
-from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations
+from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations, with_rotors
 from robodyn_cli.scene.urdf.tree import robot_tree
 from robodyn_cli.scene.urdf.xml import XmlElement
 
@@ -24,7 +24,7 @@ def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Descripti
     ------
     SceneError : what the file says is not allowed.
     """
-    robot = read_elements(root, faults)
+    robot = with_rotors(read_elements(root, faults), faults)
     if not faults.found:
         check_structure(robot, faults)
     if faults.found:
