@@ -13,6 +13,7 @@ from robodyn_cli.cli.options import Quiet, ReportAsJson, choice, file
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
+SCENES = (".yaml", ".yml", ".urdf", ".sdf")
 
 
 def command(
@@ -63,12 +64,12 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
     from robodyn_cli.errors import CapabilityError
 
     stored = source.is_dir() or source.suffix == ".h5"
-    if stored != (to in OF_RESULTS):
+    if stored if to in OF_SCENES else source.suffix in SCENES:
         of, kinds = ("a result", OF_RESULTS) if stored else ("a scene", OF_SCENES)
         raise CapabilityError(
             f"{source} is {of}, of which --to {to} writes nothing; allowed: {', '.join(kinds)}"
         )
-    if stored:
+    if to in OF_RESULTS:
         from robodyn_cli.over.batch.stored import read_stored
         from robodyn_cli.results.export import export
 

@@ -97,11 +97,11 @@ def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
     ------
     CapabilityError : with everything that the format has not.
     """
-    whole, notes = completed(scene)
-    model = build_model(whole, merge=False)
-    refused = _refused(whole, model, form)
+    model = build_model(dataclasses.replace(scene, robot=filled(scene)), merge=False)
+    refused = _refused(scene, model, form)
     if refused:
         raise _refusal(scene, form, refused)
+    notes = made_up(scene)
     reference = _reference(scene, model, form, notes)
     dh = [joint.name for joint in scene.robot.joints if joint.has_dh]
     frames = ExportedFrames(model, form.turned, dh, reference)
@@ -194,26 +194,23 @@ def _force_problem(force: Any, kind: str, nv: int, form: Format) -> str:
 
 
 # -- what is made up, and listed ---------------------------------------------------------------------------
-def completed(scene: Scene) -> tuple[Scene, list[str]]:
-    """Return a scene with numbers in place of data that it does not give, and what it gets.
+def made_up(scene: Scene) -> list[str]:
+    """Return what there is to say of data that the scene does not give.
 
     Raises
     ------
     CapabilityError : the equations of motion need some of them.
     """
-    problem = Problem(scene)
-    terms = problem.rigid_terms()
+    terms = Problem(scene).rigid_terms()
     missing = unknown_among([x for term in terms.values() for x in np.ravel(term)])
     if missing:
         raise CapabilityError(
             f"{scene.path}: the motion depends on data that the scene does not give: {listed(sorted(set(missing)))}"
         )
-    robot = filled(scene)
-    made_up = [new.name for old, new in zip(scene.robot.links, robot.links) if _differs(old, new)]
-    notes = [
-        f"data that the scene does not give, and no motion depends on, are made up in links {listed(made_up)}"
-    ]
-    return dataclasses.replace(scene, robot=robot), notes if made_up else []
+    links = zip(scene.robot.links, filled(scene).links)
+    names = [new.name for old, new in links if _differs(old, new)]
+    text = "data that the scene does not give, and no motion depends on, are made up in links"
+    return [f"{text} {listed(names)}"] if names else []
 
 
 def filled(scene: Scene) -> Robot:
