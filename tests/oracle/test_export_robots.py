@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 import yaml
 
+from robodyn_cli.cli.commands.export import OF_SCENES
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
-from robodyn_cli.over.export.scene import export_robot
+from robodyn_cli.over.export.scene import export_robot, formats
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
+from tests import urdf_robots
 from tests.exported_robots import (
     GRAVITY,
     Array,
@@ -81,7 +83,9 @@ def compare(old: Scene, new: Scene, q: Array, start: Array, rng: np.random.Gener
     ours, theirs = Problem(old).model, Problem(new).model
     there, places = carried_over(ours, theirs, q, start)
     v = rng.normal(size=ours.nv)
-    if closed:  # and rates that keep the loops closed, since what rows say of others is a matter of their form
+    if (
+        closed
+    ):  # and rates that keep the loops closed, since what rows say of others is a matter of their form
         v = v - Equations.of(old, q, v).directions @ v
     a, b = Equations.of(old, q, v), Equations.of(new, there, v[places])
     same(a.M[np.ix_(places, places)], b.M)
@@ -171,6 +175,24 @@ def test_a_coupling_over_chains_comes_back(tmp_path: Path) -> None:
     skew = scene_of(robot, couplers=[{"name": "belt", "terms": {**terms, "q4": 0.4}}])
     with pytest.raises(CapabilityError, match="coupler 'belt' of 5 joints"):
         export_robot(skew, "urdf+", tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["urdf+", "extended-urdf"])
+def test_pinocchio_finds_the_same_tree(kind: str, tmp_path: Path) -> None:
+    """It reads the file, with loops too, and finds the equations that are read of it here."""
+    pin = pytest.importorskip("pinocchio")
+    rng = np.random.default_rng(11)
+    kinds = ("revolute", "prismatic", "fixed", "floating")
+    robot = random_robot(rng, kinds, ("friction", "limits"), n=7)
+    files, _ = export_robot(scene_of(robot), kind, tmp_path)
+    apart = urdf_robots.compare(files[0])
+    assert max(apart.torques, apart.mass, apart.frames) < 1e-12
+    files, _ = export_robot(scene_of(with_loops(robot, ("fixed",), rng)[0]), kind, tmp_path)
+    assert pin.buildModelFromUrdf(str(files[0])).nv == apart.joints
+
+
+def test_formats_of_the_command_line() -> None:
+    assert tuple(formats) == OF_SCENES
 
 
 # -- MuJoCo ------------------------------------------------------------------------------------------------
