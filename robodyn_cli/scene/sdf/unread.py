@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 
 from robodyn_cli.errors import did_you_mean, listed
 from robodyn_cli.record import record
@@ -67,20 +68,22 @@ _ELEMENTS = {
 }  # fmt: skip
 
 
-def left_out(root: XmlElement, faults: Faults) -> Counter[str]:
+def left_out(
+    root: XmlElement, faults: Faults, elements: Mapping[str, Children] = _ELEMENTS
+) -> Counter[str]:
     """Count what is left out by tag; what is not known or acts on the motion is reported.
 
-    Elements of other programs (with a ``:``) are left out, but for those of Drake, see ``urdf/unread.py``.
+    elements : the children of each element that is looked into. Elements of other programs (with a ``:``) are left out, but for those of Drake, see ``urdf/unread.py``.
     """
     left: Counter[str] = Counter()
     pending = [root]
     while pending:
         owner = pending.pop()
-        known = _ELEMENTS[owner.tag]
+        known = elements[owner.tag]
         acting = dict(known.acting)
         for child in owner.children:
             if child.tag in known.read:
-                pending += [child] if child.tag in _ELEMENTS else []
+                pending += [child] if child.tag in elements else []
             elif child.tag in known.left or (":" in child.tag and not child.tag.startswith("drake:")):
                 left[child.tag] += 1
             elif ":" not in child.tag:

@@ -50,11 +50,12 @@ class Closure:
 
 @record
 class Coupling:
-    """The sum of coefficient times q over joints that move is 0; ``place`` : where it is written."""
+    """The sum of coefficient times q over joints that move is ``value``; ``place`` : where it is written."""
 
     place: Node
     name: str
     terms: dict[str, float]
+    value: float = 0.0
 
 
 @record
