@@ -10,7 +10,6 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 
 KINDS = ("free", "ball", "slide", "hinge")  # by the compiler's numbers
 SINGLE = ("slide", "hinge")
-_CURVED = {"jnt_stiffnesspoly": "stiffness", "jnt_springyield": "springyield"}
 
 
 class Acting:
@@ -50,44 +49,43 @@ class Acting:
         ------
         SceneError : one of them is of a kind that is not read.
         """
-        m, kind = self.m, self.types[j]
-        v, name = int(m.jnt_dofadr[j]), self.compiled.name("joint", j)
-        owner = f"joint {name!r}"
-        for key, attribute in _CURVED.items():
-            if _row_of(m, key, j):
-                raise element.error(f"{owner}: its {attribute} is a curve; allowed: one number")
-        if _row_of(m, "dof_dampingpoly", v):
-            raise element.error(f"{owner}: its damping is a curve; allowed: one number")
-        damping, stiffness = float(m.dof_damping[v]), float(m.jnt_stiffness[j])
-        loss, armature = float(m.dof_frictionloss[v]), float(m.dof_armature[v])
-        damping = damping if self.is_on("DAMPER") else 0.0
-        stiffness = stiffness if self.is_on("SPRING") else 0.0
-        loss = loss if self.is_on("FRICTIONLOSS", "CONSTRAINT") else 0.0
-        if kind in SINGLE:
-            for a in self.on(j):
-                gear = float(m.actuator_gear[a][0]) ** 2
-                damping += gear * _first(m, "actuator_damping", a)
-                armature += gear * _first(m, "actuator_armature", a)
-        elif loss:
-            raise element.error(
-                f"{owner}: frictionloss of a {kind} joint is a bound about each of its axes; allowed: of joints with "
-                "one axis"
-            )
-        elif armature and kind == "free":
-            raise element.error(f"{owner}: armature of a free joint is no body's inertia; allowed: none")
-        friction: dict[str, Any] = {"viscous": damping} if damping else {}
-        friction |= {"coulomb": loss, "law": "set_valued"} if loss else {}
-        spring: dict[str, Any] = {"stiffness": stiffness} if stiffness else {}
+        self.refuse(j, element)
+        m, v, p = self.m, int(self.m.jnt_dofadr[j]), int(self.m.jnt_qposadr[j])
+        damping, armature = float(m.dof_damping[v]), float(m.dof_armature[v])
+        for a in self.on(j):  # with or without control
+            gear = float(m.actuator_gear[a][0]) ** 2
+            damping += gear * _first(m, "actuator_damping", a)
+            armature += gear * _first(m, "actuator_armature", a)
+        friction: dict[str, Any] = {}
+        if damping and self.is_on("DAMPER"):
+            friction["viscous"] = damping
+        if m.dof_frictionloss[v] and self.is_on("FRICTIONLOSS", "CONSTRAINT"):
+            friction |= {"coulomb": float(m.dof_frictionloss[v]), "law": "set_valued"}
+        spring: dict[str, Any] = {}
+        if m.jnt_stiffness[j] and self.is_on("SPRING"):
+            spring["stiffness"] = float(m.jnt_stiffness[j])
+            if self.types[j] in SINGLE:
+                spring["rest"] = float(m.qpos_spring[p] - m.qpos0[p])
         parts = {"limits": self.limits(j, remarks), "friction": friction, "spring": spring}
-        if kind in SINGLE and stiffness:
-            p = int(m.jnt_qposadr[j])
-            spring["rest"] = float(m.qpos_spring[p] - m.qpos0[p])
-        if kind == "free":
-            parts = {
-                key: {"translation": part, "rotation": part} if part else {} for key, part in parts.items()
-            }
         parts = {key: part for key, part in parts.items() if part}
+        if self.types[j] == "free":
+            parts = {key: dict.fromkeys(("translation", "rotation"), part) for key, part in parts.items()}
         return {"rotor_inertia": armature, **parts} if armature else parts
+
+    def refuse(self, j: int, element: XmlElement) -> None:
+        """Raise the error of a joint with a force of a kind that is not read."""
+        v, kind = int(self.m.jnt_dofadr[j]), self.types[j]
+        curved = [("jnt_stiffnesspoly", j), ("jnt_springyield", j), ("dof_dampingpoly", v)]
+        curved += [("actuator_dampingpoly", a) for a in self.on(j)]
+        single = [("dof_frictionloss", v), ("dof_armature", v)]
+        single += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in self.on(j)]
+        why = "is a curve; allowed: one number"
+        for key, number in (*curved, *(single if kind not in SINGLE else ())):
+            if (key, number) in single:
+                why = f"is that of a {kind} joint; allowed: of joints with one axis"
+            if _has(self.m, key, number):
+                owner, name = f"joint {self.compiled.name('joint', j)!r}", key.partition("_")[2].removesuffix("poly")
+                raise element.error(f"{owner}: its {name} {why}")
 
     def on(self, j: int) -> list[int]:
         """Return the actuators on a joint."""
@@ -131,7 +129,7 @@ class Acting:
         return ends[0], ends[1]
 
 
-def _row_of(model: Any, key: str, number: int) -> bool:
+def _has(model: Any, key: str, number: int) -> bool:
     """Tell whether a row of an array is not all zero; older compilers do not have some arrays."""
     rows = getattr(model, key, None)
     return rows is not None and bool(rows[number].any())

@@ -3,7 +3,8 @@
 - connect: the anchor is in the frame of the first body, and the other body's point where it is at ``qpos0``;
 - weld: the anchor is in the frame of the second body, and ``relpose`` says where it is in that of the first;
 - of sites: these coincide, wherever they are at ``qpos0``;
-- joint, and tendons that are sums of joints: y - y0 = a0 + a1 (x - x0), from the values at ``qpos0``.
+- joint, and tendons that are sums of joints: y - y0 = a0 + a1 (x - x0), from the values at ``qpos0``. Where one joint
+  is left in such a relation, it is held.
 """
 
 from __future__ import annotations
@@ -12,17 +13,17 @@ from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
-from robodyn_cli.errors import SceneError
 from robodyn_cli.record import record
 from robodyn_cli.scene.mjcf.acting import Acting
 from robodyn_cli.scene.mjcf.compiled import Compiled
-from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.text.nodes import Faults, located
 from robodyn_cli.scene.urdf.closures import Closure, Coupling, LoopEnd, Ties
 from robodyn_cli.scene.urdf.elements import UrdfPose
 from robodyn_cli.scene.urdf.xml import XmlElement
 from robodyn_cli.spatial.algebra import Array
 
 INACTIVE = "equalities that are not active"
+_ROUNDING = 1e-12
 
 
 @record
@@ -43,8 +44,10 @@ class Ends:
         return LoopEnd(self.bodies[body], UrdfPose(xyz, quaternion=turned))
 
 
-def ties_of(compiled: Compiled, acting: Acting, ends: Ends, faults: Faults) -> Ties:
-    """Return the loops and couplers of a model; those that are not read are reported."""
+def ties_of(
+    compiled: Compiled, acting: Acting, ends: Ends, faults: Faults
+) -> tuple[Ties, dict[str, float]]:
+    """Return the loops and couplers of a model, and where joints are held; those that are not read are reported."""
     m = compiled.model
     reader = _Reader(compiled, ends)
     closures: list[Closure] = []
@@ -60,7 +63,36 @@ def ties_of(compiled: Compiled, acting: Acting, ends: Ends, faults: Faults) -> T
                 closures.append(reader.closure(e, element, name))
             else:
                 couplings.append(reader.coupling(e, element, name))
-    return Ties(tuple(closures), tuple(couplings))
+    held: dict[str, float] = {}
+    with faults:
+        couplings = _without_held(couplings, held)
+    return Ties(tuple(closures), tuple(couplings)), held
+
+
+def _without_held(couplings: list[Coupling], held: dict[str, float]) -> list[Coupling]:
+    """Return the couplings between joints that move; the others say where joints are ``held``, which is filled."""
+    terms = [dict(one.terms) for one in couplings]
+    values = [one.value for one in couplings]
+    of: defaultdict[str, list[int]] = defaultdict(list)
+    for k, own in enumerate(terms):
+        for joint in own:
+            of[joint].append(k)
+    pending = [k for k, own in enumerate(terms) if len(own) == 1]
+    while pending:
+        if not terms[k := pending.pop()]:
+            continue
+        ((joint, factor),) = terms[k].items()
+        held[joint] = values[k] / factor
+        for other in of[joint]:
+            values[other] -= terms[other].pop(joint) * held[joint]
+            if len(terms[other]) == 1:
+                pending.append(other)
+            elif not terms[other] and abs(values[other]) > _ROUNDING * max(1.0, abs(held[joint])):
+                problem = f"{couplings[other].name!r} asks for another position of {joint!r} than {held[joint]:g}"
+                raise located(couplings[other].place, "", problem)
+    return [
+        Coupling(one.place, one.name, own, value) for one, own, value in zip(couplings, terms, values) if own
+    ]
 
 
 class _Reader:
@@ -96,19 +128,18 @@ class _Reader:
                 f"<{element.tag}> {name!r}: polycoef is {_words(data[:5])}, which is no straight line; allowed: two "
                 "numbers and zeros"
             )
-        terms: defaultdict[str, float] = defaultdict(float)
+        terms: dict[str, float] = {}
         pairs = [(int(m.eq_obj1id[e]), 1.0), (second, -float(data[1]))]
         for number, factor in pairs if second >= 0 else pairs[:1]:
             for j, coefficient in self.joints(element.tag, number):
-                terms[self.ends.joints[j]] += factor * coefficient
-        terms = defaultdict(float, {joint: x for joint, x in terms.items() if x})
+                joint = self.ends.joints[j]
+                terms[joint] = terms.get(joint, 0.0) + factor * coefficient
+        terms = {joint: x for joint, x in terms.items() if x}
         if not terms:
-            raise self.nothing(element, name)
-        return Coupling(element.place, name, dict(terms), float(data[0]))
-
-    @staticmethod
-    def nothing(element: XmlElement, name: str) -> SceneError:
-        return element.error(f"<{element.tag}> {name!r} relates no joints; allowed: factors that are not zero")
+            raise element.error(
+                f"<{element.tag}> {name!r} relates no joints; allowed: factors that are not zero"
+            )
+        return Coupling(element.place, name, terms, float(data[0]))
 
     def joints(self, tag: str, number: int) -> list[tuple[int, float]]:
         """Return the joints of one side, with their factors."""

@@ -23,7 +23,7 @@ from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
 from robodyn_cli.scene.urdf.closures import loop_of, rpy_of
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape
-from robodyn_cli.scene.urdf.tree import LinkEntries, origin_of
+from robodyn_cli.scene.urdf.tree import LinkEntries, moved_along, origin_of
 from robodyn_cli.scene.urdf.xml import GROUND, XmlElement, joint_names, link_names, scene_names
 from robodyn_cli.spatial.algebra import Array
 
@@ -104,10 +104,10 @@ class _MjcfTree:
             written.link(moved[step.link]) if step.link in moved else self.between(step, written)
             for step in self.steps
         ]
-        joints = [self.joint(step) for step in self.steps]
-        entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
         ends = Ends(self.bodies, self.seats, [self.joints[x] for x in self.names[: self.m.njnt]])
-        ties = ties_of(self.compiled, self.acting, ends, self.faults)
+        ties, held = ties_of(self.compiled, self.acting, ends, self.faults)
+        joints = [self.joint(step, held.get(self.joints[step.name])) for step in self.steps]
+        entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
         names = scene_names(ties.names, self.joints.values())
         couplers = [
             plain(x.place, {"name": names[x.name], "terms": x.terms} | ({"value": x.value} if x.value else {}))
@@ -182,26 +182,25 @@ class _MjcfTree:
         return self.compiled.elements[kind].get(number, self.compiled.source.root)
 
     # -- joints -----------------------------------------------------------------------------------------
-    def joint(self, step: Step) -> MappingNode:
+    def joint(self, step: Step, held: float | None) -> MappingNode:
+        """Return a joint; one that is ``held`` at a position is fixed there."""
         name, j = self.joints[step.name], step.number
         remarks = self.remarks.setdefault(name, [])
         element = self.element("body", step.body) if j is None else self.element("joint", j)
         if j is not None and (given := self.compiled.name("joint", j)) not in ("", name):
             remarks.append(f"in the MJCF: {given!r}")
-        kind = "fixed" if j is None else TYPES[self.acting.types[j]]
-        entries: dict[str, Any] = {
-            "name": name,
-            "type": kind,
-            "parent": self.links[step.parent],
-            "link": self.links[step.link],
-            **origin_of(element.place, step.origin),
-        }
-        if j is not None:
+        origin, own = step.origin, {}
+        kind = "fixed" if j is None or held is not None else TYPES[self.acting.types[j]]
+        if j is not None and held is not None:
+            remarks.append(f"held at {held!r} by an equality of the MJCF")
+            origin = moved_along(origin, self.m.jnt_axis[j], held, self.acting.types[j] == "slide")
+        elif j is not None:
             if self.acting.types[j] in SINGLE:
-                entries["axis"] = tuple(float(x) + 0.0 for x in self.m.jnt_axis[j])
+                own["axis"] = tuple(float(x) + 0.0 for x in self.m.jnt_axis[j])
             with self.faults:
-                entries |= self.acting.of(j, element, remarks)
-        return plain(element.place, entries)
+                own |= self.acting.of(j, element, remarks)
+        names = {"name": name, "type": kind, "parent": self.links[step.parent], "link": self.links[step.link]}
+        return plain(element.place, {**names, **origin_of(element.place, origin), **own})
 
 
 def _named(given: Iterable[str], invented: Any) -> list[str]:
