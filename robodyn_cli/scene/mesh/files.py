@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import os
 from collections.abc import Iterator
 from io import BytesIO
 from typing import Any

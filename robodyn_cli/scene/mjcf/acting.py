@@ -84,7 +84,10 @@ class Acting:
             if (key, number) in single:
                 why = f"is that of a {kind} joint; allowed: of joints with one axis"
             if _has(self.m, key, number):
-                owner, name = f"joint {self.compiled.name('joint', j)!r}", key.partition("_")[2].removesuffix("poly")
+                owner, name = (
+                    f"joint {self.compiled.name('joint', j)!r}",
+                    key.partition("_")[2].removesuffix("poly"),
+                )
                 raise element.error(f"{owner}: its {name} {why}")
 
     def on(self, j: int) -> list[int]:

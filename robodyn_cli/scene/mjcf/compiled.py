@@ -25,15 +25,18 @@ _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 _SURFACES = ("mjGEOM_PLANE", "mjGEOM_HFIELD", "mjGEOM_SDF")  # without a volume, or one that needs a plugin
 _MESHES = (".stl", ".obj")
 _TARGETS = ("tendon", "site", "body", "cranksite", "slidersite", "joint", "jointinparent")
-ACTUATORS, TENDONS, LIMITS = "actuators", "tendons", "limits of tendons"
-COLLIDING, UNWEIGHED = "geoms that can collide, of", "meshes of what stands still, not weighed, of"
+# what is left out, see ``Compiled``
+ACTUATORS, TENDONS = "actuators that are no torques", "tendons"
+LIMITS, COLLIDING = "limits of tendons", "contacts of the geoms of"
+UNWEIGHED = "the mass of meshes of what stands still"
+WARNED = "MuJoCo's compiler warns"
 
 
 @record
 class Compiled:
     """A model's arrays; ``elements`` : the element of each body, joint, site, equality, tendon, actuator and geom.
 
-    left : what is left out and acts on the motion only in some states, by what there is to say of it.
+    left : names by what is left out of them.
     """
 
     source: MjcfText
@@ -85,6 +88,8 @@ class _Compiler:
             "tendon": spec.tendons, "actuator": spec.actuators, "geom": spec.geoms,
         }  # fmt: skip
         elements = {kind: {x.id: self.source.of(x.info) for x in parts} for kind, parts in kinds.items()}
+        if self.warnings:
+            self.left[WARNED] = list(dict.fromkeys(" ".join(said.split()) for said in self.warnings))
         return Compiled(self.source, model, elements, self.left)
 
     @contextlib.contextmanager
@@ -100,8 +105,9 @@ class _Compiler:
             raise self.error(str(error)) from None
         finally:
             mujoco.set_mju_user_warning(None)
-        for warning in self.warnings:
-            raise self.error(warning)
+        for element in self.source.elements if any("NaN" in said for said in self.warnings) else ():
+            if any("nan" in word.lower() for text in element.attributes.values() for word in text.split()):
+                raise element.error(f"<{element.tag}> has a number that is not finite; allowed: finite ones")
 
     def error(self, said: str) -> SceneError:
         lines = [line for line in said.splitlines() if line.strip()]

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from robodyn_cli.errors import listed
 from robodyn_cli.scene.dialects import Description, Packages
 from robodyn_cli.scene.mjcf.acting import Acting
-from robodyn_cli.scene.mjcf.compiled import ACTUATORS, LIMITS, Compiled, compiled
+from robodyn_cli.scene.mjcf.compiled import LIMITS, WARNED, Compiled, compiled
 from robodyn_cli.scene.mjcf.source import source_text
 from robodyn_cli.scene.mjcf.tree import robot_tree
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
-_DOUBTFUL = (LIMITS,)
+_DOUBTFUL = (LIMITS, WARNED)
 
 
 def read_mjcf(root: XmlElement, faults: Faults, packages: Packages) -> Description | None:
@@ -36,7 +36,12 @@ def read_mjcf(root: XmlElement, faults: Faults, packages: Packages) -> Descripti
         return None
     name = root.place.source.name
     return Description(
-        name, tree, _heading(model, acting), tuple(_notes(model, acting)), tuple(_warnings(model)), source.files
+        name,
+        tree,
+        _heading(model, acting),
+        tuple(_notes(model, acting)),
+        tuple(_warnings(model)),
+        source.files,
     )
 
 
@@ -58,37 +63,41 @@ def _heading(model: Compiled, acting: Acting) -> tuple[str, ...]:
         f"{model.source.root.attributes.get('model', '') or 'Robot'}, from "
         f"{os.path.basename(model.source.root.place.source.name)} by `robodyn import`. SI units, angles in radians.",
         f"{m.nbody - 1} bodies of {float(sum(m.body_mass)):.6g} kg in all; joints: {joints}",
-        "The poses of the MJCF are q = 0: what it counts from ref is that much more. Each link has the axes of its body, "
-        "and its origin where the joint that turns it is; inertias are about the centre of mass.",
+        "The poses of the MJCF are q = 0: what it counts from ref is that much more. Each link has the axes of its "
+        "body, and its origin where the joint that turns it is; inertias are about the centre of mass.",
     )
 
 
 def _notes(model: Compiled, acting: Acting) -> Iterator[str]:
-    m, left = model.model, model.left
+    m = model.model
     gravity = [float(x) if acting.is_on("GRAVITY") else 0.0 for x in m.opt.gravity]
-    free = [model.name("joint", j) or model.name("body", int(m.jnt_bodyid[j])) for j, kind in enumerate(acting.types) if kind == "free"]
-    driven = [model.name("joint", j) for j in sorted(acting.motors)]
+    free = [
+        model.name("joint", j) or model.name("body", int(m.jnt_bodyid[j]))
+        for j, kind in enumerate(acting.types)
+        if kind == "free"
+    ]
     texts = {
-        "left out, for no equation reads it": ", ".join(f"{n} <{tag}>" for tag, n in model.source.left.items()),
-        "gravity of the file, in the place of which the scene has its own": f"[{', '.join(f'{x:g}' for x in gravity)}]",
+        "left out, for no equation reads it": ", ".join(
+            f"{n} <{tag}>" for tag, n in model.source.left.items()
+        ),
+        "gravity in the file, which that of the scene replaces": f"[{', '.join(f'{x:g}' for x in gravity)}]",
         "free joints": listed(free),
-        "driven by motors": listed(driven),
-        "actuators that are no torques, which the scene's torques and control stand for": listed(left.get(ACTUATORS, ())),
+        "joints with motors": listed([model.name("joint", j) for j in sorted(acting.motors)]),
     }
     yield from (f"{title}: {names}" for title, names in texts.items() if names)
     if m.neq:
-        yield "equalities are exact here: solref and solimp, by which they give way, are left out"
-    for title, names in left.items():
-        if title not in (ACTUATORS, *_DOUBTFUL):
+        yield "left out: solref and solimp, by which equalities give way; they are exact here"
+    for title, names in model.left.items():
+        if title not in _DOUBTFUL:
             each = Counter(names)
-            yield f"{title}: {listed([f'{name} ({n})' if n > 1 else name for name, n in each.items()])}"
+            yield f"left out: {title}: {listed([f'{name} ({n})' if n > 1 else name for name, n in each.items()])}"
 
 
 def _warnings(model: Compiled) -> Iterator[str]:
     m = model.model
-    for title in _DOUBTFUL:
-        if title in model.left:
-            yield f"{title}, which are left out: {listed(model.left[title])}"
+    if LIMITS in model.left:
+        yield f"{LIMITS}, which are left out: {listed(model.left[LIMITS])}"
+    yield from (f"{WARNED}: {said}" for said in model.left.get(WARNED, ()))
     carried = [model.name("body", b) for b in range(m.nbody) if m.body_gravcomp[b]]
     if carried:
         yield f"bodies with gravcomp, on which the gravity of the scene acts in full: {listed(carried)}"

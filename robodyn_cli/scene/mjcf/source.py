@@ -172,7 +172,9 @@ def _lines(element: XmlElement) -> Iterator[tuple[str, XmlElement]]:
     """Yield the lines of an element, each with the element that it is about."""
     known = ELEMENTS[element.tag].read
     # a material is for pictures, and its name means nothing without <asset>
-    given = "".join(f" {key}={quoteattr(text)}" for key, text in element.attributes.items() if key != "material")
+    given = "".join(
+        f" {key}={quoteattr(text)}" for key, text in element.attributes.items() if key != "material"
+    )
     yield f"<{element.tag}{given}>", element
     for child in element.children:
         if child.tag in known:

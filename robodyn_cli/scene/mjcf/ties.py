@@ -44,9 +44,7 @@ class Ends:
         return LoopEnd(self.bodies[body], UrdfPose(xyz, quaternion=turned))
 
 
-def ties_of(
-    compiled: Compiled, acting: Acting, ends: Ends, faults: Faults
-) -> tuple[Ties, dict[str, float]]:
+def ties_of(compiled: Compiled, acting: Acting, ends: Ends, faults: Faults) -> tuple[Ties, dict[str, float]]:
     """Return the loops and couplers of a model, and where joints are held; those that are not read are reported."""
     m = compiled.model
     reader = _Reader(compiled, ends)
@@ -88,7 +86,9 @@ def _without_held(couplings: list[Coupling], held: dict[str, float]) -> list[Cou
             if len(terms[other]) == 1:
                 pending.append(other)
             elif not terms[other] and abs(values[other]) > _ROUNDING * max(1.0, abs(held[joint])):
-                problem = f"{couplings[other].name!r} asks for another position of {joint!r} than {held[joint]:g}"
+                problem = (
+                    f"{couplings[other].name!r} asks for another position of {joint!r} than {held[joint]:g}"
+                )
                 raise located(couplings[other].place, "", problem)
     return [
         Coupling(one.place, one.name, own, value) for one, own, value in zip(couplings, terms, values) if own

@@ -21,13 +21,14 @@ from robodyn_cli.scene.mjcf.ties import Ends, ties_of
 from robodyn_cli.scene.sdf.frames import cleaned
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
-from robodyn_cli.scene.urdf.closures import loop_of, rpy_of
+from robodyn_cli.scene.urdf.closures import rpy_of, tie_entries
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape
 from robodyn_cli.scene.urdf.tree import LinkEntries, moved_along, origin_of
 from robodyn_cli.scene.urdf.xml import GROUND, XmlElement, joint_names, link_names, scene_names
 from robodyn_cli.spatial.algebra import Array
 
 TYPES = {"free": "floating", "ball": "spherical", "slide": "prismatic", "hinge": "revolute"}
+_ROUNDING = 1e-15
 _MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
@@ -108,22 +109,9 @@ class _MjcfTree:
         ties, held = ties_of(self.compiled, self.acting, ends, self.faults)
         joints = [self.joint(step, held.get(self.joints[step.name])) for step in self.steps]
         entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
-        names = scene_names(ties.names, self.joints.values())
-        couplers = [
-            plain(x.place, {"name": names[x.name], "terms": x.terms} | ({"value": x.value} if x.value else {}))
-            for x in ties.couplings
-        ]
-        points: dict[str, MappingNode] = {}
-        loops = []
-        for closure in ties.closures:
-            loop, joined = loop_of(closure, names[closure.name], self.links)
-            loops.append(plain(closure.place, loop))
-            points |= {name: plain(closure.place, point) for name, point in joined.items()}
-        entries |= {"couplers": sequence(place, couplers)} if couplers else {}
-        entries |= {"points": plain(place, points)} if points else {}
-        frames = self.frames(points)
-        entries |= {"frames": plain(place, frames)} if frames else {}
-        entries |= {"loops": sequence(place, loops)} if loops else {}
+        entries |= tie_entries(ties, self.joints.values(), self.links)
+        frames = self.frames(entries.get("points", ()))
+        entries |= {"frames": frames} if frames else {}
         return RobotTree(plain(place, entries), self.remarks, written.remarks)
 
     # -- links ------------------------------------------------------------------------------------------
@@ -137,10 +125,13 @@ class _MjcfTree:
         m, element = self.m, self.element("body", b)
         inertial = None
         if m.body_mass[b]:
-            moments = dict(zip(_MOMENTS, (*map(float, m.body_inertia[b]), 0.0, 0.0, 0.0)))
+            R = pose((), m.body_iquat[b]).rotation
+            tensor = R @ np.diag(m.body_inertia[b]) @ R.T
+            tensor[np.abs(tensor) < _ROUNDING * np.trace(tensor)] = 0.0
+            moments = {key: float(tensor["xyz".index(key[0]), "xyz".index(key[1])]) for key in _MOMENTS}
             given = next(iter(element.all("inertial")), element)
-            place = pose(m.body_ipos[b] - self.seats[b], m.body_iquat[b])
-            inertial = Inertial(given, float(m.body_mass[b]), place, moments)
+            at = UrdfPose(tuple(float(x) + 0.0 for x in m.body_ipos[b] - self.seats[b]))
+            inertial = Inertial(given, float(m.body_mass[b]), at, moments)
         shapes = [x for g in range(m.ngeom) if m.geom_bodyid[g] == b for x in self.shape(g)]
         visual, collision = (tuple(x for x, collides in shapes if collides == c) for c in (False, True))
         return UrdfLink(element, self.bodies[b], inertial, visual, collision)

@@ -68,12 +68,11 @@ _ELEMENTS = {
 }  # fmt: skip
 
 
-def left_out(
-    root: XmlElement, faults: Faults, elements: Mapping[str, Children] = _ELEMENTS
-) -> Counter[str]:
+def left_out(root: XmlElement, faults: Faults, elements: Mapping[str, Children] = _ELEMENTS) -> Counter[str]:
     """Count what is left out by tag; what is not known or acts on the motion is reported.
 
-    elements : the children of each element that is looked into. Elements of other programs (with a ``:``) are left out, but for those of Drake, see ``urdf/unread.py``.
+    elements : the children of each element that is looked into. Elements of other programs (with a ``:``) are left out,
+    but for those of Drake, see ``urdf/unread.py``.
     """
     left: Counter[str] = Counter()
     pending = [root]
