@@ -9,7 +9,9 @@ from __future__ import annotations
 import contextlib
 import importlib.util
 import os
+import re
 from collections.abc import Iterator
+from importlib.metadata import version
 from typing import Any
 
 from robodyn_cli.errors import SceneError
@@ -20,7 +22,8 @@ from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 PACKAGE = "mujoco"
-EXTRA = "a robot in MJCF needs the package mujoco: pip install 'robodyn[mjcf]'"
+EXTRA = "a robot in MJCF needs the package mujoco{}: pip install 'robodyn[mjcf]'"
+OLDEST = "3.3.7"
 _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 _SURFACES = ("mjGEOM_PLANE", "mjGEOM_HFIELD", "mjGEOM_SDF")  # without a volume, or one that needs a plugin
 _MESHES = (".stl", ".obj")
@@ -57,7 +60,9 @@ def compiled(source: MjcfText, faults: Faults) -> Compiled | None:
     SceneError : the package is missing; the compiler refuses the file.
     """
     if importlib.util.find_spec(PACKAGE) is None:
-        raise source.root.error(EXTRA)
+        raise source.root.error(EXTRA.format(""))
+    if tuple(map(int, re.findall("[0-9]+", version(PACKAGE))[:3])) < tuple(map(int, OLDEST.split("."))):
+        raise source.root.error(EXTRA.format(f" {OLDEST} or newer (here {version(PACKAGE)})"))
     return _Compiler(source, faults).compiled()
 
 

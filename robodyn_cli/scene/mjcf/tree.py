@@ -143,13 +143,13 @@ class _MjcfTree:
         m, kinds = self.m, mujoco.mjtGeom
         size = [float(x) for x in m.geom_size[g]]
         shapes = {
-            kinds.mjGEOM_BOX: ("box", tuple(2.0 * x for x in size)),
-            kinds.mjGEOM_SPHERE: ("sphere", (size[0],)),
-            kinds.mjGEOM_CYLINDER: ("cylinder", (size[0], 2.0 * size[1])),
-            kinds.mjGEOM_CAPSULE: ("cylinder", (size[0], 2.0 * size[1])),
+            int(kinds.mjGEOM_BOX): ("box", tuple(2.0 * x for x in size)),
+            int(kinds.mjGEOM_SPHERE): ("sphere", (size[0],)),
+            int(kinds.mjGEOM_CYLINDER): ("cylinder", (size[0], 2.0 * size[1])),
+            int(kinds.mjGEOM_CAPSULE): ("cylinder", (size[0], 2.0 * size[1])),
         }
-        if m.geom_type[g] in shapes:
-            kind, sizes = shapes[m.geom_type[g]]
+        if (number := int(m.geom_type[g])) in shapes:
+            kind, sizes = shapes[number]
             place = pose(m.geom_pos[g] - self.seats[m.geom_bodyid[g]], m.geom_quat[g])
             collides = bool(m.geom_contype[g] or m.geom_conaffinity[g])
             yield UrdfShape(self.element("geom", g), kind, sizes, pose=place), collides
