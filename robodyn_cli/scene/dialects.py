@@ -70,6 +70,7 @@ dialects: Registry[Callable[[XmlElement, Faults, Packages], Description | None]]
     {
         "robot": "urdf.read:read_urdf",
         "sdf": "sdf.read:read_sdf",
+        "mujoco": "mjcf.read:read_mjcf",
     },
 )
 

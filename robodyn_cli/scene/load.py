@@ -111,7 +111,7 @@ def load_description(
         found.extend(includer.descriptions)
         if not found:
             raise located(
-                place, "", "this is neither URDF nor SDF, whose first character is '<'; allowed: one of them"
+                place, "", "this is no URDF, SDF or MJCF, whose first character is '<'; allowed: one of them"
             )
         gravity = sequence(place, [scalar(place, 0)] * 3)
         values = {"schema": scalar(place, 1), "gravity": gravity, "robot": robot}

@@ -108,7 +108,7 @@ def test_strict(tmp_path: Path) -> None:
 
 def test_what_cannot_be_read(tmp_path: Path) -> None:
     for name, text, words in (
-        ("arm.yaml", "joints: []\n", "this is neither URDF nor SDF"),
+        ("arm.yaml", "joints: []\n", "this is no URDF, SDF or MJCF"),
         ("arm.urdf", ARM.replace(LIMIT, '<limit lower="a"/>', 1), ":5:"),
         ("large.urdf", ARM + " " * MAX_BYTES, "larger than 10 MB"),
     ):

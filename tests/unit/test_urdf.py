@@ -240,7 +240,7 @@ BOMB = """\
         (None, BOMB, 1, "document type"),
         (None, '<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', 1, "document type"),
         (None, "<robot>" + "<a>" * 200_000, 1, "nested more than 50 deep"),
-        (None, "<arm><link name='a'/></arm>", 1, "root element is <arm>; allowed: <robot>, <sdf>"),
+        (None, "<arm><link name='a'/></arm>", 1, "root element is <arm>; allowed: <robot>, <sdf>, <mujoco>"),
         (None, "<robot name='x'/>", 1, "no <link>"),
         ("</robot>", "<xacro:macro name='x'/></robot>", 9, "run it first: xacro"),
         ('value="1.5"', 'value="${m}"', 6, "is an expression of xacro"),

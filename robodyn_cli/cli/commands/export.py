@@ -13,7 +13,7 @@ from robodyn_cli.cli.options import Quiet, ReportAsJson, choice, file
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
-SCENES = (".yaml", ".yml", ".urdf", ".sdf")
+SCENES = (".yaml", ".yml", ".urdf", ".sdf", ".xml", ".mjcf")
 
 
 def command(
@@ -21,7 +21,7 @@ def command(
         Path,
         typer.Argument(
             metavar="RESULT|SCENE.yaml",
-            help="Output directory of a run, or its result.h5; or a scene, or the URDF or SDF of a robot.",
+            help="Output directory of a run, or its result.h5; or a scene, or the URDF, SDF or MJCF of a robot.",
             callback=file,
             show_default=False,
         ),
