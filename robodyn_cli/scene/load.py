@@ -131,7 +131,8 @@ def load_robot(path: str | os.PathLike[str]) -> Scene:
     name = os.fspath(path)
     if not is_xml(read_text(name, None, "", name)):
         return load_scene(path)
-    return dataclasses.replace(load_description(path)[1], gravity=(0.0, 0.0, -9.81))
+    found, scene = load_description(path)
+    return dataclasses.replace(scene, gravity=(0.0, 0.0, -9.81), actuated=found.actuated)
 
 
 def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:

@@ -83,6 +83,10 @@ def test_motors_of_the_extended_urdf_come_back(tmp_path: Path) -> None:
     scene = tmp_path / "again.yaml"
     scene.write_text("schema: 1\ngravity: [0, 0, -9.81]\nrobot: out/leg.urdf\n", encoding="utf-8")
     assert any("name_mot): hip" in note for note in load_scene(scene).notes)
+    urdf = tmp_path / "out" / "leg.urdf"
+    assert load_robot(urdf).actuated == ("hip",)
+    assert run(["export", str(urdf), "--to", "mjcf", "--out", str(tmp_path)]) == 0
+    assert 'motor name="hip_motor" joint="hip"' in (tmp_path / "leg.xml").read_text(encoding="utf-8")
 
 
 LOOP = "loops: [{name: bar, type: distance, between: [foot, base.origin], length: 0.9}]\n"

@@ -94,7 +94,7 @@ def test_markers_and_condition_are_told(tmp_path: Path) -> None:
         "attach: [{link: marker, to: LINK, mass: 1e-9, com: [0, 0, 0], inertia: {zz: 1e-9}, joint: JOINT}]"
     )
     marker = marker.replace("JOINT", "{name: spin, type: revolute, axis: [0, 0, 1]}").replace("LINK", "rod")
-    scene.write_text(text.replace("robot:\n", f"robot:\n  {marker}\n"))
+    scene.write_text(text.replace("robot:\n", f"robot:\n  {marker}\n").replace("q: {", "q: {spin: 0, "))
     found = report(scene)
     sigma = found["mass_matrix_singular_values"]
     assert found["light_links"] == ["marker"] and found["mass_matrix_condition"] == sigma[0] / sigma[1] > 1e6
