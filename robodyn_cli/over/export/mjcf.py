@@ -35,6 +35,7 @@ JOINTS: Mapping[str, tuple[tuple[str, int], ...]] = {
 }
 _FREE = (("free", 2),)
 _COORDINATES = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
+LEAST, ROUNDING = 1e-15, 1e-12  # moments of inertia that MuJoCo takes [kg m^2]; of what they may add up to
 ACROSS = 0.1  # distance [m] along its axis of the two points that a pin ties
 
 
@@ -203,6 +204,11 @@ def _problems(robot: ExportedRobot) -> Iterator[str]:
         if not heavy and robot.link(name).type != "fixed":
             yield f"link {name!r} moves and has no mass, which MuJoCo does not take"
     for link in robot.links:
+        moments = np.linalg.eigvalsh(link.inertia)
+        if not link.massless and moments[0] <= LEAST:
+            yield f"link {link.name!r} has no moment of inertia about some axis, which MuJoCo does not take"
+        elif moments[2] > (moments[0] + moments[1]) * (1.0 + ROUNDING):
+            yield f"link {link.name!r} has moments of inertia that no body can have, which MuJoCo does not take"
         rotors = {one.rotor_inertia * one.gear_ratio**2 for one in link.coordinates}
         if link.type in ("spherical", "floating") and len(rotors) > 1:
             yield f"the rotors of joint {link.joint!r} differ by direction"
