@@ -16,7 +16,7 @@ schema: 1
 gravity: [0, 0, -9.81]
 robot:
   joints:
-    - {name: hip, type: revolute, axis: [0, 1, 0], limits: {lower: -1, upper: 1, acceleration: 5}}
+    - {name: hip, type: revolute, axis: [0, 1, 0], limits: {lower: -1, upper: 1, speed: 4, acceleration: 5}}
     - {name: knee, type: revolute, axis: [0, 1, 0], origin: {xyz: [0, 0, -0.4], rpy: [0.1, 0, 0.3]}}
   links:
     - {name: world, mass: 2, com: [0, 0, -0.2], inertia: {xx: 0.03, yy: 0.03, zz: 0.01}}
@@ -46,6 +46,7 @@ def test_what_is_written_and_said(kind: str, files: list[str], tmp_path: Path, c
     code, out = export(tmp_path, kind)
     said = capsys.readouterr()
     assert code == 0 and sorted(path.name for path in out.iterdir()) == files
+    assert ("speed of hip" in said.err) == (kind == "mjcf")
     assert "acceleration of hip" in said.err and "1 shapes of links, 1 points, torques" in said.err
     assert ("world is world_2" in said.err) == (
         kind in ("mjcf", "sdf")

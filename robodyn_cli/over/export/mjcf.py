@@ -78,6 +78,12 @@ def _notes(robot: ExportedRobot) -> Iterator[str]:
         yield f"pins are two points each, {ACROSS} m apart along the axis: {listed(pins)}"
     if any({"lower", "upper"} <= one.limits.keys() for link in robot.links for one in link.coordinates):
         yield "ranges of joints are stops in MuJoCo, and soft"
+    ends = {"lower", "upper"}
+    open_ = [
+        one.name for link in robot.links for one in link.coordinates if len(ends & one.limits.keys()) == 1
+    ]
+    if open_:
+        yield f"left out, for a range has two ends: {listed(open_)}"
     flying = [link.joint for link in robot.links if link.type == "floating" and joints_of(link) is not _FREE]
     if flying:
         yield f"floating joints that begin off the world's frame are three slides and a ball: {listed(flying)}"
@@ -223,5 +229,6 @@ MJCF = Format(
     along=("cylindrical", "universal", "planar"),
     springs=True,
     in_space=True,
+    limits=("lower", "upper", "effort"),
     reserved=("world",),
 )

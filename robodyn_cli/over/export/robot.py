@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from robodyn_cli.errors import listed
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.model.model import BASE, Body, FixedFrame, JointForce, Model
@@ -327,6 +328,12 @@ def _follows(mimics: Mapping[str, tuple[str, float, float, str]], joint: str, ot
         if joint == other:
             return True
     return joint == other
+
+
+def rotor_notes(robot: ExportedRobot) -> list[str]:
+    """Return what there is to say of rotors that are written as Drake has them."""
+    names = [link.joint for link in robot.links if any(one.rotor_inertia for one in link.coordinates)]
+    return [f"rotors as Drake has them, which others pass over: {listed(names)}"] if names else []
 
 
 def held_root(robot: ExportedRobot) -> bool:

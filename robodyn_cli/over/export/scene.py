@@ -42,7 +42,7 @@ class Format:
     name : as files of it are called. joints, loops : kinds. turned : kinds of joint whose links need the joint's axes.
     along : kinds with several coordinates whose forces and limits it has, coordinate by coordinate. springs : whether
     joints may have some. in_space : whether dampers of balls. assembled : whether poses of links must close the loops.
-    reserved : names that no link may have.
+    limits : those that it has. reserved : names that no link may have.
     write : f(robot, what there is to say, to which it adds) -> texts by name of file.
     problems : what else it cannot hold, one text each.
     """
@@ -57,6 +57,7 @@ class Format:
     springs: bool = False
     in_space: bool = False
     assembled: bool = False
+    limits: tuple[str, ...] = ("lower", "upper", "speed", "effort")
     reserved: tuple[str, ...] = ()
 
 
@@ -259,7 +260,7 @@ def _limits(scene: Scene, model: Model, form: Format, notes: list[str]) -> dict[
             kept = name == joint.name or joint.type in form.along
             limits[name] = {
                 k: float(x) for k, x in given.items()
-                if kept and k not in ("acceleration", "jerk") and not isinstance(x, (tuple, list))
+                if kept and k in form.limits and not isinstance(x, (tuple, list))
             }  # fmt: skip
             left += [f"{k} of {name}" for k in given if k not in limits[name]]
     if left:

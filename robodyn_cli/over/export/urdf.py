@@ -21,6 +21,7 @@ from robodyn_cli.over.export.robot import (
     followers,
     fresh,
     held_root,
+    rotor_notes,
     words,
     xml_text,
 )
@@ -56,6 +57,7 @@ class UrdfWriter:
                 self.joint(link)
         for link in robot.links:
             self.transmission(link)
+        notes += rotor_notes(robot)
 
     def name(self, link: str) -> str:
         """Return the name of a link, or of what stands for the ground."""
