@@ -1,7 +1,8 @@
 """MuJoCo's compiler: the model's arrays, and which element of the file each of its parts is from.
 
 Geometry that gives no inertia is left out before it compiles, so that meshes need not be there; those that give some
-are read within bounds here. Whatever the compiler refuses is told at its element.
+are read within bounds here. It is tried in a process of its own first, for it may crash, or loop forever. Whatever the
+compiler refuses is told at its element.
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ import contextlib
 import importlib.util
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.foreign import survive
 from robodyn_cli.record import record
 from robodyn_cli.scene.mesh.files import MeshError, mesh_bytes
 from robodyn_cli.scene.mjcf.source import MjcfText
@@ -24,6 +27,8 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 PACKAGE = "mujoco"
 EXTRA = "a robot in MJCF needs the package mujoco{}: pip install 'robodyn[mjcf]'"
 OLDEST = "3.3.7"
+COMPILER = "MuJoCo's compiler"
+SECONDS = 30.0  # that it may take; the most bodies and elements take some three
 _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 _SURFACES = ("mjGEOM_PLANE", "mjGEOM_HFIELD", "mjGEOM_SDF")  # without a volume, or one that needs a plugin
 _MESHES = (".stl", ".obj")
@@ -32,7 +37,7 @@ _TARGETS = ("tendon", "site", "body", "cranksite", "slidersite", "joint", "joint
 ACTUATORS, TENDONS = "actuators that are no torques", "tendons"
 LIMITS, COLLIDING = "limits of tendons", "contacts of the geoms of"
 UNWEIGHED = "the mass of meshes of what stands still"
-WARNED = "MuJoCo's compiler warns"
+WARNED = f"{COMPILER} warns"
 
 
 @record
@@ -63,6 +68,10 @@ def compiled(source: MjcfText, faults: Faults) -> Compiled | None:
         raise source.root.error(EXTRA.format(""))
     if tuple(map(int, re.findall("[0-9]+", version(PACKAGE))[:3])) < tuple(map(int, OLDEST.split("."))):
         raise source.root.error(EXTRA.format(f" {OLDEST} or newer (here {version(PACKAGE)})"))
+    try:
+        survive(_Compiler(source, faults).compiled, SECONDS, COMPILER)
+    except (TimeoutError, RuntimeError) as error:
+        raise source.root.error(f"{COMPILER}: {error}") from None
     return _Compiler(source, faults).compiled()
 
 
@@ -99,25 +108,25 @@ class _Compiler:
 
     @contextlib.contextmanager
     def telling(self) -> Iterator[None]:
-        """Raise what the compiler refuses, or warns of, as the error of the element that it names."""
+        """Raise what the compiler refuses as the error of the element that it names; what it warns of is kept."""
         mujoco = self.mujoco
         mujoco.set_mju_user_warning(self.warnings.append)  # else it writes a file
         try:
-            yield
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                yield
+            self.warnings += [str(warning.message) for warning in said]
         except (ValueError, RuntimeError, mujoco.FatalError) as error:
             if isinstance(error, SceneError):
                 raise
             raise self.error(str(error)) from None
         finally:
             mujoco.set_mju_user_warning(None)
-        for element in self.source.elements if any("NaN" in said for said in self.warnings) else ():
-            if any("nan" in word.lower() for text in element.attributes.values() for word in text.split()):
-                raise element.error(f"<{element.tag}> has a number that is not finite; allowed: finite ones")
 
     def error(self, said: str) -> SceneError:
         lines = [line for line in said.splitlines() if line.strip()]
         text = lines[0].removeprefix("XML ").removeprefix("Error: ") if lines else "it refuses the file"
-        return self.source.of(said).error(f"MuJoCo's compiler: {text}")
+        return self.source.of(said).error(f"{COMPILER}: {text}")
 
     def leave(self, title: str, name: str) -> None:
         self.left.setdefault(title, []).append(name)
@@ -181,6 +190,7 @@ class _Compiler:
                 ):
                     spec.delete(geom)
                 elif geom.meshname:
+                    geom.contype = geom.conaffinity = 0  # contacts need hulls, which take long
                     used.add(geom.meshname)
         for mesh in list(spec.meshes):
             if mesh.name not in used:

@@ -132,7 +132,8 @@ class _MjcfTree:
             given = next(iter(element.all("inertial")), element)
             at = UrdfPose(tuple(float(x) + 0.0 for x in m.body_ipos[b] - self.seats[b]))
             inertial = Inertial(given, float(m.body_mass[b]), at, moments)
-        shapes = [x for g in range(m.ngeom) if m.geom_bodyid[g] == b for x in self.shape(g)]
+        start = int(m.body_geomadr[b])
+        shapes = [x for g in range(start, start + int(m.body_geomnum[b])) for x in self.shape(g)]
         visual, collision = (tuple(x for x, collides in shapes if collides == c) for c in (False, True))
         return UrdfLink(element, self.bodies[b], inertial, visual, collision)
 
