@@ -148,7 +148,7 @@ def test_names(tmp_path: Path) -> None:
         ("body1_hinge", "base", "x"),
         ("_2_y_fixed", "x", "_2_y"),
     ]
-    assert [link.get("mass") for link in robot["links"]][0] == 0
+    assert robot["links"][0] == {"name": "body1__body1_hinge2", "mass": 0}
     assert "in the MJCF: '2 y'" in robot_yaml(found, ".")
 
 

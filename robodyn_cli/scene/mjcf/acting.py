@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from robodyn_cli.scene.mjcf.compiled import ACTUATORS, Compiled
+from robodyn_cli.scene.mjcf.compiled import ACTUATORS, MjcfModel
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 KINDS = ("free", "ball", "slide", "hinge")  # by the compiler's numbers
@@ -15,7 +15,7 @@ SINGLE = ("slide", "hinge")
 class Acting:
     """The forces in the joints of a model; ``types`` : of its joints. motors, actuators : on each, by number."""
 
-    def __init__(self, compiled: Compiled) -> None:
+    def __init__(self, compiled: MjcfModel) -> None:
         self.compiled, self.m = compiled, compiled.model
         self.types = [KINDS[int(kind)] for kind in self.m.jnt_type]
         self.motors: dict[int, list[int]] = {}
@@ -34,8 +34,7 @@ class Acting:
         """Tell whether an actuator is a factor times its control, without states, bias or delay."""
         m = self.m
         numbers = (m.actuator_gaintype[a], m.actuator_biastype[a], m.actuator_dyntype[a])
-        delay = getattr(m, "actuator_delay", None)
-        return not any(numbers) and (delay is None or not delay[a])
+        return not any(numbers) and not _has(m, "actuator_delay", a)
 
     def is_on(self, *flags: str) -> bool:
         """Tell whether none of some parts of the equations is switched off by a <flag> of the file."""

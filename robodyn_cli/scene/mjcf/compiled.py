@@ -33,7 +33,7 @@ _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 _SURFACES = ("mjGEOM_PLANE", "mjGEOM_HFIELD", "mjGEOM_SDF")  # without a volume, or one that needs a plugin
 _MESHES = (".stl", ".obj")
 _TARGETS = ("tendon", "site", "body", "cranksite", "slidersite", "joint", "jointinparent")
-# what is left out, see ``Compiled``
+# what is left out, see ``MjcfModel``
 ACTUATORS, TENDONS = "actuators that are no torques", "tendons"
 LIMITS, COLLIDING = "limits of tendons", "contacts of the geoms of"
 UNWEIGHED = "the mass of meshes of what stands still"
@@ -41,23 +41,24 @@ WARNED = f"{COMPILER} warns"
 
 
 @record
-class Compiled:
+class MjcfModel:
     """A model's arrays; ``elements`` : the element of each body, joint, site, equality, tendon, actuator and geom.
 
-    left : names by what is left out of them.
+    left : names by what is left out of them. files : of meshes.
     """
 
     source: MjcfText
     model: Any
     elements: dict[str, dict[int, XmlElement]]
     left: dict[str, list[str]]
+    files: tuple[str, ...]
 
     def name(self, kind: str, number: int) -> str:
         """Return the name of a part, empty without one."""
         return str(getattr(self.model, kind)(number).name)
 
 
-def compiled(source: MjcfText, faults: Faults) -> Compiled | None:
+def compiled(source: MjcfText, faults: Faults) -> MjcfModel | None:
     """Return the model of a file, None where something in it is refused, which is reported.
 
     Raises
@@ -82,8 +83,9 @@ class _Compiler:
         self.source, self.faults, self.mujoco = source, faults, mujoco
         self.left: dict[str, list[str]] = {}
         self.warnings: list[str] = []
+        self.files: list[str] = []
 
-    def compiled(self) -> Compiled | None:
+    def compiled(self) -> MjcfModel | None:
         with self.telling():
             spec = self.mujoco.MjSpec.from_string(self.source.text)
         self.left_actuators(spec)
@@ -104,7 +106,7 @@ class _Compiler:
         elements = {kind: {x.id: self.source.of(x.info) for x in parts} for kind, parts in kinds.items()}
         if self.warnings:
             self.left[WARNED] = list(dict.fromkeys(" ".join(said.split()) for said in self.warnings))
-        return Compiled(self.source, model, elements, self.left)
+        return MjcfModel(self.source, model, elements, self.left, tuple(self.files))
 
     @contextlib.contextmanager
     def telling(self) -> Iterator[None]:
@@ -223,6 +225,7 @@ class _Compiler:
                     "allowed: an <inertial> in each body that moves, or the file there"
                 ) from None
             mesh.file = own
+            self.files.append(path)
         return assets
 
 
