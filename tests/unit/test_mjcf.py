@@ -240,6 +240,13 @@ def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     assert ":1:1: a robot in MJCF needs the package mujoco: pip install 'robodyn[mjcf]'" in refused(path)
 
 
+def test_a_compiler_that_does_not_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robodyn_cli.scene.mjcf.compiled.SECONDS", 0.0)
+    assert "robot.xml:1:1: MuJoCo's compiler: reading it does not end within 0 s" in refused(
+        written(tmp_path)
+    )
+
+
 def test_a_scene_tells_what_is_left_out(tmp_path: Path) -> None:
     path = tmp_path / "scene.yaml"
     written(
