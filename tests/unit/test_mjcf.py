@@ -102,6 +102,7 @@ LEFT = {
     '<equality><weld name="w" body1="a" body2="c" active="false"/></equality>': "left out: equalities that are not active: w",
     '<equality><weld name="w" body1="a" body2="c" solref="0.1 1"/></equality>': "left out: solref and solimp, by which equalities give way; they are exact here",
     '<sensor><clock/></sensor><keyframe><key/></keyframe><keyframe/>': "left out, for no equation reads it: 1 <sensor>, 2 <keyframe>",
+    f'<worldbody><body>{BODY}<joint name="q" type="ball" range="0 30" limited="true"/></body></worldbody>': "left out: limits of ball joints: q",
     '<option gravity="0 1 -2"/>': "gravity in the file, which that of the scene replaces: [0, 1, -2]",
     '<option gravity="0 1 -2"><flag gravity="disable"/></option>': "gravity in the file, which that of the scene replaces: [0, 0, 0]",
     '<worldbody><body name="x" gravcomp="1"><freejoint/><geom size="1"/><geom size="2"/></body></worldbody>': "Doubtful: bodies with gravcomp, on which the gravity of the scene acts in full: x",
@@ -139,16 +140,17 @@ def test_what_acts_in_joints(tmp_path: Path) -> None:
 def test_names(tmp_path: Path) -> None:
     """Bodies and joints without names get some that no other has; chains of joints get links between them."""
     bodies = f"""<body><joint/><joint/>{BODY}</body><body name="x"><joint name="body1_hinge"/>{BODY}
-    <body name="2 y"><geom size="1"/></body></body>"""
+    <body name="2 y"><geom size="1"/></body></body><body name="body1::body1_hinge2"/>"""
     found, robot = read(tmp_path, bodies=bodies)
     joints = [(joint["name"], joint["parent"], joint["link"]) for joint in robot["joints"]]
     assert joints == [
-        ("body1_hinge2", "base", "body1__body1_hinge2"),
-        ("body1_hinge3", "body1__body1_hinge2", "body1"),
+        ("body1_hinge2", "base", "body1__body1_hinge2_"),
+        ("body1_hinge3", "body1__body1_hinge2_", "body1"),
         ("body1_hinge", "base", "x"),
         ("_2_y_fixed", "x", "_2_y"),
+        ("body1__body1_hinge2_fixed", "base", "body1__body1_hinge2"),
     ]
-    assert robot["links"][0] == {"name": "body1__body1_hinge2", "mass": 0}
+    assert robot["links"][0] == {"name": "body1__body1_hinge2_", "mass": 0}
     assert "in the MJCF: '2 y'" in robot_yaml(found, ".")
 
 

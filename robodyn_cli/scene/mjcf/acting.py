@@ -10,6 +10,7 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 
 KINDS = ("free", "ball", "slide", "hinge")  # by the compiler's numbers
 SINGLE = ("slide", "hinge")
+CONES = "limits of ball joints"
 
 
 class Acting:
@@ -95,6 +96,8 @@ class Acting:
         """Return limits of q and of the torque; nothing of joints with several coordinates."""
         m = self.m
         if self.types[j] not in SINGLE:
+            if m.jnt_limited[j]:
+                self.compiled.left.setdefault(CONES, []).append(self.compiled.name("joint", j))
             return {}
         limits: dict[str, Any] = {}
         if m.jnt_limited[j] and self.is_on("LIMIT", "CONSTRAINT"):

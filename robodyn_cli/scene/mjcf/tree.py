@@ -64,6 +64,7 @@ class _MjcfTree:
         self.names = _named(given, lambda k: f"{self.bodies[owners[k]]}_{kinds[k]}")
         self.fixed = dict(zip(still, self.names[m.njnt :]))
         self.seats: list[Array] = [np.zeros(3)]
+        self.taken = {*self.bodies}
         self.steps = [step for b in range(1, m.nbody) for step in self.steps_to(b)]
         self.joints = joint_names(self.names)
         self.links = {self.bodies[0]: GROUND} | link_names(step.link for step in self.steps)
@@ -84,6 +85,9 @@ class _MjcfTree:
                 seat = m.jnt_pos[j]
             name = self.fixed[b] if j is None else self.names[j]
             link = body if j == numbers[-1] else f"{body}::{name}"
+            while link != body and link in self.taken:
+                link += "_"
+            self.taken.add(link)
             if j == numbers[0]:
                 moved = m.body_pos[b] - above + (first.rotation @ seat if seat.any() else 0.0)
                 origin = pose(moved, m.body_quat[b])
