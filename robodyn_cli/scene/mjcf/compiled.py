@@ -37,6 +37,7 @@ _TARGETS = ("tendon", "site", "body", "cranksite", "slidersite", "joint", "joint
 ACTUATORS, TENDONS = "actuators that are no torques", "tendons"
 LIMITS, COLLIDING = "limits of tendons", "contacts of the geoms of"
 UNWEIGHED = "the mass of meshes of what stands still"
+INACTIVE = "equalities that are not active"
 WARNED = f"{COMPILER} warns"
 
 
@@ -170,7 +171,21 @@ class _Compiler:
                 self.leave(LIMITS, tendon.name)
             if element.tag == "spatial":  # fixed ones may stand in equalities
                 self.leave(TENDONS, tendon.name)
+                self.left_equalities(spec, tendon.name)
                 spec.delete(tendon)
+
+    def left_equalities(self, spec: Any, tendon: str) -> None:
+        """Leave out equalities of a spatial tendon that are not active; others are refused."""
+        kind = self.mujoco.mjtEq.mjEQ_TENDON
+        for equality in [x for x in spec.equalities if x.type == kind and tendon in (x.name1, x.name2)]:
+            element = self.source.of(equality.info)
+            with self.faults:
+                if equality.active:
+                    raise element.error(
+                        f"<tendon> {equality.name!r}: tendon {tendon!r} is spatial; allowed: fixed ones, sums of joints"
+                    )
+            self.leave(INACTIVE, equality.name or "(no name)")
+            spec.delete(equality)
 
     def left_geometry(self, spec: Any) -> None:
         """Leave out geometry that gives no inertia that counts and is not drawn, and meshes that none is left of."""

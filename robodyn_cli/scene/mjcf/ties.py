@@ -15,14 +15,13 @@ from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.scene.mjcf.acting import Acting
-from robodyn_cli.scene.mjcf.compiled import MjcfModel
+from robodyn_cli.scene.mjcf.compiled import INACTIVE, MjcfModel
 from robodyn_cli.scene.text.nodes import Faults, located
 from robodyn_cli.scene.urdf.closures import Closure, Coupling, LoopEnd, Ties
 from robodyn_cli.scene.urdf.elements import UrdfPose
 from robodyn_cli.scene.urdf.xml import XmlElement
 from robodyn_cli.spatial.algebra import Array
 
-INACTIVE = "equalities that are not active"
 _ROUNDING = 1e-12
 
 
