@@ -56,7 +56,7 @@ REFUSED = {
     f'\n<body pos="1 2">{BODY}</body>': ":2:1: MuJoCo's compiler: attribute 'pos' does not have enough data",
     '\n<body foo="1"/>': ":2:1: MuJoCo's compiler: Schema violation: unrecognized attribute: 'foo'",
     "\n<body><joint/></body>": ":2:1: MuJoCo's compiler: mass and inertia of moving bodies must be larger than mjMINVAL",
-    f'\n<body>{BODY}\n<joint ref="nan"/></body>': ":3:1: <joint> has a number that is not finite",
+    f'\n<body>{BODY}\n<joint ref="nan"/></body>': ":3:1: ref of <joint> is 'nan'; allowed: finite numbers",
     f'\n<body>{BODY}\n<joint name="x" stiffness="1 2"/></body>': ":3:1: joint 'x': its stiffness is a curve; allowed: one number",
     f'\n<body>{BODY}\n<joint name="x" damping="1 0 2"/></body>': ":3:1: joint 'x': its damping is a curve",
     f'\n<body>{BODY}\n<joint name="x" type="ball" frictionloss="1"/></body>': ":3:1: joint 'x': its frictionloss is that of a ball joint",
@@ -70,6 +70,7 @@ REFUSED_BELOW = {
     '\n<equality><flexvert flex="f"/></equality>': ":8:11: <flexvert> in <equality> acts on the motion, and is not read; allowed: rigid bodies",
     "\n" + TENDON.format('stiffness="3"'): ":8:9: tendon 't': its stiffness acts on the motion, and is not read",
     "\n" + TENDON.format('frictionloss="3"'): ":8:9: tendon 't': its frictionloss acts on the motion",
+    '\n<equality><tendon name="q" tendon1="u"/></equality><tendon><spatial name="u"><site site="s"/><site site="s"/></spatial></tendon>': ":8:11: <tendon> 'q': tendon 'u' is spatial; allowed: fixed ones",
     '\n<extension><plugin plugin="p"/></extension>': ":8:1: <extension> in <mujoco> acts on the motion, and is not read; allowed: a file without plugins",
     '\n<asset><model file="other.xml"/></asset>': ":8:8: <model> in <asset> acts on the motion, and is not read; allowed: the model itself",
     '\n<deformable><flex name="f"/></deformable>': ":8:13: <flex> in <deformable> acts on the motion",
@@ -99,9 +100,11 @@ LEFT = {
     '<actuator><motor joint="k"/></actuator>': "joints with motors: k",
     TENDON.format('limited="true" range="0 1"'): "Doubtful: limits of tendons, which are left out: t",
     '<tendon><spatial name="u"><site site="s"/><site site="s"/></spatial></tendon>': "left out: tendons: u",
+    '<equality><tendon name="q" tendon1="u" active="false"/></equality><tendon><spatial name="u"><site site="s"/><site site="s"/></spatial></tendon>': "left out: equalities that are not active: q",
     '<equality><weld name="w" body1="a" body2="c" active="false"/></equality>': "left out: equalities that are not active: w",
     '<equality><weld name="w" body1="a" body2="c" solref="0.1 1"/></equality>': "left out: solref and solimp, by which equalities give way; they are exact here",
     '<sensor><clock/></sensor><keyframe><key/></keyframe><keyframe/>': "left out, for no equation reads it: 1 <sensor>, 2 <keyframe>",
+    f'<worldbody><body>{BODY}<joint name="q" type="ball" range="0 30" limited="true"/></body></worldbody>': "left out: limits of ball joints: q",
     '<option gravity="0 1 -2"/>': "gravity in the file, which that of the scene replaces: [0, 1, -2]",
     '<option gravity="0 1 -2"><flag gravity="disable"/></option>': "gravity in the file, which that of the scene replaces: [0, 0, 0]",
     '<worldbody><body name="x" gravcomp="1"><freejoint/><geom size="1"/><geom size="2"/></body></worldbody>': "Doubtful: bodies with gravcomp, on which the gravity of the scene acts in full: x",
@@ -139,16 +142,17 @@ def test_what_acts_in_joints(tmp_path: Path) -> None:
 def test_names(tmp_path: Path) -> None:
     """Bodies and joints without names get some that no other has; chains of joints get links between them."""
     bodies = f"""<body><joint/><joint/>{BODY}</body><body name="x"><joint name="body1_hinge"/>{BODY}
-    <body name="2 y"><geom size="1"/></body></body>"""
+    <body name="2 y"><geom size="1"/></body></body><body name="body1::body1_hinge2"/>"""
     found, robot = read(tmp_path, bodies=bodies)
     joints = [(joint["name"], joint["parent"], joint["link"]) for joint in robot["joints"]]
     assert joints == [
-        ("body1_hinge2", "base", "body1__body1_hinge2"),
-        ("body1_hinge3", "body1__body1_hinge2", "body1"),
+        ("body1_hinge2", "base", "body1__body1_hinge2_"),
+        ("body1_hinge3", "body1__body1_hinge2_", "body1"),
         ("body1_hinge", "base", "x"),
         ("_2_y_fixed", "x", "_2_y"),
+        ("body1__body1_hinge2_fixed", "base", "body1__body1_hinge2"),
     ]
-    assert [link.get("mass") for link in robot["links"]][0] == 0
+    assert robot["links"][0] == {"name": "body1__body1_hinge2_", "mass": 0}
     assert "in the MJCF: '2 y'" in robot_yaml(found, ".")
 
 
@@ -220,6 +224,7 @@ def _large(tmp_path: Path) -> str:
         ('<replicate count="9999999999999"><body/></replicate>', "1000 bodies"),
         ('<replicate count="x"><body/></replicate>', "count of <replicate> is 'x'"),
         ("<body/>" * 1001, "1000 bodies"),
+        ("<site/>", "the file has no <body>"),
         ("<body>" * 60 + "</body>" * 60, "more than 50 deep"),
         ("<frame>" * 30 + '<include file="deep.xml"/>' + "</frame>" * 30, "more than 50 deep"),
     ],
@@ -237,6 +242,13 @@ def test_without_the_package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) ->
     )
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     assert ":1:1: a robot in MJCF needs the package mujoco: pip install 'robodyn[mjcf]'" in refused(path)
+
+
+def test_a_compiler_that_does_not_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robodyn_cli.scene.mjcf.compiled.SECONDS", 0.0)
+    assert "robot.xml:1:1: MuJoCo's compiler: reading it does not end within 0 s" in refused(
+        written(tmp_path)
+    )
 
 
 def test_a_scene_tells_what_is_left_out(tmp_path: Path) -> None:

@@ -5,22 +5,25 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from robodyn_cli.scene.mjcf.compiled import ACTUATORS, Compiled
+from robodyn_cli.scene.mjcf.compiled import ACTUATORS, MjcfModel
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 KINDS = ("free", "ball", "slide", "hinge")  # by the compiler's numbers
 SINGLE = ("slide", "hinge")
+CONES = "limits of ball joints"
 
 
 class Acting:
-    """The forces in the joints of a model; ``types`` : of its joints. motors : of each joint, by number."""
+    """The forces in the joints of a model; ``types`` : of its joints. motors, actuators : on each, by number."""
 
-    def __init__(self, compiled: Compiled) -> None:
+    def __init__(self, compiled: MjcfModel) -> None:
         self.compiled, self.m = compiled, compiled.model
         self.types = [KINDS[int(kind)] for kind in self.m.jnt_type]
         self.motors: dict[int, list[int]] = {}
+        self.actuators: dict[int, list[int]] = {}
         for a in range(len(self.m.actuator_trntype)):
             j = int(self.m.actuator_trnid[a][0])
+            self.actuators.setdefault(j, []).append(a)
             if self.types[j] in SINGLE and self.is_torque(a):
                 self.motors.setdefault(j, []).append(a)
             else:
@@ -32,8 +35,7 @@ class Acting:
         """Tell whether an actuator is a factor times its control, without states, bias or delay."""
         m = self.m
         numbers = (m.actuator_gaintype[a], m.actuator_biastype[a], m.actuator_dyntype[a])
-        delay = getattr(m, "actuator_delay", None)
-        return not any(numbers) and (delay is None or not delay[a])
+        return not any(numbers) and not _has(m, "actuator_delay", a)
 
     def is_on(self, *flags: str) -> bool:
         """Tell whether none of some parts of the equations is switched off by a <flag> of the file."""
@@ -52,7 +54,7 @@ class Acting:
         self.refuse(j, element)
         m, v, p = self.m, int(self.m.jnt_dofadr[j]), int(self.m.jnt_qposadr[j])
         damping, armature = float(m.dof_damping[v]), float(m.dof_armature[v])
-        for a in self.on(j):  # with or without control
+        for a in self.actuators.get(j, ()):  # with or without control
             gear = float(m.actuator_gear[a][0]) ** 2
             damping += gear * _first(m, "actuator_damping", a)
             armature += gear * _first(m, "actuator_armature", a)
@@ -75,29 +77,27 @@ class Acting:
     def refuse(self, j: int, element: XmlElement) -> None:
         """Raise the error of a joint with a force of a kind that is not read."""
         v, kind = int(self.m.jnt_dofadr[j]), self.types[j]
+        on = self.actuators.get(j, ())
         curved = [("jnt_stiffnesspoly", j), ("jnt_springyield", j), ("dof_dampingpoly", v)]
-        curved += [("actuator_dampingpoly", a) for a in self.on(j)]
-        single = [("dof_frictionloss", v), ("dof_armature", v)]
-        single += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in self.on(j)]
-        why = "is a curve; allowed: one number"
-        for key, number in (*curved, *(single if kind not in SINGLE else ())):
-            if (key, number) in single:
-                why = f"is that of a {kind} joint; allowed: of joints with one axis"
+        curved += [("actuator_dampingpoly", a) for a in on]
+        parts = [(*part, "is a curve; allowed: one number") for part in curved]
+        if kind not in SINGLE:
+            single = [("dof_frictionloss", v), ("dof_armature", v)]
+            single += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in on]
+            parts += [
+                (*part, f"is that of a {kind} joint; allowed: of joints with one axis") for part in single
+            ]
+        for key, number, why in parts:
             if _has(self.m, key, number):
-                owner, name = (
-                    f"joint {self.compiled.name('joint', j)!r}",
-                    key.partition("_")[2].removesuffix("poly"),
-                )
-                raise element.error(f"{owner}: its {name} {why}")
-
-    def on(self, j: int) -> list[int]:
-        """Return the actuators on a joint."""
-        return [a for a in range(len(self.m.actuator_trntype)) if int(self.m.actuator_trnid[a][0]) == j]
+                name = key.partition("_")[2].removesuffix("poly")
+                raise element.error(f"joint {self.compiled.name('joint', j)!r}: its {name} {why}")
 
     def limits(self, j: int, remarks: list[str]) -> dict[str, Any]:
         """Return limits of q and of the torque; nothing of joints with several coordinates."""
         m = self.m
         if self.types[j] not in SINGLE:
+            if m.jnt_limited[j]:
+                self.compiled.left.setdefault(CONES, []).append(self.compiled.name("joint", j))
             return {}
         limits: dict[str, Any] = {}
         if m.jnt_limited[j] and self.is_on("LIMIT", "CONSTRAINT"):

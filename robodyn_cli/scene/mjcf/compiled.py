@@ -1,7 +1,8 @@
 """MuJoCo's compiler: the model's arrays, and which element of the file each of its parts is from.
 
 Geometry that gives no inertia is left out before it compiles, so that meshes need not be there; those that give some
-are read within bounds here. Whatever the compiler refuses is told at its element.
+are read within bounds here. It is tried in a process of its own first, for it may crash, or loop forever. Whatever the
+compiler refuses is told at its element.
 """
 
 from __future__ import annotations
@@ -10,11 +11,13 @@ import contextlib
 import importlib.util
 import os
 import re
+import warnings
 from collections.abc import Iterator
 from importlib.metadata import version
 from typing import Any
 
 from robodyn_cli.errors import SceneError
+from robodyn_cli.foreign import survive
 from robodyn_cli.record import record
 from robodyn_cli.scene.mesh.files import MeshError, mesh_bytes
 from robodyn_cli.scene.mjcf.source import MjcfText
@@ -24,35 +27,39 @@ from robodyn_cli.scene.urdf.xml import XmlElement
 PACKAGE = "mujoco"
 EXTRA = "a robot in MJCF needs the package mujoco{}: pip install 'robodyn[mjcf]'"
 OLDEST = "3.3.7"
+COMPILER = "MuJoCo's compiler"
+SECONDS = 30.0  # that it may take; the most bodies and elements take some three
 _OF_TENDONS = ("stiffness", "damping", "frictionloss", "armature")
 _SURFACES = ("mjGEOM_PLANE", "mjGEOM_HFIELD", "mjGEOM_SDF")  # without a volume, or one that needs a plugin
 _MESHES = (".stl", ".obj")
 _TARGETS = ("tendon", "site", "body", "cranksite", "slidersite", "joint", "jointinparent")
-# what is left out, see ``Compiled``
+# what is left out, see ``MjcfModel``
 ACTUATORS, TENDONS = "actuators that are no torques", "tendons"
 LIMITS, COLLIDING = "limits of tendons", "contacts of the geoms of"
 UNWEIGHED = "the mass of meshes of what stands still"
-WARNED = "MuJoCo's compiler warns"
+INACTIVE = "equalities that are not active"
+WARNED = f"{COMPILER} warns"
 
 
 @record
-class Compiled:
+class MjcfModel:
     """A model's arrays; ``elements`` : the element of each body, joint, site, equality, tendon, actuator and geom.
 
-    left : names by what is left out of them.
+    left : names by what is left out of them. files : of meshes.
     """
 
     source: MjcfText
     model: Any
     elements: dict[str, dict[int, XmlElement]]
     left: dict[str, list[str]]
+    files: tuple[str, ...]
 
     def name(self, kind: str, number: int) -> str:
         """Return the name of a part, empty without one."""
         return str(getattr(self.model, kind)(number).name)
 
 
-def compiled(source: MjcfText, faults: Faults) -> Compiled | None:
+def compiled(source: MjcfText, faults: Faults) -> MjcfModel | None:
     """Return the model of a file, None where something in it is refused, which is reported.
 
     Raises
@@ -63,6 +70,10 @@ def compiled(source: MjcfText, faults: Faults) -> Compiled | None:
         raise source.root.error(EXTRA.format(""))
     if tuple(map(int, re.findall("[0-9]+", version(PACKAGE))[:3])) < tuple(map(int, OLDEST.split("."))):
         raise source.root.error(EXTRA.format(f" {OLDEST} or newer (here {version(PACKAGE)})"))
+    try:
+        survive(_Compiler(source, faults).compiled, SECONDS, COMPILER)
+    except (TimeoutError, RuntimeError) as error:
+        raise source.root.error(f"{COMPILER}: {error}") from None
     return _Compiler(source, faults).compiled()
 
 
@@ -73,8 +84,9 @@ class _Compiler:
         self.source, self.faults, self.mujoco = source, faults, mujoco
         self.left: dict[str, list[str]] = {}
         self.warnings: list[str] = []
+        self.files: list[str] = []
 
-    def compiled(self) -> Compiled | None:
+    def compiled(self) -> MjcfModel | None:
         with self.telling():
             spec = self.mujoco.MjSpec.from_string(self.source.text)
         self.left_actuators(spec)
@@ -95,29 +107,29 @@ class _Compiler:
         elements = {kind: {x.id: self.source.of(x.info) for x in parts} for kind, parts in kinds.items()}
         if self.warnings:
             self.left[WARNED] = list(dict.fromkeys(" ".join(said.split()) for said in self.warnings))
-        return Compiled(self.source, model, elements, self.left)
+        return MjcfModel(self.source, model, elements, self.left, tuple(self.files))
 
     @contextlib.contextmanager
     def telling(self) -> Iterator[None]:
-        """Raise what the compiler refuses, or warns of, as the error of the element that it names."""
+        """Raise what the compiler refuses as the error of the element that it names; what it warns of is kept."""
         mujoco = self.mujoco
         mujoco.set_mju_user_warning(self.warnings.append)  # else it writes a file
         try:
-            yield
+            with warnings.catch_warnings(record=True) as said:
+                warnings.simplefilter("always")
+                yield
+            self.warnings += [str(warning.message) for warning in said]
         except (ValueError, RuntimeError, mujoco.FatalError) as error:
             if isinstance(error, SceneError):
                 raise
             raise self.error(str(error)) from None
         finally:
             mujoco.set_mju_user_warning(None)
-        for element in self.source.elements if any("NaN" in said for said in self.warnings) else ():
-            if any("nan" in word.lower() for text in element.attributes.values() for word in text.split()):
-                raise element.error(f"<{element.tag}> has a number that is not finite; allowed: finite ones")
 
     def error(self, said: str) -> SceneError:
         lines = [line for line in said.splitlines() if line.strip()]
         text = lines[0].removeprefix("XML ").removeprefix("Error: ") if lines else "it refuses the file"
-        return self.source.of(said).error(f"MuJoCo's compiler: {text}")
+        return self.source.of(said).error(f"{COMPILER}: {text}")
 
     def leave(self, title: str, name: str) -> None:
         self.left.setdefault(title, []).append(name)
@@ -159,7 +171,21 @@ class _Compiler:
                 self.leave(LIMITS, tendon.name)
             if element.tag == "spatial":  # fixed ones may stand in equalities
                 self.leave(TENDONS, tendon.name)
+                self.left_equalities(spec, tendon.name)
                 spec.delete(tendon)
+
+    def left_equalities(self, spec: Any, tendon: str) -> None:
+        """Leave out equalities of a spatial tendon that are not active; others are refused."""
+        kind = self.mujoco.mjtEq.mjEQ_TENDON
+        for equality in [x for x in spec.equalities if x.type == kind and tendon in (x.name1, x.name2)]:
+            element = self.source.of(equality.info)
+            with self.faults:
+                if equality.active:
+                    raise element.error(
+                        f"<tendon> {equality.name!r}: tendon {tendon!r} is spatial; allowed: fixed ones, sums of joints"
+                    )
+            self.leave(INACTIVE, equality.name or "(no name)")
+            spec.delete(equality)
 
     def left_geometry(self, spec: Any) -> None:
         """Leave out geometry that gives no inertia that counts and is not drawn, and meshes that none is left of."""
@@ -181,6 +207,7 @@ class _Compiler:
                 ):
                     spec.delete(geom)
                 elif geom.meshname:
+                    geom.contype = geom.conaffinity = 0  # contacts need hulls, which take long
                     used.add(geom.meshname)
         for mesh in list(spec.meshes):
             if mesh.name not in used:
@@ -213,6 +240,7 @@ class _Compiler:
                     "allowed: an <inertial> in each body that moves, or the file there"
                 ) from None
             mesh.file = own
+            self.files.append(path)
         return assets
 
 

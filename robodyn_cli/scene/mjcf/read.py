@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from robodyn_cli.errors import listed
 from robodyn_cli.scene.dialects import Description, Packages
 from robodyn_cli.scene.mjcf.acting import Acting
-from robodyn_cli.scene.mjcf.compiled import LIMITS, WARNED, Compiled, compiled
+from robodyn_cli.scene.mjcf.compiled import LIMITS, WARNED, MjcfModel, compiled
 from robodyn_cli.scene.mjcf.source import source_text
 from robodyn_cli.scene.mjcf.tree import robot_tree
 from robodyn_cli.scene.text.nodes import Faults
@@ -41,11 +41,11 @@ def read_mjcf(root: XmlElement, faults: Faults, packages: Packages) -> Descripti
         _heading(model, acting),
         tuple(_notes(model, acting)),
         tuple(_warnings(model)),
-        source.files,
+        (*source.files, *model.files),
     )
 
 
-def _refuse_fluid(model: Compiled, faults: Faults) -> None:
+def _refuse_fluid(model: MjcfModel, faults: Faults) -> None:
     for key in ("density", "viscosity"):
         value = float(getattr(model.model.opt, key))
         if value:
@@ -55,7 +55,7 @@ def _refuse_fluid(model: Compiled, faults: Faults) -> None:
                 )
 
 
-def _heading(model: Compiled, acting: Acting) -> tuple[str, ...]:
+def _heading(model: MjcfModel, acting: Acting) -> tuple[str, ...]:
     m = model.model
     kinds = Counter(acting.types)
     joints = ", ".join(f"{n} {kind}" for kind, n in kinds.items()) or "none"
@@ -68,7 +68,7 @@ def _heading(model: Compiled, acting: Acting) -> tuple[str, ...]:
     )
 
 
-def _notes(model: Compiled, acting: Acting) -> Iterator[str]:
+def _notes(model: MjcfModel, acting: Acting) -> Iterator[str]:
     m = model.model
     gravity = [float(x) if acting.is_on("GRAVITY") else 0.0 for x in m.opt.gravity]
     free = [
@@ -93,7 +93,7 @@ def _notes(model: Compiled, acting: Acting) -> Iterator[str]:
             yield f"left out: {title}: {listed([f'{name} ({n})' if n > 1 else name for name, n in each.items()])}"
 
 
-def _warnings(model: Compiled) -> Iterator[str]:
+def _warnings(model: MjcfModel) -> Iterator[str]:
     m = model.model
     if LIMITS in model.left:
         yield f"{LIMITS}, which are left out: {listed(model.left[LIMITS])}"

@@ -7,10 +7,12 @@ Each element has a line of its own, by which the compiler's messages lead back t
 from __future__ import annotations
 
 import os
+import re
 from collections import Counter
 from collections.abc import Iterator
 from xml.sax.saxutils import quoteattr
 
+from robodyn_cli.errors import shown
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults, Source
 from robodyn_cli.scene.text.yaml_text import MAX_BYTES, read_text
@@ -19,6 +21,7 @@ from robodyn_cli.scene.urdf.xml import MAX_DEPTH, XmlElement, parse_xml
 
 # with all copies of <replicate>; the compiler's time and memory grow with the square
 MOST_BODIES, MOST_ELEMENTS = 1000, 20_000
+_ENDLESS = re.compile(r"[-+]?(nan|inf|infinity)(\(.*\))?")
 _BODIES = "the bodies themselves"
 _RIGID = "rigid bodies"
 _IN_BODY = ("body", "frame", "replicate", "joint", "freejoint", "inertial", "geom", "site")
@@ -93,14 +96,23 @@ def source_text(root: XmlElement, faults: Faults) -> MjcfText | None:
     files.include(root, files.folder)
     left = left_out(root, ELEMENTS, faults)
     _check_number(root)
+    lines = list(_lines(root)) if not faults.found else []
+    elements = tuple(element for _, element in lines)
+    for element in {id(element): element for element in elements}.values():
+        with faults:
+            _check_numbers(element)
+    if not faults.found and not any(element.tag == "body" for element in elements):
+        raise root.error("the file has no <body>; allowed: one or more")
     if faults.found:
         return None
-    lines: list[str] = []
-    elements: list[XmlElement] = []
-    for line, element in _lines(root):
-        lines.append(line)
-        elements.append(element)
-    return MjcfText(root, "\n".join(lines), tuple(elements), left, tuple(files.names))
+    return MjcfText(root, "\n".join(line for line, _ in lines), elements, left, tuple(files.names))
+
+
+def _check_numbers(element: XmlElement) -> None:
+    """Raise the error of an element with a number that is not finite, with which the compiler may go on."""
+    for key, text in element.attributes.items():
+        if any(_ENDLESS.fullmatch(word) for word in text.lower().split()):
+            raise element.error(f"{key} of <{element.tag}> is {shown(text)}; allowed: finite numbers")
 
 
 class _Files:
@@ -165,18 +177,22 @@ def _check_number(root: XmlElement) -> None:
             )
         if element.tag == "replicate":
             copies *= max(1, int(min(element.number("count", "replicate"), 1e9)))
-        pending += ((child, copies) for child in reversed(element.children))
+        pending += ((child, copies) for child in reversed(list(_read_in(element))))
+
+
+def _read_in(element: XmlElement) -> Iterator[XmlElement]:
+    """Yield the children of an element that the compiler is given."""
+    known = ELEMENTS[element.tag].read
+    yield from (child for child in element.children if child.tag in known)
 
 
 def _lines(element: XmlElement) -> Iterator[tuple[str, XmlElement]]:
     """Yield the lines of an element, each with the element that it is about."""
-    known = ELEMENTS[element.tag].read
     # a material is for pictures, and its name means nothing without <asset>
     given = "".join(
         f" {key}={quoteattr(text)}" for key, text in element.attributes.items() if key != "material"
     )
     yield f"<{element.tag}{given}>", element
-    for child in element.children:
-        if child.tag in known:
-            yield from _lines(child)
+    for child in _read_in(element):
+        yield from _lines(child)
     yield f"</{element.tag}>", element

@@ -15,19 +15,18 @@ from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.scene.mjcf.acting import Acting
-from robodyn_cli.scene.mjcf.compiled import Compiled
+from robodyn_cli.scene.mjcf.compiled import INACTIVE, MjcfModel
 from robodyn_cli.scene.text.nodes import Faults, located
 from robodyn_cli.scene.urdf.closures import Closure, Coupling, LoopEnd, Ties
 from robodyn_cli.scene.urdf.elements import UrdfPose
 from robodyn_cli.scene.urdf.xml import XmlElement
 from robodyn_cli.spatial.algebra import Array
 
-INACTIVE = "equalities that are not active"
 _ROUNDING = 1e-12
 
 
 @record
-class Ends:
+class MjcfEnds:
     """What equalities join; ``bodies`` : their names. seats : where the origins of their links are in their frames.
 
     joints : names in the scene.
@@ -44,10 +43,12 @@ class Ends:
         return LoopEnd(self.bodies[body], UrdfPose(xyz, quaternion=turned))
 
 
-def ties_of(compiled: Compiled, acting: Acting, ends: Ends, faults: Faults) -> tuple[Ties, dict[str, float]]:
+def ties_of(
+    compiled: MjcfModel, acting: Acting, ends: MjcfEnds, faults: Faults
+) -> tuple[Ties, dict[str, float]]:
     """Return the loops and couplers of a model, and where joints are held; those that are not read are reported."""
     m = compiled.model
-    reader = _Reader(compiled, ends)
+    reader = _EqualityReader(compiled, ends)
     closures: list[Closure] = []
     couplings: list[Coupling] = []
     for e in range(m.neq if acting.is_on("EQUALITY", "CONSTRAINT") else 0):
@@ -95,8 +96,8 @@ def _without_held(couplings: list[Coupling], held: dict[str, float]) -> list[Cou
     ]
 
 
-class _Reader:
-    def __init__(self, compiled: Compiled, ends: Ends) -> None:
+class _EqualityReader:
+    def __init__(self, compiled: MjcfModel, ends: MjcfEnds) -> None:
         self.m, self.ends = compiled.model, ends
 
     def closure(self, e: int, element: XmlElement, name: str) -> Closure:

@@ -16,8 +16,8 @@ import numpy as np
 from robodyn_cli.record import record
 from robodyn_cli.scene.dialects import RobotTree
 from robodyn_cli.scene.mjcf.acting import SINGLE, Acting
-from robodyn_cli.scene.mjcf.compiled import Compiled
-from robodyn_cli.scene.mjcf.ties import Ends, ties_of
+from robodyn_cli.scene.mjcf.compiled import MjcfModel
+from robodyn_cli.scene.mjcf.ties import MjcfEnds, ties_of
 from robodyn_cli.scene.sdf.frames import cleaned
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
@@ -33,7 +33,7 @@ _MOMENTS = ("xx", "yy", "zz", "xy", "xz", "yz")
 
 
 @record
-class Step:
+class MjcfJoint:
     """A joint of the tree, the ``number``-th of the file, None for one that holds a body; its names are whole ones.
 
     origin : of the link that it moves, in the frame of its parent.
@@ -47,13 +47,13 @@ class Step:
     origin: UrdfPose
 
 
-def robot_tree(compiled: Compiled, acting: Acting, faults: Faults) -> RobotTree:
+def robot_tree(compiled: MjcfModel, acting: Acting, faults: Faults) -> RobotTree:
     """Return the tree of a model; what of it is not read and acts on the motion is reported."""
     return _MjcfTree(compiled, acting, faults).tree()
 
 
 class _MjcfTree:
-    def __init__(self, compiled: Compiled, acting: Acting, faults: Faults) -> None:
+    def __init__(self, compiled: MjcfModel, acting: Acting, faults: Faults) -> None:
         self.compiled, self.m, self.acting, self.faults = compiled, compiled.model, acting, faults
         m = self.m
         self.bodies = _named((compiled.name("body", b) for b in range(m.nbody)), lambda b: f"body{b}")
@@ -64,12 +64,13 @@ class _MjcfTree:
         self.names = _named(given, lambda k: f"{self.bodies[owners[k]]}_{kinds[k]}")
         self.fixed = dict(zip(still, self.names[m.njnt :]))
         self.seats: list[Array] = [np.zeros(3)]
+        self.taken = {*self.bodies}
         self.steps = [step for b in range(1, m.nbody) for step in self.steps_to(b)]
         self.joints = joint_names(self.names)
         self.links = {self.bodies[0]: GROUND} | link_names(step.link for step in self.steps)
         self.remarks: dict[str, list[str]] = {}
 
-    def steps_to(self, b: int) -> Iterator[Step]:
+    def steps_to(self, b: int) -> Iterator[MjcfJoint]:
         """Yield the joints of a body, and note where the origin of its link is in its frame."""
         m, body = self.m, self.bodies[b]
         parent, above = self.bodies[m.body_parentid[b]], self.seats[m.body_parentid[b]]
@@ -84,12 +85,15 @@ class _MjcfTree:
                 seat = m.jnt_pos[j]
             name = self.fixed[b] if j is None else self.names[j]
             link = body if j == numbers[-1] else f"{body}::{name}"
+            while link != body and link in self.taken:
+                link += "_"
+            self.taken.add(link)
             if j == numbers[0]:
                 moved = m.body_pos[b] - above + (first.rotation @ seat if seat.any() else 0.0)
                 origin = pose(moved, m.body_quat[b])
             else:
                 origin = pose(seat - before)
-            yield Step(j, name, b, parent, link, origin)
+            yield MjcfJoint(j, name, b, parent, link, origin)
             parent = link
         self.seats.append(seat)
 
@@ -105,7 +109,7 @@ class _MjcfTree:
             written.link(moved[step.link]) if step.link in moved else self.between(step, written)
             for step in self.steps
         ]
-        ends = Ends(self.bodies, self.seats, [self.joints[x] for x in self.names[: self.m.njnt]])
+        ends = MjcfEnds(self.bodies, self.seats, [self.joints[x] for x in self.names[: self.m.njnt]])
         ties, held = ties_of(self.compiled, self.acting, ends, self.faults)
         joints = [self.joint(step, held.get(self.joints[step.name])) for step in self.steps]
         entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
@@ -115,7 +119,7 @@ class _MjcfTree:
         return RobotTree(plain(place, entries), self.remarks, written.remarks)
 
     # -- links ------------------------------------------------------------------------------------------
-    def between(self, step: Step, written: LinkEntries) -> MappingNode:
+    def between(self, step: MjcfJoint, written: LinkEntries) -> MappingNode:
         """Return a link between two joints of a body."""
         name = self.links[step.link]
         written.remarks[name] = [f"massless: between two joints of {self.bodies[step.body]!r}"]
@@ -132,7 +136,8 @@ class _MjcfTree:
             given = next(iter(element.all("inertial")), element)
             at = UrdfPose(tuple(float(x) + 0.0 for x in m.body_ipos[b] - self.seats[b]))
             inertial = Inertial(given, float(m.body_mass[b]), at, moments)
-        shapes = [x for g in range(m.ngeom) if m.geom_bodyid[g] == b for x in self.shape(g)]
+        start = int(m.body_geomadr[b])
+        shapes = [x for g in range(start, start + int(m.body_geomnum[b])) for x in self.shape(g)]
         visual, collision = (tuple(x for x, collides in shapes if collides == c) for c in (False, True))
         return UrdfLink(element, self.bodies[b], inertial, visual, collision)
 
@@ -173,7 +178,7 @@ class _MjcfTree:
         return self.compiled.elements[kind].get(number, self.compiled.source.root)
 
     # -- joints -----------------------------------------------------------------------------------------
-    def joint(self, step: Step, held: float | None) -> MappingNode:
+    def joint(self, step: MjcfJoint, held: float | None) -> MappingNode:
         """Return a joint; one that is ``held`` at a position is fixed there."""
         name, j = self.joints[step.name], step.number
         remarks = self.remarks.setdefault(name, [])
