@@ -63,7 +63,13 @@ def random_robot(
         joints.append(joint)
         inertia = {a + b: float(I[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if j >= i}
         frame = str(rng.choice(["joint", "link"]))
-        link = {"name": f"link{k}", "mass": float(m), "com": numbers(c), "com_frame": frame, "inertia": inertia}
+        link = {
+            "name": f"link{k}",
+            "mass": float(m),
+            "com": numbers(c),
+            "com_frame": frame,
+            "inertia": inertia,
+        }
         links.append(link)
     base = {"xyz": [0.1, 0.2, 0.3], "rpy": [0.3, -0.2, 0.5]}
     return {"convention": "standard", "base": base, "joints": joints, "links": links}

@@ -219,7 +219,9 @@ def test_include_with_keys_of_its_own(tmp_path: Path) -> None:
 
 
 def test_points_beside_include_replace_those_of_their_name(tmp_path: Path) -> None:
-    robot = "{include: parts/robot.yaml, points: {tip: {link: l1, at: [1, 2, 3]}}, frames: {hand: {link: l1}}}"
+    robot = (
+        "{include: parts/robot.yaml, points: {tip: {link: l1, at: [1, 2, 3]}}, frames: {hand: {link: l1}}}"
+    )
     scene = included(tmp_path, robot)
     assert scene.robot.points["tip"].at == (1.0, 2.0, 3.0) and list(scene.robot.points) == ["tip"]
     assert list(scene.robot.frames) == ["hand"]
