@@ -113,7 +113,7 @@ def _value(kind: Kind, anchors: dict[str, str]) -> str:
         kinds = ", ".join(f"[`{k}`](#{anchors.get(c.__name__, '')})" for k, c in kind.registry().items())
         return f"map with `{kind.tag}` {kinds}"
     if isinstance(kind, OrFile):
-        formats = "YAML, URDF or SDF" if kind.robot else "YAML"
+        formats = "YAML, URDF, SDF or MJCF" if kind.robot else "YAML"
         return f"{_value(kind.item, anchors)}; or the path of a {formats} file"
     if isinstance(kind, Either):
         return ", or ".join(_value(one, anchors) for one in kind.kinds)

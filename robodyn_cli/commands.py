@@ -229,8 +229,8 @@ COMMANDS: dict[str, Command] = {
         summary=("checks:ComparisonReport", "checks:TreeReport"),
     ),
     "crosscheck": Command("Compare a scene with Pinocchio or MuJoCo.", summary=("checks:CrosscheckReport",)),
-    "import": Command("Write the robot of a URDF or SDF file as YAML."),
-    "export": Command("Write a result as CSV, Parquet, MATLAB or NumPy files."),
+    "import": Command("Write the robot of a URDF, SDF or MJCF file as YAML."),
+    "export": Command("Write a result as CSV, Parquet, MATLAB, NumPy files, or a robot as URDF, MJCF, SDF."),
     "info": Command(
         "Tree, frames, M, C, G and Jacobians at a state.",
         summary=("mechanism:InfoReport",),

@@ -1,11 +1,15 @@
-"""Files and texts of others: what is opened, what terminals and spreadsheets are shown, which files names stand for."""
+"""Files and texts of others: what is opened, what terminals and spreadsheets are shown, which files names stand for,
+which their libraries survive."""
 
 from __future__ import annotations
 
 import errno
 import os
 import re
+import signal
 import stat
+import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import BinaryIO
 
@@ -59,3 +63,55 @@ def spreadsheet_cell(text: str) -> str:
 def file_stem(name: str) -> str:
     """Return a name as that of a file, in whatever directory it is put."""
     return re.sub(r"[^\w.-]", "_", name).lstrip(".") or "_"
+
+
+_POLL = 0.001  # seconds between two checks whether a process has ended
+
+
+def survive(action: Callable[[], object], seconds: float, library: str) -> None:
+    """Return if the process that does ``action`` ends by itself within a time; errors that it raises do not count.
+
+    ``library`` : of others, which may crash on a damaged file or loop forever.
+
+    Where processes cannot be forked (Windows) nothing is tried.
+
+    Raises
+    ------
+    TimeoutError : it did not end.
+    RuntimeError : it crashed.
+    """
+    if not hasattr(os, "fork"):
+        return
+    process = os.fork()
+    if process == 0:
+        try:
+            # its last output is no message for the user
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+            # where this process is killed nobody else ends that one
+            signal.signal(signal.SIGALRM, signal.SIG_DFL)
+            signal.alarm(int(seconds) + 2)
+            action()
+        finally:
+            os._exit(0)
+    status = _wait(process, time.monotonic() + seconds)
+    if status is None:
+        raise TimeoutError(f"reading it does not end within {seconds:.0f} s: it is damaged")
+    if os.WIFSIGNALED(status):
+        raise RuntimeError(f"{library} crashes on it ({signal.Signals(os.WTERMSIG(status)).name})")
+
+
+def _wait(process: int, end: float) -> int | None:
+    """Return the status with which a process ended; None, and the process is killed, if it did not in time."""
+    ended = False
+    try:
+        while time.monotonic() < end:
+            pid, status = os.waitpid(process, os.WNOHANG)
+            if pid:
+                ended = True
+                return status
+            time.sleep(_POLL)
+        return None
+    finally:
+        if not ended:
+            os.kill(process, signal.SIGKILL)
+            os.waitpid(process, 0)

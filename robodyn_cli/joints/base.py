@@ -52,6 +52,7 @@ class Joint:
     subspace : columns of S where it is constant. needs, takes : keys of the scene, of ``axis``, ``axis2``, ``pitch``,
     that must or may stand beside ``origin``. by_dh : whether D-H parameters may place it instead. dh_variable : the D-H
     parameter that is q: ``theta`` of a joint that only turns about its z axis, ``d`` of one that only slides along it.
+    pitch : advance along its axis [m/rad].
     """
 
     type: ClassVar[str] = ""
@@ -66,6 +67,7 @@ class Joint:
     needs: ClassVar[tuple[str, ...]] = ()
     takes: ClassVar[tuple[str, ...]] = ("axis",)
     by_dh: ClassVar[bool] = False
+    pitch: float = 0.0
     dh_variable: ClassVar[str] = ""
 
     def __init_subclass__(cls) -> None:

@@ -40,12 +40,16 @@ class LoopFrame:
 
 
 class LoopClosure:
-    """What every kind of closure answers: ``axis`` in the frame of each end, ``length`` of a bar [m].
+    """What every kind of closure answers: ``axis`` in the frame of each end (``axis2`` : in that of the second).
+
+    ``length`` of a bar [m], ``rpy`` [rad] of the second link in the first.
 
     It has no fields, so that records derive from it; a field of the same name wins.
     """
 
     axis: tuple[float, ...] | None = None
+    axis2: tuple[float, ...] | None = None
+    rpy: tuple[float, ...] = (0.0, 0.0, 0.0)
     length: float = 0.0
 
     def rows(self, first: LoopFrame, second: LoopFrame) -> list[Row]:

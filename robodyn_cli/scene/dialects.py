@@ -47,7 +47,7 @@ class Description:
 
     tree : what stands for ``robot`` in a scene. heading : what it is and holds, for the YAML made of it. notes : what
     the file leaves open. warnings : what makes its equations doubtful. None of them has the name of the file. files :
-    others that were read with it.
+    others that were read with it. actuated : joints of the scene that have motors, None where that is not said.
     """
 
     file: str
@@ -56,6 +56,7 @@ class Description:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
+    actuated: tuple[str, ...] | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -70,6 +71,7 @@ dialects: Registry[Callable[[XmlElement, Faults, Packages], Description | None]]
     {
         "robot": "urdf.read:read_urdf",
         "sdf": "sdf.read:read_sdf",
+        "mujoco": "mjcf.read:read_mjcf",
     },
 )
 

@@ -111,7 +111,7 @@ def load_description(
         found.extend(includer.descriptions)
         if not found:
             raise located(
-                place, "", "this is neither URDF nor SDF, whose first character is '<'; allowed: one of them"
+                place, "", "this is no URDF, SDF or MJCF, whose first character is '<'; allowed: one of them"
             )
         gravity = sequence(place, [scalar(place, 0)] * 3)
         values = {"schema": scalar(place, 1), "gravity": gravity, "robot": robot}
@@ -131,7 +131,8 @@ def load_robot(path: str | os.PathLike[str]) -> Scene:
     name = os.fspath(path)
     if not is_xml(read_text(name, None, "", name)):
         return load_scene(path)
-    return dataclasses.replace(load_description(path)[1], gravity=(0.0, 0.0, -9.81))
+    found, scene = load_description(path)
+    return dataclasses.replace(scene, gravity=(0.0, 0.0, -9.81), actuated=found.actuated)
 
 
 def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:

@@ -203,7 +203,7 @@ class Attachment:
         doc="Joint of the new link, without `parent`, `link`, and `origin` where that is given; default: fixed.",
     )
     include: str | None = key(
-        Text(), default=None, doc="Or: path of the file of a robot, in YAML, URDF or SDF."
+        Text(), default=None, doc="Or: path of the file of a robot, in YAML, URDF, SDF or MJCF."
     )
     prefix: str = key(Text(), default="", doc="Prefix of all names of that robot.")
 

@@ -177,7 +177,7 @@ class Scene:
     schema: int = key(Integer(minimum=1, maximum=1), doc="Version of the scene format: 1.")
     robot: Robot = key(
         OrFile(Section(Robot), robot=True),
-        doc="The mechanism, in place or as the path of a YAML, URDF or SDF file.",
+        doc="The mechanism, in place or as the path of a YAML, URDF, SDF or MJCF file.",
     )
     gravity: tuple[float, ...] = key(Vector(3), unit="m/s^2", doc="Gravity in the world frame.")
     title: str = key(Text(), default="", doc="Title of plots and reports.")

@@ -184,8 +184,8 @@ class OrFile(Kind):
     """A value given in place or as the path of a YAML file, relative to the file that names it.
 
     A map with the key ``include`` takes over the keys of that file, but for those that it gives itself. ``robot`` : the
-    file may be a URDF or an SDF too; beside ``include`` a ``prefix`` goes before all names, and ``attach`` adds parts.
-    catalogue : the file may be a CSV table too, with a line for each motor, gear and brake.
+    file may be a URDF, an SDF or an MJCF too; beside ``include`` a ``prefix`` goes before all names, ``attach`` adds
+    parts. catalogue : the file may be a CSV table too, with a line for each motor, gear and brake.
     """
 
     item: Kind
@@ -358,7 +358,7 @@ def _plain(kind: Kind, turns: bool = False) -> str:
     if isinstance(kind, Either):
         return ", or ".join(_plain(k, turns) for k in kind.kinds)
     if isinstance(kind, OrFile):
-        other = ", URDF or SDF" if kind.robot else " or CSV" if kind.catalogue else ""
+        other = ", URDF, SDF or MJCF" if kind.robot else " or CSV" if kind.catalogue else ""
         return f"{_plain(kind.item, turns)}, or the path of a YAML{other} file"
     if isinstance(kind, (Section, ByPart)):
         return "a map"

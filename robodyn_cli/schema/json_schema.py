@@ -169,7 +169,7 @@ class _Maker:
         if isinstance(kind, kinds.Either):
             return {"anyOf": [self.kind(one) for one in kind.kinds]}
         if isinstance(kind, kinds.OrFile):
-            formats = "YAML, URDF or SDF" if kind.robot else "YAML or CSV" if kind.catalogue else "YAML"
+            formats = "YAML, URDF, SDF or MJCF" if kind.robot else "YAML or CSV" if kind.catalogue else "YAML"
             path = {"type": "string", "description": f"Path of a {formats} file, relative to this one."}
             return {"anyOf": [self.kind(kind.item), path, self.including(kind.item)]}
         raise TypeError(f"no JSON Schema of {type(kind).__name__}")

@@ -322,9 +322,15 @@ class InfoReport:
 
     joints: list[InfoJoint] = fact("of the tree")
     links: dict[str, InfoLink] = fact("with what the scene says of them", names=LINK)
+    light_links: list[str] = fact(
+        "off the ground, with a millionth of the mass of all links or less: markers"
+    )
     state: InfoState = fact("at which all else is")
     mass_matrix: Matrix = fact("M (nv, nv) of the tree", "kg m^2, kg m or kg")
     mass_matrix_singular_values: list[float] | None = fact("of M", "kg m^2, kg m or kg")
+    mass_matrix_condition: float | None = fact(
+        "largest over smallest singular value of M; none where that is 0: by so much errors may grow", "1"
+    )
     coriolis_matrix: Matrix = fact("C (nv, nv) of the tree: C qd are torques", "N m s, N s or kg m/s")
     gravity_torques: dict[str, float] = fact("G: what holds the weight", LOAD)
     frames: dict[str, FrameAt] = fact("of links, and named ones", names=(LINK, "FRAME"))

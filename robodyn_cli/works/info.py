@@ -16,7 +16,7 @@ from robodyn_cli.errors import SceneError
 from robodyn_cli.expr.graph import Expr
 from robodyn_cli.expr.rebuild import Values
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.model.model import Model
+from robodyn_cli.model.model import BASE, Model
 from robodyn_cli.model.parts import carried_at_start
 from robodyn_cli.observe.places import quaternions
 from robodyn_cli.observe.units import joint_columns
@@ -37,6 +37,8 @@ from robodyn_cli.summaries.mechanism import (
     PointAt,
 )
 from robodyn_cli.works.state_text import state_overrides
+
+LIGHT = 1e-6  # of the mass of all links
 
 
 @np.errstate(all="ignore")  # the report shows numbers without a value as NaN
@@ -134,9 +136,11 @@ class InfoNumbers:
         return InfoReport(
             joints=_joints(scene),
             links=_links(scene),
+            light_links=_light(scene, model),
             state=InfoState(_named(model.q_names, self.q), _named(model.v_names, self.v)),
             mass_matrix=M.tolist(),
             mass_matrix_singular_values=singular_values(M),
+            mass_matrix_condition=condition(singular_values(M)),
             coriolis_matrix=self.array(coriolis(bodies, self.q, self.v, X)).tolist(),
             gravity_torques=_named(model.v_names, gravity),
             frames=self.frames(),
@@ -202,6 +206,18 @@ def _links(scene: Scene) -> dict[str, InfoLink]:
         inertia = {k: getattr(link.inertia, k) for k in ("xx", "yy", "zz", "xy", "xz", "yz")}
         found[link.name] = InfoLink(link.mass, com, link.com_frame, inertia)
     return found
+
+
+def _light(scene: Scene, model: Model) -> list[str]:
+    """Return the links off the ground that weigh next to nothing beside the others."""
+    masses = {link.name: link.mass for link in scene.robot.links if link.mass is not None}
+    least = LIGHT * sum(masses.values())
+    return [name for name, mass in masses.items() if mass <= least and model.links[name].body != BASE]
+
+
+def condition(sigma: list[float] | None) -> float | None:
+    """Return the largest of singular values over the smallest; None where there is none."""
+    return sigma[0] / sigma[-1] if sigma and sigma[-1] > 0.0 else None
 
 
 def _named(names: Sequence[str], values: Array) -> dict[str, float]:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 
 from robodyn_cli.scene.load import load_description, load_scene, load_scene_text
 from robodyn_cli.scene.text.yaml_text import MAX_BYTES
@@ -108,7 +109,7 @@ def test_strict(tmp_path: Path) -> None:
 
 def test_what_cannot_be_read(tmp_path: Path) -> None:
     for name, text, words in (
-        ("arm.yaml", "joints: []\n", "this is neither URDF nor SDF"),
+        ("arm.yaml", "joints: []\n", "this is no URDF, SDF or MJCF"),
         ("arm.urdf", ARM.replace(LIMIT, '<limit lower="a"/>', 1), ":5:"),
         ("large.urdf", ARM + " " * MAX_BYTES, "larger than 10 MB"),
     ):
@@ -125,3 +126,19 @@ def test_a_file_that_is_not_there_is_named_once(tmp_path: Path) -> None:
     done = invoke("import", str(tmp_path / "none.urdf"))
     assert done.code == 2
     assert done.err == f"robodyn: error: {tmp_path / 'none.urdf'}: cannot be read: there is no such file\n"
+
+
+def test_an_mjcf(tmp_path: Path) -> None:
+    """What is left out is told, and the YAML has a chain of links for a body with several joints."""
+    pytest.importorskip("mujoco")
+    inertial = '<inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/>'
+    (tmp_path / "arm.xml").write_text(
+        f"""<mujoco model="arm"><worldbody><body name="a"><joint name="x" type="slide" axis="1 0 0"/><joint name="y" ref="10"/>{inertial}
+        </body></worldbody><equality><connect body1="a" anchor="0 0 1"/></equality><sensor/></mujoco>"""
+    )
+    done = invoke("import", tmp_path / "arm.xml")
+    assert done.code == 0 and "2 links, 2 joints that move" in done.out + done.err
+    assert "left out: solref and solimp" in done.err and "1 <sensor>" in done.err
+    robot = yaml.safe_load((tmp_path / "arm.yaml").read_text())
+    assert [joint["type"] for joint in robot["joints"]] == ["prismatic", "revolute"]
+    assert robot["loops"][0]["name"] == "connect1"

@@ -85,6 +85,23 @@ def test_data_may_miss_beside_a_prescribed_joint(field: str, tmp_path: Path) -> 
     assert report(scene)["mass_matrix"] == [[None]]
 
 
+def test_markers_and_condition_are_told(tmp_path: Path) -> None:
+    """A marker of 1e-9 kg on a joint of its own makes M badly conditioned; both are named."""
+    scene = arm(tmp_path / "arm.yaml")
+    text = scene.read_text()
+    assert report(scene)["light_links"] == [] and report(scene)["mass_matrix_condition"] == 1.0
+    marker = (
+        "attach: [{link: marker, to: LINK, mass: 1e-9, com: [0, 0, 0], inertia: {zz: 1e-9}, joint: JOINT}]"
+    )
+    marker = marker.replace("JOINT", "{name: spin, type: revolute, axis: [0, 0, 1]}").replace("LINK", "rod")
+    scene.write_text(text.replace("robot:\n", f"robot:\n  {marker}\n").replace("q: {", "q: {spin: 0, "))
+    found = report(scene)
+    sigma = found["mass_matrix_singular_values"]
+    assert found["light_links"] == ["marker"] and found["mass_matrix_condition"] == sigma[0] / sigma[1] > 1e6
+    printed = invoke(scene, "--no-plots")[1]
+    assert "light links        marker: massless, or nearly so" in printed and "condition        " in printed
+
+
 def test_tree_for_people() -> None:
     code, output = invoke(CONFIGS / "four_bar_deploy.yaml", "--no-plots")
     assert code == 0

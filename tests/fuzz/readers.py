@@ -37,6 +37,35 @@ PARTS = (
     b"small,dc,0.02,0.0138,6.85,12,1.26,1000,5.5e-08,,125\n\n# a motor by its envelope\n"
     b"wide,envelope,1.1,,,,,,0.00045,0 14; 36 14; 60 4.5,\n"
 )
+MJCF = """<mujoco model="m">
+<compiler angle="radian"/>
+<option gravity="0 0 -9.81"/>
+<worldbody>
+<body name="crank" pos="0 0 1" quat="1 0.1 0 0">
+<joint name="drive" axis="0 1 0" pos="0.1 0 0" ref="0.2" range="-1 1" damping="0.1" armature="0.01"/>
+<inertial pos="0.1 0 0" mass="1" fullinertia="1 1 1 0.1 0 0"/>
+<body name="rod" pos="1 0 0" euler="0.1 0 0">
+<joint name="pin" type="ball"/>
+<geom type="box" size="0.1 0.2 0.3" density="100"/>
+<site name="tip" pos="0.1 0.2 0.3"/>
+</body>
+</body>
+<replicate count="2" offset="1 0 0">
+<body name="slider" pos="2 0 1">
+<joint name="slide" type="slide" axis="1 0 0" stiffness="3" springref="0.1" frictionloss="0.1"/>
+<geom size="0.1"/>
+</body>
+</replicate>
+</worldbody>
+<equality>
+<connect body1="rod" body2="slider0" anchor="0.1 0 0"/>
+<joint joint1="slide1" joint2="drive" polycoef="0.1 2 0 0 0"/>
+</equality>
+<actuator>
+<motor joint="drive" gear="3" ctrlrange="-2 2"/>
+</actuator>
+</mujoco>
+"""
 SHAPE = '<visual><geometry><mesh filename="shape.{}" scale="1 1 1"/></geometry></visual>'
 
 
@@ -104,6 +133,11 @@ def _urdf(rng: random.Random, mutator: Mutator, trees: list[Any], stored: Path) 
     return {"robot.urdf": spoil(text.encode(), rng) if rng.random() < 0.5 else _xml(text, rng)}
 
 
+def _mjcf(rng: random.Random, mutator: Mutator, trees: list[Any], stored: Path) -> Files:
+    """Return a robot as ``_urdf`` does; without the package mujoco all of them are refused."""
+    return {"robot.xml": spoil(MJCF.encode(), rng) if rng.random() < 0.5 else _xml(MJCF, rng)}
+
+
 def _xml(text: str, rng: random.Random) -> bytes:
     lines = text.splitlines()
     for _ in range(rng.choice((1, 1, 2, 4))):
@@ -165,7 +199,7 @@ Maker = Callable[[random.Random, Mutator, list[Any], Path], Files]
 # kinds of inputs by how often they are read: those that are short to read more often
 MAKERS: Mapping[str, tuple[Maker, int]] = {
     "scene": (_scene, 40), "bytes": (_bytes, 20), "table": (_table, 8), "stored": (_stored, 3),
-    "stored_table": (_stored_table, 2), "urdf": (_urdf, 12), "mesh": (_mesh, 4), "catalogue": (_catalogue, 3),
+    "stored_table": (_stored_table, 2), "urdf": (_urdf, 12), "mjcf": (_mjcf, 12), "mesh": (_mesh, 4), "catalogue": (_catalogue, 3),
     "include": (_include, 8),
 }  # fmt: skip
 
@@ -189,8 +223,8 @@ def read_files(kind: str) -> None:
     ------
     RobodynError : they are wrong.
     """
-    if kind == "urdf":
-        load_description("robot.urdf")
+    if kind in ("urdf", "mjcf"):
+        load_description("robot.xml" if kind == "mjcf" else "robot.urdf")
     elif kind == "stored":
         read_summary("summary.json")
         read("result.h5")

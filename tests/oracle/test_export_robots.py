@@ -9,13 +9,15 @@ import numpy as np
 import pytest
 import yaml
 
+from robodyn_cli.cli.commands.export import OF_SCENES
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
-from robodyn_cli.over.export.scene import export_robot
+from robodyn_cli.over.export.scene import export_robot, formats
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.types import Scene
+from tests import urdf_robots
 from tests.exported_robots import (
     GRAVITY,
     Array,
@@ -63,16 +65,24 @@ def read_again(scene: Scene, kind: str, folder: Path) -> tuple[Scene, list[str]]
 def carried_over(old: Model, new: Model, q: Array, start: Array) -> tuple[Array, list[int]]:
     """Return positions of the new model, counted from ``start``, and for each of its velocities that of the old one."""
     out, places = np.zeros(new.nq), [0] * new.nv
+    columns = {
+        name.replace(".", "_"): (name in old.q_names and old.q_names.index(name), k)
+        for k, name in enumerate(old.v_names)
+    }
     for body in new.bodies:
+        here = slice(body.q, body.q + body.joint.nq)
+        if body.joint.nq == 1:  # of several MuJoCo makes one each
+            at, places[body.v] = columns[body.joint_name]
+            out[here] = q[at] - start[at]
+            continue
         one = next(
             b
             for b in old.bodies
             if b.joint_name == body.joint_name or (b.joint.quasi and b.name == body.name)
         )
-        here, there = slice(body.q, body.q + body.joint.nq), slice(one.q, one.q + one.joint.nq)
+        there = slice(one.q, one.q + one.joint.nq)
         moved = one.joint.difference(start[there], q[there])
-        own = np.array(body.joint.integrate(np.array(body.joint.neutral()), moved), dtype=float)
-        out[here] = q[there] if np.array_equal(start[there], np.array(one.joint.neutral())) else own
+        out[here] = np.array(body.joint.integrate(np.array(body.joint.neutral()), moved), dtype=float)
         places[body.v : body.v + body.joint.nv] = range(one.v, one.v + one.joint.nv)
     return out, places
 
@@ -94,16 +104,17 @@ def compare(old: Scene, new: Scene, q: Array, start: Array, rng: np.random.Gener
 
 
 @pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("kind", ["urdf+", "extended-urdf", "sdf"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_tree_read_again_is_the_same(kind: str, seed: int, tmp_path: Path) -> None:
     """Every joint of the format with full inertias, turned frames, D-H parameters and what acts in it, to rounding."""
     rng = np.random.default_rng(seed)
-    old = scene_of(random_robot(rng, KINDS[kind], ACTING[kind]))
+    kinds = tuple(one for one in KINDS[kind] if one != "floating" or kind != "mjcf")  # other rates, see below
+    old = scene_of(random_robot(rng, kinds, ACTING[kind]))
     new, _ = read_again(old, kind, tmp_path)
     neutral = Manifold(Problem(old).model).neutral()
     for _ in range(3):
         compare(old, new, random_q(Problem(old).model, rng), neutral, rng, False)
-    for joint in old.robot.joints:
+    for joint in old.robot.joints if kind != "mjcf" else ():  # it has no limits of speed
         limits = dict(joint.forces).get("limits")
         if limits is not None:
             read = dict(next(x for x in new.robot.joints if x.name == joint.name).forces)["limits"]
@@ -113,14 +124,12 @@ def test_a_tree_read_again_is_the_same(kind: str, seed: int, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(
-    ("kind", "loop"), [(kind, loop) for kind in ("urdf+", "extended-urdf", "sdf") for loop in LOOPS[kind]]
-)
+@pytest.mark.parametrize(("kind", "loop"), [(kind, loop) for kind in KINDS for loop in LOOPS[kind]])
 def test_loops_read_again_are_the_same(kind: str, loop: str, seed: int, tmp_path: Path) -> None:
     """Each kind of loop with points and axes anywhere in turned links, one end of one loop on the ground."""
     rng = np.random.default_rng(100 + seed)
-    # without a free body in SDF, where a loop to the ground is what holds it
-    kinds = tuple(one for one in KINDS[kind] if one != "floating" or kind != "sdf")
+    # without a free body in SDF, where a loop to the ground is what holds it, and in MJCF, where its rates are others
+    kinds = tuple(one for one in KINDS[kind] if one != "floating" or kind in ("urdf+", "extended-urdf"))
     robot, q = with_loops(random_robot(rng, kinds, (), n=9), (loop, loop), rng)
     scene = scene_of(robot)
     model = Problem(scene).model
@@ -136,7 +145,7 @@ def test_loops_read_again_are_the_same(kind: str, loop: str, seed: int, tmp_path
 MIMICS = "[{name: c1, terms: {q0: 2.0, q1: -0.7}, value: 0.4}, {name: c2, terms: {q2: 1.0, q1: 0.3}}]"
 
 
-@pytest.mark.parametrize("kind", ["urdf+", "extended-urdf", "sdf"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_couplers_read_again_are_the_same(kind: str, tmp_path: Path) -> None:
     rng = np.random.default_rng(5)
     robot = random_robot(rng, ("revolute", "prismatic", "revolute"), (), n=3)
@@ -173,6 +182,24 @@ def test_a_coupling_over_chains_comes_back(tmp_path: Path) -> None:
     skew = scene_of(robot, couplers=[{"name": "belt", "terms": {**terms, "q4": 0.4}}])
     with pytest.raises(CapabilityError, match="coupler 'belt' of 5 joints"):
         export_robot(skew, "urdf+", tmp_path)
+
+
+@pytest.mark.parametrize("kind", ["urdf+", "extended-urdf"])
+def test_pinocchio_finds_the_same_tree(kind: str, tmp_path: Path) -> None:
+    """It reads the file, with loops too, and finds the equations that are read of it here."""
+    pin = pytest.importorskip("pinocchio")
+    rng = np.random.default_rng(11)
+    kinds = ("revolute", "prismatic", "fixed", "floating")
+    robot = random_robot(rng, kinds, ("friction", "limits"), n=7)
+    files, _ = export_robot(scene_of(robot), kind, tmp_path)
+    apart = urdf_robots.compare(files[0])
+    assert max(apart.torques, apart.mass, apart.frames) < 1e-12
+    files, _ = export_robot(scene_of(with_loops(robot, ("fixed",), rng)[0]), kind, tmp_path)
+    assert pin.buildModelFromUrdf(str(files[0])).nv == apart.joints
+
+
+def test_formats_of_the_command_line() -> None:
+    assert tuple(formats) == OF_SCENES
 
 
 # -- MuJoCo ------------------------------------------------------------------------------------------------

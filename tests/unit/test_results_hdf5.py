@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from robodyn_cli.errors import OutputError, ResultFileError
+from robodyn_cli.foreign import survive
 from robodyn_cli.results import catalogue
 from robodyn_cli.results.hdf5 import ResultWriter, read, write
-from robodyn_cli.results.hdf5.reader import survive
 from robodyn_cli.results.result import Result
 from tests.unit.synthetic_results import four_bar_result, inverse_result
 
@@ -331,10 +331,10 @@ def test_an_endless_loop_and_a_crash_in_the_library_are_errors() -> None:
         os.kill(os.getpid(), signal.SIGKILL)
 
     with pytest.raises(TimeoutError, match="does not end"):
-        survive(lambda: time.sleep(60), 0.05)
+        survive(lambda: time.sleep(60), 0.05, "the library")
     with pytest.raises(RuntimeError, match="crashes on it .SIGKILL"):
-        survive(crash, 10.0)
-    survive(lambda: 1 / 0, 10.0)
+        survive(crash, 10.0, "the library")
+    survive(lambda: 1 / 0, 10.0, "the library")
 
 
 def test_a_pipe_is_refused(tmp_path: Path) -> None:

@@ -214,8 +214,17 @@ def test_include_with_keys_of_its_own(tmp_path: Path) -> None:
         tmp_path, "{include: parts/robot.yaml, base: {xyz: [1, 2, 3]}, points: {top: {link: l1}}}"
     )
     assert scene.robot.base.xyz == (1.0, 2.0, 3.0)
-    assert list(scene.robot.points) == ["top"]
+    assert list(scene.robot.points) == ["tip", "top"]  # loops of the file may join its own
     assert scene.robot.joints[0].name == "j1"
+
+
+def test_points_beside_include_replace_those_of_their_name(tmp_path: Path) -> None:
+    robot = (
+        "{include: parts/robot.yaml, points: {tip: {link: l1, at: [1, 2, 3]}}, frames: {hand: {link: l1}}}"
+    )
+    scene = included(tmp_path, robot)
+    assert scene.robot.points["tip"].at == (1.0, 2.0, 3.0) and list(scene.robot.points) == ["tip"]
+    assert list(scene.robot.frames) == ["hand"]
 
 
 def test_include_is_refused_where_no_file_may_stand(tmp_path: Path) -> None:

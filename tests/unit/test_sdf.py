@@ -83,7 +83,7 @@ REFUSED = [
     ('name="j2" type="revolute"', 'name="j2" type="universal"', 8, "is universal and needs <axis2>"),
     ('name="j2" type="revolute"', 'name="j2" type="ball"', 9, "a coordinate that it does not have"),
     ('name="j2" type="revolute">', 'name="j2" type="revolute2"><axis2><xyz>0 1 1</xyz></axis2>', 8, "have the cosine 0.7071"),
-    ('name="j2" type="revolute">', 'name="j2" type="revolute"><drake:rotor_inertia>1</drake:rotor_inertia>', 8, "<drake:rotor_inertia> acts"),
+    ('name="j2" type="revolute">', 'name="j2" type="revolute"><drake:tendon/>', 8, "<drake:tendon> acts"),
     ("</model>", "<joint name='g' type='gearbox'><parent>upper</parent><child>lower</child><axis/><axis2/></joint></model>", 11, "needs <gearbox_reference_body>NAME"),
     ("<?xml", "<!DOCTYPE sdf><?xml", 1, ""),
 ]  # fmt: skip

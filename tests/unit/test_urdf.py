@@ -240,7 +240,7 @@ BOMB = """\
         (None, BOMB, 1, "document type"),
         (None, '<!DOCTYPE robot SYSTEM "file:///etc/passwd"><robot/>', 1, "document type"),
         (None, "<robot>" + "<a>" * 200_000, 1, "nested more than 50 deep"),
-        (None, "<arm><link name='a'/></arm>", 1, "root element is <arm>; allowed: <robot>, <sdf>"),
+        (None, "<arm><link name='a'/></arm>", 1, "root element is <arm>; allowed: <robot>, <sdf>, <mujoco>"),
         (None, "<robot name='x'/>", 1, "no <link>"),
         ("</robot>", "<xacro:macro name='x'/></robot>", 9, "run it first: xacro"),
         ('value="1.5"', 'value="${m}"', 6, "is an expression of xacro"),
@@ -281,10 +281,11 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
 @pytest.mark.parametrize(
     "element, words",
     [
-        ("<drake:ball_constraint/>", "<drake:ball_constraint>"),
+        ("<drake:linear_bushing_rpy/>", "<drake:linear_bushing_rpy>"),
+        ('<transmission><drake:rotor_inertia value="1"/></transmission>', "rotor_inertia"),
         (
-            '<transmission><actuator><drake:rotor_inertia value="1"/></actuator></transmission>',
-            "rotor_inertia",
+            '<drake:distance_constraint><drake:distance_constraint_stiffness value="9"/></drake:distance_constraint>',
+            "distance_constraint_stiffness",
         ),
         ("<drake:a_tag_of_next_year/>", "<drake:a_tag_of_next_year>"),
         ('<gazebo><joint name="g" type="revolute"><parent>upper</parent></joint></gazebo>', "<joint> 'g'"),

@@ -13,6 +13,7 @@ from robodyn_cli.cli.options import Quiet, ReportAsJson, choice, file
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
+SCENES = (".yaml", ".yml", ".urdf", ".sdf", ".xml", ".mjcf")
 
 
 def command(
@@ -20,7 +21,7 @@ def command(
         Path,
         typer.Argument(
             metavar="RESULT|SCENE.yaml",
-            help="Output directory of a run, or its result.h5; or a scene, or the URDF or SDF of a robot.",
+            help="Output directory of a run, or its result.h5; or a scene, or the URDF, SDF or MJCF of a robot.",
             callback=file,
             show_default=False,
         ),
@@ -63,12 +64,12 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
     from robodyn_cli.errors import CapabilityError
 
     stored = source.is_dir() or source.suffix == ".h5"
-    if stored != (to in OF_RESULTS):
+    if stored if to in OF_SCENES else source.suffix in SCENES:
         of, kinds = ("a result", OF_RESULTS) if stored else ("a scene", OF_SCENES)
         raise CapabilityError(
             f"{source} is {of}, of which --to {to} writes nothing; allowed: {', '.join(kinds)}"
         )
-    if stored:
+    if to in OF_RESULTS:
         from robodyn_cli.over.batch.stored import read_stored
         from robodyn_cli.results.export import export
 

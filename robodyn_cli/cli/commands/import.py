@@ -16,7 +16,9 @@ from robodyn_cli.cli.runner import warn
 def command(
     description: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="Robot to read: URDF or SDF.", callback=file, show_default=False),
+        typer.Argument(
+            metavar="FILE", help="Robot to read: URDF, SDF or MJCF.", callback=file, show_default=False
+        ),
     ],
     robot: Annotated[
         Path | None,
@@ -34,7 +36,7 @@ def command(
     strict: Strict = False,
     quiet: Quiet = False,
 ) -> int:
-    """Write a URDF or SDF as a robot in YAML, never over another file; return the exit code."""
+    """Write a URDF, SDF or MJCF as a robot in YAML, never over another file; return the exit code."""
     from robodyn_cli.results.atomic import write_new
     from robodyn_cli.scene.dialects import robot_yaml
     from robodyn_cli.scene.load import load_description

@@ -68,6 +68,8 @@ def describe(report: Mapping[str, Any]) -> str:
     from robodyn_cli.works.info import tree
 
     lines = [str(report["title"]), *("  " + line for line in tree(report["joints"], report["links"]))]
+    if report["light_links"]:
+        lines.append(f"  light links        {', '.join(report['light_links'])}: massless, or nearly so")
     lines.append(f"  state              {state(report['state']['q'], units(report['joints'], 'q'))}")
     lines.append(f"  rates              {state(report['state']['qd'], units(report['joints'], 'v'))}")
     lines += ["  frames in the world (origin [m]; x, y and z axes)"]
@@ -76,6 +78,8 @@ def describe(report: Mapping[str, Any]) -> str:
         lines.append(f"    {name:<12} {vector(frame['position'])}; {axes}")
     lines += matrix("mass matrix M", report["mass_matrix"])
     lines.append(f"    singular values  {values(report['mass_matrix_singular_values'])}")
+    if report["mass_matrix_condition"] is not None:
+        lines.append(f"    condition        {report['mass_matrix_condition']:.3g}")
     lines += matrix("Coriolis matrix C", report["coriolis_matrix"])
     rates = units(report["joints"], "v")
     gravity = zip(report["gravity_torques"].items(), (LOAD(unit.removesuffix("/s")) for unit in rates))

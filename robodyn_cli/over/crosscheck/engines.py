@@ -15,7 +15,7 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.over.crosscheck import engine
 from robodyn_cli.over.export.mjcf import JOINTS, add_bodies, mujoco_element
-from robodyn_cli.over.export.robot import ExportedRobot, Frames, links_of, xml_text
+from robodyn_cli.over.export.robot import ExportedFrames, ExportedRobot, links_of, xml_text
 from robodyn_cli.spatial.algebra import Array, Transform
 
 XYZW = (1, 2, 3, 0)  # places of x, y, z, w among w, x, y, z
@@ -202,7 +202,7 @@ def _mjcf(model: Model) -> str:
         for k, body in enumerate(model.bodies)
     ]
     bare = dataclasses.replace(model, bodies=tuple(bodies), base=Transform.identity())
-    frames = Frames(bare, joint_types, (), Manifold(model).neutral())
+    frames = ExportedFrames(bare, joint_types, (), Manifold(model).neutral())
     robot = ExportedRobot("tree", engine.real(model.gravity), links_of(bare, frames, {}))
     root = mujoco_element(robot, {"contact": "disable", "constraint": "disable"})
     add_bodies(SubElement(root, "worldbody"), robot)

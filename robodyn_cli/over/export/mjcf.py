@@ -14,10 +14,11 @@ from robodyn_cli.over.export.robot import (
     ExportedLink,
     ExportedRobot,
     base_pose,
+    followers,
     words,
     xml_text,
 )
-from robodyn_cli.over.export.scene import Format, followers
+from robodyn_cli.over.export.scene import Format
 from robodyn_cli.scene.sdf.frames import pose_between
 from robodyn_cli.scene.urdf.elements import UrdfPose
 
@@ -34,6 +35,7 @@ JOINTS: Mapping[str, tuple[tuple[str, int], ...]] = {
 }
 _FREE = (("free", 2),)
 _COORDINATES = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
+LEAST, ROUNDING = 1e-15, 1e-12  # moments of inertia that MuJoCo takes [kg m^2]; of what they may add up to
 ACROSS = 0.1  # distance [m] along its axis of the two points that a pin ties
 
 
@@ -76,6 +78,12 @@ def _notes(robot: ExportedRobot) -> Iterator[str]:
         yield f"pins are two points each, {ACROSS} m apart along the axis: {listed(pins)}"
     if any({"lower", "upper"} <= one.limits.keys() for link in robot.links for one in link.coordinates):
         yield "ranges of joints are stops in MuJoCo, and soft"
+    ends = {"lower", "upper"}
+    open_ = [
+        one.name for link in robot.links for one in link.coordinates if len(ends & one.limits.keys()) == 1
+    ]
+    if open_:
+        yield f"left out, for a range has two ends: {listed(open_)}"
     flying = [link.joint for link in robot.links if link.type == "floating" and joints_of(link) is not _FREE]
     if flying:
         yield f"floating joints that begin off the world's frame are three slides and a ball: {listed(flying)}"
@@ -202,6 +210,11 @@ def _problems(robot: ExportedRobot) -> Iterator[str]:
         if not heavy and robot.link(name).type != "fixed":
             yield f"link {name!r} moves and has no mass, which MuJoCo does not take"
     for link in robot.links:
+        moments = np.linalg.eigvalsh(link.inertia)
+        if not link.massless and moments[0] <= LEAST:
+            yield f"link {link.name!r} has no moment of inertia about some axis, which MuJoCo does not take"
+        elif moments[2] > (moments[0] + moments[1]) * (1.0 + ROUNDING):
+            yield f"link {link.name!r} has moments of inertia that no body can have, which MuJoCo does not take"
         rotors = {one.rotor_inertia * one.gear_ratio**2 for one in link.coordinates}
         if link.type in ("spherical", "floating") and len(rotors) > 1:
             yield f"the rotors of joint {link.joint!r} differ by direction"
@@ -216,5 +229,6 @@ MJCF = Format(
     along=("cylindrical", "universal", "planar"),
     springs=True,
     in_space=True,
+    limits=("lower", "upper", "effort"),
     reserved=("world",),
 )

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 
+from robodyn_cli.errors import listed
 from robodyn_cli.forces.friction import Friction
 from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.model.model import BASE, Body, FixedFrame, JointForce, Model
@@ -130,7 +131,7 @@ class ExportedRobot:
         return R
 
 
-class Frames:
+class ExportedFrames:
     """The frames that the links of a model have in another format, by body.
 
     turned : kinds of joint whose links have the axes of the joint: z along its axis, x along the second one. Links of
@@ -178,7 +179,7 @@ def pose_of(X: Transform) -> Array:
 
 
 def links_of(
-    model: Model, frames: Frames, limits: Mapping[str, Mapping[str, float]]
+    model: Model, frames: ExportedFrames, limits: Mapping[str, Mapping[str, float]]
 ) -> tuple[ExportedLink, ...]:
     """Return the links of a model whose bodies are all known, in the order of its bodies.
 
@@ -194,7 +195,7 @@ def links_of(
         links.append(
             ExportedLink(
                 body.name, body.joint_name, body.joint.type, parent, pose_between(frames.pose(k)), axes,
-                float(getattr(body.joint, "pitch", 0.0)), coordinates, mass, com, inertia, damping,
+                float(body.joint.pitch), coordinates, mass, com, inertia, damping,
             )
         )  # fmt: skip
     return tuple(links)
@@ -245,12 +246,12 @@ def _mass_properties(body: Body, own: Array) -> tuple[float, Array, Array]:
     return mass, com, inertia
 
 
-def loops_of(model: Model, frames: Frames) -> tuple[ExportedLoop, ...]:
+def loops_of(model: Model, frames: ExportedFrames) -> tuple[ExportedLoop, ...]:
     """Return the closures of a model."""
     loops = []
     for loop in model.loops:
         element, ends = loop.element, []
-        axes = (element.axis, getattr(element, "axis2", None) or element.axis)
+        axes = (element.axis, element.axis2 or element.axis)
         turned = []
         for frame, axis in zip((loop.first, loop.second), axes):
             T = frames.at(frame)
@@ -259,8 +260,7 @@ def loops_of(model: Model, frames: Frames) -> tuple[ExportedLoop, ...]:
             link = GROUND if frame.body == BASE else model.bodies[frame.body].name
             ends.append(LoopEnd(link, UrdfPose(floats(T[:3, 3])), tuple(cleaned(x) for x in floats(u))))
             turned.append(T[:3, :3])
-        rpy = getattr(element, "rpy", (0.0, 0.0, 0.0))
-        attitude = turned[0] @ np.array(rotation_rpy(rpy), dtype=float) @ turned[1].T
+        attitude = turned[0] @ np.array(rotation_rpy(element.rpy), dtype=float) @ turned[1].T
         attitude = np.array([[cleaned(float(x)) for x in row] for row in attitude])
         loops.append(ExportedLoop(loop.name, element.type, (ends[0], ends[1]), attitude))
     return tuple(loops)
@@ -297,6 +297,50 @@ def kept_origins(
 def base_pose(pose: UrdfPose) -> bool:
     """Tell whether a pose is that of the frame itself."""
     return bool(np.array_equal(matrix(pose), np.eye(4)))
+
+
+# -- what formats share ------------------------------------------------------------------------------------
+def followers(
+    couplers: Iterable[ExportedCoupler],
+) -> tuple[dict[str, tuple[str, float, float, str]], list[ExportedCoupler]]:
+    """Return couplers of two joints as q = multiplier q_leader + offset, and the other couplers.
+
+    The first are by joint: leader, multiplier, offset and the name of the coupler; each joint follows at most one.
+    """
+    mimics: dict[str, tuple[str, float, float, str]] = {}
+    others = []
+    for coupler in couplers:
+        terms = list(coupler.terms.items())
+        ways = [terms, terms[::-1]] if len(terms) == 2 else []
+        for (name, a), (leader, b) in ways:
+            if name not in mimics and not _follows(mimics, leader, name):
+                mimics[name] = (leader, -b / a + 0.0, coupler.value / a, coupler.name)
+                break
+        else:
+            others.append(coupler)
+    return mimics, others
+
+
+def _follows(mimics: Mapping[str, tuple[str, float, float, str]], joint: str, other: str) -> bool:
+    """Tell whether a joint follows another, directly or by way of others."""
+    while joint in mimics:
+        joint = mimics[joint][0]
+        if joint == other:
+            return True
+    return joint == other
+
+
+def rotor_notes(robot: ExportedRobot) -> list[str]:
+    """Return what there is to say of rotors that are written as Drake has them."""
+    names = [link.joint for link in robot.links if any(one.rotor_inertia for one in link.coordinates)]
+    return [f"rotors as Drake has them, which others pass over: {listed(names)}"] if names else []
+
+
+def held_root(robot: ExportedRobot) -> bool:
+    """Tell whether one link alone is on the ground, and fixed there where the world is."""
+    roots = [link for link in robot.links if link.parent == GROUND]
+    tied = any(end.link == GROUND for loop in robot.loops for end in loop.ends)
+    return len(roots) == 1 and roots[0].type == "fixed" and base_pose(roots[0].pose) and not tied
 
 
 # -- XML ---------------------------------------------------------------------------------------------------

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,9 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model, unknown_among
 from robodyn_cli.over.export.robot import (
-    GROUND,
     ExportedCoupler,
+    ExportedFrames,
     ExportedRobot,
-    Frames,
-    base_pose,
     floats,
     fresh,
     kept_origins,
@@ -44,7 +42,7 @@ class Format:
     name : as files of it are called. joints, loops : kinds. turned : kinds of joint whose links need the joint's axes.
     along : kinds with several coordinates whose forces and limits it has, coordinate by coordinate. springs : whether
     joints may have some. in_space : whether dampers of balls. assembled : whether poses of links must close the loops.
-    reserved : names that no link may have.
+    limits : those that it has. reserved : names that no link may have.
     write : f(robot, what there is to say, to which it adds) -> texts by name of file.
     problems : what else it cannot hold, one text each.
     """
@@ -59,6 +57,7 @@ class Format:
     springs: bool = False
     in_space: bool = False
     assembled: bool = False
+    limits: tuple[str, ...] = ("lower", "upper", "speed", "effort")
     reserved: tuple[str, ...] = ()
 
 
@@ -99,14 +98,14 @@ def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
     ------
     CapabilityError : with everything that the format has not.
     """
-    whole, notes = completed(scene)
-    model = build_model(whole, merge=False)
-    refused = _refused(whole, model, form)
+    model = build_model(dataclasses.replace(scene, robot=filled(scene)), merge=False)
+    refused = _refused(scene, model, form)
     if refused:
         raise _refusal(scene, form, refused)
+    notes = made_up(scene)
     reference = _reference(scene, model, form, notes)
     dh = [joint.name for joint in scene.robot.joints if joint.has_dh]
-    frames = Frames(model, form.turned, dh, reference)
+    frames = ExportedFrames(model, form.turned, dh, reference)
     links = {link.joint: link for link in links_of(model, frames, _limits(scene, model, form, notes))}
     ordered = tuple(links[joint.name] for joint in scene.robot.joints)
     if np.array_equal(reference, Manifold(model).neutral()):
@@ -196,26 +195,23 @@ def _force_problem(force: Any, kind: str, nv: int, form: Format) -> str:
 
 
 # -- what is made up, and listed ---------------------------------------------------------------------------
-def completed(scene: Scene) -> tuple[Scene, list[str]]:
-    """Return a scene with numbers in place of data that it does not give, and what it gets.
+def made_up(scene: Scene) -> list[str]:
+    """Return what there is to say of data that the scene does not give.
 
     Raises
     ------
     CapabilityError : the equations of motion need some of them.
     """
-    problem = Problem(scene)
-    terms = problem.rigid_terms()
+    terms = Problem(scene).rigid_terms()
     missing = unknown_among([x for term in terms.values() for x in np.ravel(term)])
     if missing:
         raise CapabilityError(
             f"{scene.path}: the motion depends on data that the scene does not give: {listed(sorted(set(missing)))}"
         )
-    robot = filled(scene)
-    made_up = [new.name for old, new in zip(scene.robot.links, robot.links) if _differs(old, new)]
-    notes = [
-        f"data that the scene does not give, and no motion depends on, are made up in links {listed(made_up)}"
-    ]
-    return dataclasses.replace(scene, robot=robot), notes if made_up else []
+    links = zip(scene.robot.links, filled(scene).links)
+    names = [new.name for old, new in links if _differs(old, new)]
+    text = "data that the scene does not give, and no motion depends on, are made up in links"
+    return [f"{text} {listed(names)}"] if names else []
 
 
 def filled(scene: Scene) -> Robot:
@@ -264,7 +260,7 @@ def _limits(scene: Scene, model: Model, form: Format, notes: list[str]) -> dict[
             kept = name == joint.name or joint.type in form.along
             limits[name] = {
                 k: float(x) for k, x in given.items()
-                if kept and k not in ("acceleration", "jerk") and not isinstance(x, (tuple, list))
+                if kept and k in form.limits and not isinstance(x, (tuple, list))
             }  # fmt: skip
             left += [f"{k} of {name}" for k in given if k not in limits[name]]
     if left:
@@ -361,41 +357,3 @@ def _coupler(scene: Scene, coupler: Any, model: Model, reference: Array) -> Expo
     terms = {name: float(x) for name, x in coupler.terms.items()}
     value -= sum(x * float(reference[model.body_of(name).q]) for name, x in terms.items())
     return ExportedCoupler(coupler.name, terms, value + 0.0)
-
-
-# -- what formats share ------------------------------------------------------------------------------------
-def followers(
-    couplers: Iterable[ExportedCoupler],
-) -> tuple[dict[str, tuple[str, float, float, str]], list[ExportedCoupler]]:
-    """Return couplers of two joints as q = multiplier q_leader + offset, and the other couplers.
-
-    The first are by joint: leader, multiplier, offset and the name of the coupler; each joint follows at most one.
-    """
-    mimics: dict[str, tuple[str, float, float, str]] = {}
-    others = []
-    for coupler in couplers:
-        terms = list(coupler.terms.items())
-        ways = [terms, terms[::-1]] if len(terms) == 2 else []
-        for (name, a), (leader, b) in ways:
-            if name not in mimics and not _follows(mimics, leader, name):
-                mimics[name] = (leader, -b / a + 0.0, coupler.value / a, coupler.name)
-                break
-        else:
-            others.append(coupler)
-    return mimics, others
-
-
-def _follows(mimics: Mapping[str, tuple[str, float, float, str]], joint: str, other: str) -> bool:
-    """Tell whether a joint follows another, directly or by way of others."""
-    while joint in mimics:
-        joint = mimics[joint][0]
-        if joint == other:
-            return True
-    return joint == other
-
-
-def held_root(robot: ExportedRobot) -> bool:
-    """Tell whether one link alone is on the ground, and fixed there where the world is."""
-    roots = [link for link in robot.links if link.parent == GROUND]
-    tied = any(end.link == GROUND for loop in robot.loops for end in loop.ends)
-    return len(roots) == 1 and roots[0].type == "fixed" and base_pose(roots[0].pose) and not tied

@@ -16,10 +16,12 @@ from robodyn_cli.over.export.robot import (
     ExportedLink,
     ExportedLoop,
     ExportedRobot,
+    followers,
+    rotor_notes,
     words,
     xml_text,
 )
-from robodyn_cli.over.export.scene import Format, followers
+from robodyn_cli.over.export.scene import Format
 from robodyn_cli.scene.sdf.frames import WORLD
 
 VERSION = "1.11"
@@ -55,6 +57,7 @@ def write_sdf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
                     SubElement(mimic, key).text = words(x)
     for loop in robot.loops:
         _loop(model, loop, robot)
+    notes += rotor_notes(robot)
     massless = [link.name for link in robot.links if link.massless]
     if massless:
         notes.append(f"massless links, which not every reader of SDF takes: {listed(massless)}")

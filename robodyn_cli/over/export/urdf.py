@@ -18,11 +18,14 @@ from robodyn_cli.over.export.robot import (
     ExportedLink,
     ExportedLoop,
     ExportedRobot,
+    followers,
     fresh,
+    held_root,
+    rotor_notes,
     words,
     xml_text,
 )
-from robodyn_cli.over.export.scene import Format, followers, held_root
+from robodyn_cli.over.export.scene import Format
 from robodyn_cli.scene.sdf.frames import pose_between
 from robodyn_cli.scene.text.nodes import Scalar, Source, plain
 from robodyn_cli.scene.text.yaml_text import emit
@@ -54,6 +57,7 @@ class UrdfWriter:
                 self.joint(link)
         for link in robot.links:
             self.transmission(link)
+        notes += rotor_notes(robot)
 
     def name(self, link: str) -> str:
         """Return the name of a link, or of what stands for the ground."""

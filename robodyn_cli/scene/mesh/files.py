@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import importlib.util
 import math
-import os
 from collections.abc import Iterator
 from io import BytesIO
 from typing import Any
@@ -268,19 +267,38 @@ def small_mesh(path: str) -> str:
     ------
     MeshError : the file cannot be read, is too large, of another format or damaged.
     """
+    used = _triangles(mesh_bytes(path), path)
+    return obj_text(_rounded(simplified(Mesh(used, np.arange(len(used)).reshape(-1, 3)), MOST_FACES)))
+
+
+def mesh_bytes(path: str, checked: bool = False) -> bytes:
+    """Return the bytes of a file that holds a mesh; ``checked`` : which was read from them.
+
+    Raises
+    ------
+    MeshError : as ``small_mesh``.
+    """
     if not path.lower().endswith(FORMATS):
         raise MeshError(f"allowed: {', '.join(FORMATS)}")
     try:
         data = contents(path, MOST_BYTES)
     except (OSError, ValueError) as error:  # a zero byte in the name is a ValueError
         raise MeshError(getattr(error, "strerror", None) or str(error)) from None
+    if checked:
+        _triangles(data, path)
+    return data
+
+
+@np.errstate(all="ignore")
+def _triangles(data: bytes, path: str) -> Array:
+    """Return the corners (3 N, 3) of the triangles in the bytes of a file."""
     mesh = _read(data, path.lower().rpartition(".")[2])
     if not len(mesh.faces):
-        raise MeshError(f"no triangles in {os.path.getsize(path)} bytes")
+        raise MeshError(f"no triangles in {len(data)} bytes")
     used = mesh.points[mesh.faces].reshape(-1, 3)
     if not np.isfinite(np.ptp(used, axis=0)).all():
         raise MeshError("a corner is not finite, or too far from another one for a double")
-    return obj_text(_rounded(simplified(Mesh(used, np.arange(len(used)).reshape(-1, 3)), MOST_FACES)))
+    return used
 
 
 def _read(data: bytes, kind: str) -> Mesh:

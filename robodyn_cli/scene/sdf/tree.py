@@ -7,7 +7,7 @@ that turns it is; links that slide, are fixed or float keep their own.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
 
 from robodyn_cli.errors import unknown_name
@@ -18,7 +18,7 @@ from robodyn_cli.scene.sdf.joints import CROSS, SINGLE, SdfAxis, SdfJoint
 from robodyn_cli.scene.sdf.structure import Move, SdfStructure
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
-from robodyn_cli.scene.urdf.closures import OF_DRAKE, Closure, Coupling, LoopEnd, Ties, loop_of
+from robodyn_cli.scene.urdf.closures import OF_DRAKE, Closure, Coupling, LoopEnd, Ties, tie_entries
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape, drawn_shapes
 from robodyn_cli.scene.urdf.tree import ROOT_JOINT, LinkEntries, origin_of, rotor_entries
 from robodyn_cli.scene.urdf.xml import GROUND, XmlElement, joint_names, link_names, scene_names
@@ -80,24 +80,11 @@ class _SdfTree:
                 joints.append(self.joint(move))
         entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
         couplings = tuple(self.couplings())
-        ties = Ties(tuple(self.closures()), tuple(x for x, _ in couplings))
+        ties = Ties(tuple(self.closures()), couplings)
         ties.check_names(self.faults)
-        names = scene_names(ties.names, self.joints.values())
-        couplers = [
-            plain(x.place, {"name": names[x.name], "terms": x.terms} | ({"value": value} if value else {}))
-            for x, value in couplings
-        ]
-        points: dict[str, MappingNode] = {}
-        loops = []
-        for closure in ties.closures:
-            loop, joined = loop_of(closure, names[closure.name], self.links)
-            loops.append(plain(closure.place, loop))
-            points |= {name: plain(closure.place, point) for name, point in joined.items()}
-        entries |= {"couplers": sequence(place, couplers)} if couplers else {}
-        entries |= {"points": plain(place, points)} if points else {}
-        frames = self.frames(points)
-        entries |= {"frames": plain(place, frames)} if frames else {}
-        entries |= {"loops": sequence(place, loops)} if loops else {}
+        entries |= tie_entries(ties, self.joints.values(), self.links)
+        frames = self.frames(entries.get("points", ()))
+        entries |= {"frames": frames} if frames else {}
         return RobotTree(plain(place, entries), self.remarks, written.remarks)
 
     # -- links and frames -------------------------------------------------------------------------------
@@ -119,7 +106,7 @@ class _SdfTree:
             shapes.append(tuple(placed))
         return UrdfLink(link.element, link.name, shifted, shapes[0], shapes[1])
 
-    def frames(self, points: Mapping[str, Any]) -> dict[str, MappingNode]:
+    def frames(self, points: Iterable[str]) -> dict[str, MappingNode]:
         """Return the named frames of the file as ``frames``."""
         frames = {}
         names = scene_names((frame.name for frame in self.robot.named), points)
@@ -223,8 +210,8 @@ class _SdfTree:
             if name not in frames.frames:
                 raise element.error(f"<{element.tag}>: {unknown_name('link or frame', name, frames.frames)}")
             body = frames.body(frames.frames[name])
-            at = between(self.seats[body], frames.pose(frames.frames[name]) @ matrix(end.pose))[:3, 3]
-            ends.append(LoopEnd(body, UrdfPose(tuple(float(x) for x in at))))
+            T = between(self.seats[body], frames.pose(frames.frames[name]) @ matrix(end.pose))
+            ends.append(LoopEnd(body, pose_between(T)))
         return Closure(closure.place, closure.name, closure.type, (ends[0], ends[1]), closure.length)
 
     def closure(self, move: Move) -> Closure:
@@ -243,8 +230,8 @@ class _SdfTree:
         return Closure(joint.element.place, joint.name, kind, (ends[0], ends[1]))
 
     # -- couplers ---------------------------------------------------------------------------------------
-    def couplings(self) -> Iterator[tuple[Coupling, float]]:
-        """Yield relations between joints that move, with their values."""
+    def couplings(self) -> Iterator[Coupling]:
+        """Yield relations between joints that move."""
         coupled = {move.joint.name: move.joint for move in self.structure.moves if move.joint.type in SINGLE}
         for move in self.structure.moves:
             for axis in move.joint.axes:
@@ -257,10 +244,10 @@ class _SdfTree:
                             self.joints[mimic.joint]: -mimic.multiplier,
                         }
                         value = mimic.offset - mimic.multiplier * mimic.reference
-                        yield Coupling(mimic.element.place, f"{move.joint.name}_mimic", terms), value
+                        yield Coupling(mimic.element.place, f"{move.joint.name}_mimic", terms, value)
         for joint in self.structure.gearboxes:
             with self.faults:
-                yield self.gearbox(joint), 0.0
+                yield self.gearbox(joint)
 
     def gearbox(self, joint: SdfJoint) -> Coupling:
         """Return theta2 + ratio theta1 = 0 of the angles from the reference body to the parent and to the child."""

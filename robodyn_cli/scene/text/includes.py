@@ -250,7 +250,7 @@ class Includer:
     def with_own_keys(
         kind: kinds.OrFile, base: nodes.Mapping, node: nodes.Mapping, path: nodes.Path
     ) -> nodes.Mapping:
-        """Return an included map with the keys that stand beside ``include``."""
+        """Return an included map with the keys beside ``include``; points and frames of a robot are added."""
         own = [(key, value) for key, value in node.entries if key.text != kinds.INCLUDE]
         if kind.robot and node.get(kinds.PREFIX) is not None:
             from robodyn_cli.scene.text.attach import prefix_of, with_prefix
@@ -258,6 +258,11 @@ class Includer:
             base = with_prefix(base, prefix_of(node, path))
             own = [(key, value) for key, value in own if key.text != kinds.PREFIX]
         for key, value in own:
+            theirs = base.get(key.text) if kind.robot and key.text in ("points", "frames") else None
+            if isinstance(theirs, nodes.Mapping) and isinstance(value, nodes.Mapping):
+                for name, place in value.entries:  # loops of the file may join its points
+                    theirs = theirs.replaced(name, place)
+                value = theirs
             base = base.replaced(key, value)
         return base
 

@@ -12,16 +12,16 @@ that no file decides in which frame its ``<axis>`` is meant: here it is the loop
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import did_you_mean, shown, unknown_name
 from robodyn_cli.record import record
-from robodyn_cli.scene.text.nodes import Faults, Node, located
+from robodyn_cli.scene.text.nodes import Faults, Node, located, plain
 from robodyn_cli.scene.urdf.drake import DRAKE, constraint
 from robodyn_cli.scene.urdf.elements import X_AXIS, UrdfJoint, UrdfPose, UrdfRobot, pose_of
 from robodyn_cli.scene.urdf.structure import SINGLE
-from robodyn_cli.scene.urdf.xml import XmlElement
+from robodyn_cli.scene.urdf.xml import XmlElement, scene_names
 
 # what a dialect calls a closure, by the kind of the scene's loops
 _OF_LOOP = {"continuous": "revolute", **{x: x for x in ("revolute", "prismatic", "planar", "fixed")}}
@@ -52,11 +52,12 @@ class Closure:
 
 @record
 class Coupling:
-    """The sum of coefficient times q over joints that move is 0; ``place`` : where it is written."""
+    """The sum of coefficient times q over joints that move is ``value``; ``place`` : where it is written."""
 
     place: Node
     name: str
     terms: dict[str, float]
+    value: float = 0.0
 
 
 @record
@@ -167,14 +168,14 @@ def _loop_joint(element: XmlElement) -> Closure:
 
 
 def _drake(element: XmlElement) -> Closure:
-    """Read ``drake:ball_constraint`` and ``drake:distance_constraint``, which have no names."""
+    """Read a constraint of Drake, which has no name."""
     kind, ends, length = constraint(element)
     first, second = (LoopEnd(link, UrdfPose(point)) for link, point in ends)
     name = f"{element.tag.removeprefix(DRAKE)}_{first.link}_{second.link}"
     return Closure(element.place, name, kind, (first, second), length)
 
 
-OF_DRAKE = {f"{DRAKE}{kind}_constraint": _drake for kind in ("ball", "distance")}
+OF_DRAKE = {f"{DRAKE}{kind}_constraint": _drake for kind in ("ball", "distance", "weld")}
 _READERS = {"loop": _loop, "constraint": _constraint, "loop_joint": _loop_joint, **OF_DRAKE}
 
 
@@ -266,6 +267,26 @@ def loop_of(closure: Closure, name: str, links: Mapping[str, str]) -> tuple[dict
         rpy = rpy_of((turned[0] @ turned[1].T).tolist())
         entry |= {"rpy": rpy} if any(rpy) else {}
     return entry, points
+
+
+def tie_entries(ties: Ties, joints: Iterable[str], links: Mapping[str, str]) -> dict[str, Any]:
+    """Return the keys ``couplers``, ``points`` and ``loops`` of a robot, those that have something.
+
+    joints, links : their names in the scene.
+    """
+    names = scene_names(ties.names, joints)
+    couplers: list[Node] = []
+    loops: list[Node] = []
+    points: dict[str, Node] = {}
+    for tie in ties.couplings:
+        value = {"value": tie.value} if tie.value else {}
+        couplers.append(plain(tie.place, {"name": names[tie.name], "terms": tie.terms, **value}))
+    for closure in ties.closures:
+        loop, joined = loop_of(closure, names[closure.name], links)
+        loops.append(plain(closure.place, loop))
+        points |= {name: plain(closure.place, point) for name, point in joined.items()}
+    entries: dict[str, Any] = {"couplers": couplers, "points": points, "loops": loops}
+    return {key: entry for key, entry in entries.items() if entry}
 
 
 def rpy_of(R: list[list[float]]) -> list[float]:

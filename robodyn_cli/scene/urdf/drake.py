@@ -7,7 +7,6 @@ and turns about z. Rotors add gear_ratio^2 rotor_inertia; ``effort`` 0 says that
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.record import record
@@ -25,7 +24,7 @@ JOINTS: dict[str, tuple[str, tuple[tuple[float, ...], ...], tuple[str, ...]]] = 
 # what is read of Drake, by where it stands
 READ = {
     "robot": ("joint", "ball_constraint", "distance_constraint"),
-    "model": ("ball_constraint", "distance_constraint"),
+    "model": ("ball_constraint", "distance_constraint", "weld_constraint"),
     "actuator": ("rotor_inertia", "gear_ratio"),
     "joint": ("rotor_inertia", "gear_ratio", "mimic", "screw_thread_pitch"),
     "ball_constraint": ("body_A", "body_B", "p_AP", "p_BQ"),
@@ -134,24 +133,26 @@ def value_of(element: XmlElement, owner: str, size: int) -> list[float]:
 
 
 def constraint(element: XmlElement) -> tuple[str, list[tuple[str, tuple[float, ...]]], float]:
-    """Return kind, links with the points on them, and length of a constraint between two points."""
+    """Return kind, links (or frames of SDF) with the points on them, and length of a constraint."""
     tag = element.tag
     kind = tag.removeprefix(DRAKE)
 
-    def part(name: str) -> Any:
-        child = element.one(f"{tag}_{name}", kind)
+    def part(name: str) -> XmlElement:
+        child = element.one(name, kind)
         if child is None:
-            raise element.error(f"{kind} needs <{tag}_{name}>")
+            raise element.error(f"{kind} needs <{name}>")
         return child
 
+    if kind == "weld_constraint":
+        return "fixed", [(part(end).content.strip(), (0.0, 0.0, 0.0)) for end in ("parent", "child")], 0.0
     ends = []
     for body, point in (("body_A", "p_AP"), ("body_B", "p_BQ")):
-        own = part(body)
+        own = part(f"{tag}_{body}")
         link = own.attributes.get("name", own.content).strip()
-        ends.append((link, tuple(value_of(part(point), kind, 3))))
+        ends.append((link, tuple(value_of(part(f"{tag}_{point}"), kind, 3))))
     if kind == "ball_constraint":
         return "spherical", ends, 0.0
-    length = value_of(part("distance"), kind, 1)[0]
+    length = value_of(part(f"{tag}_distance"), kind, 1)[0]
     if length <= 0.0:
         raise element.error(f"{kind}: the distance is {length:g}; allowed: a number > 0 [m]")
     return "distance", ends, length

@@ -16,7 +16,7 @@ from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.unread import SHAPES, Children, left_out, refuse_acting
-from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind, rotors_of
+from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
@@ -168,30 +168,8 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
                 links.append(_link(child))
             elif child.tag in ("joint", f"{DRAKE}joint"):
                 joints.append(_joint(child))
-    own = _with_rotors(joints, rotors_of(root, faults), faults)
-    return UrdfRobot(
-        root, root.attributes.get("name", "").strip(), tuple(links), own, left_out(root, _ELEMENTS, faults)
-    )
-
-
-def _with_rotors(
-    joints: list[UrdfJoint], rotors: Mapping[str, tuple[XmlElement, Rotor]], faults: Faults
-) -> tuple[UrdfJoint, ...]:
-    """Return the joints with the rotors of their motors; an effort of 0 says that there is none."""
-    kinds = {joint.name: joint.type for joint in joints}
-    for name, (element, _) in rotors.items():
-        with faults:
-            if kinds.get(name, "") not in ("revolute", "continuous", "prismatic"):
-                moving = [
-                    joint for joint, kind in kinds.items() if kind in ("revolute", "continuous", "prismatic")
-                ]
-                raise element.error(f"a rotor: {unknown_name('joint with one coordinate', name, moving)}")
-    return tuple(
-        dataclasses.replace(joint, rotor=rotors[joint.name][1])
-        if joint.name in rotors and joint.limits.get("effort", 1.0) > 0.0
-        else joint
-        for joint in joints
-    )
+    ignored = left_out(root, _ELEMENTS, faults)
+    return UrdfRobot(root, root.attributes.get("name", "").strip(), tuple(links), tuple(joints), ignored)
 
 
 def _refuse_xacro(root: XmlElement) -> None:

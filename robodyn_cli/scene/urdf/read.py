@@ -12,9 +12,9 @@ from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
 from robodyn_cli.scene.urdf.closures import Ties, closures_of, couplings_of
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
 from robodyn_cli.scene.urdf.extended import with_file_beside
-from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations
+from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations, with_rotors
 from robodyn_cli.scene.urdf.tree import robot_tree
-from robodyn_cli.scene.urdf.xml import XmlElement
+from robodyn_cli.scene.urdf.xml import XmlElement, joint_names
 
 
 def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Description | None:
@@ -24,7 +24,7 @@ def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Descripti
     ------
     SceneError : what the file says is not allowed.
     """
-    robot = read_elements(root, faults)
+    robot = with_rotors(read_elements(root, faults), faults)
     if not faults.found:
         check_structure(robot, faults)
     if faults.found:
@@ -39,7 +39,9 @@ def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Descripti
     tree = robot_tree(robot, relations({joint.name: joint for joint in robot.joints}), ties, file, packages)
     notes = (*_notes(robot), *beside.notes, *_missing(robot, file, packages))
     files = (beside.file,) if beside.file else ()
-    return Description(file, tree, _heading(robot, tree), notes, _warnings(robot), files)
+    names = joint_names(joint.name for joint in robot.joints)
+    motors = tuple(names[name] for name in beside.motors) or None
+    return Description(file, tree, _heading(robot, tree), notes, _warnings(robot), files, motors)
 
 
 def _visuals(root: Mapping) -> Iterator[Sequence]:

@@ -5,11 +5,13 @@ Joints that mimic others: relations between coordinates, or constants where what
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
 
-from robodyn_cli.errors import did_you_mean, listed, shown
+from robodyn_cli.errors import did_you_mean, listed, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.urdf.drake import rotors_of
 from robodyn_cli.scene.urdf.elements import Mimic, UrdfJoint, UrdfLink, UrdfRobot
 
 
@@ -177,3 +179,21 @@ def _relation(joints: Mapping[str, UrdfJoint], joint: UrdfJoint) -> Relation:
     for mimic in reversed(behind):
         value = mimic.multiplier * value + mimic.offset
     return Relation(None, 0.0, value)
+
+
+def with_rotors(robot: UrdfRobot, faults: Faults) -> UrdfRobot:
+    """Return the robot with the rotors of its motors; an effort of 0 says that a joint has none."""
+    rotors = rotors_of(robot.element, faults)
+    kinds = {joint.name: joint.type for joint in robot.joints}
+    moving = [name for name, kind in kinds.items() if kind in SINGLE]
+    for name, (element, _) in rotors.items():
+        with faults:
+            if name not in moving:
+                raise element.error(f"a rotor: {unknown_name('joint with one coordinate', name, moving)}")
+    joints = (
+        dataclasses.replace(joint, rotor=rotors[joint.name][1])
+        if joint.name in rotors and joint.limits.get("effort", 1.0) > 0.0
+        else joint
+        for joint in robot.joints
+    )
+    return dataclasses.replace(robot, joints=tuple(joints)) if rotors else robot

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import os
+from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from typing import Any
 
@@ -110,7 +111,8 @@ class _Tree:
         }
         if held and relation is not None and joint.mimic is not None:
             remarks.append(f"mimics {joint.mimic.joint!r}, which does not move: held at {relation.offset!r}")
-            entries |= origin_of(place, _moved(joint, relation.offset))
+            moved = moved_along(joint.pose, joint.axis, relation.offset, joint.type == "prismatic")
+            entries |= origin_of(place, moved)
         else:
             if joint.mimic is not None and kind == "fixed":
                 remarks.append(f"mimics {joint.mimic.joint!r}, which means nothing for a fixed joint")
@@ -250,17 +252,17 @@ def origin_of(place: Node, pose: UrdfPose) -> dict[str, Any]:
 
 
 # -- geometry ----------------------------------------------------------------------------------------------
-def _moved(joint: UrdfJoint, q: float) -> UrdfPose:
-    """Return the pose of a joint's link at q, in the parent link's frame."""
+def moved_along(pose: UrdfPose, axis: Iterable[float], q: float, slides: bool) -> UrdfPose:
+    """Return the pose of a joint's link at q, in the parent link's frame; ``pose`` : at q = 0."""
     from robodyn_cli.spatial import quaternion
 
-    length = math.hypot(*joint.axis)
-    step = [q * a / length for a in joint.axis]
-    if joint.type == "prismatic":
-        xyz = tuple(float(p + d) for p, d in zip(joint.pose.xyz, joint.pose.rotation @ step))
-        return UrdfPose(xyz, joint.pose.rpy, joint.pose.quaternion)
-    turned = quaternion.product(joint.pose.unit_quaternion, quaternion.from_rotation_vector(step))
-    return UrdfPose(joint.pose.xyz, quaternion=tuple(float(x) for x in turned))
+    axis = tuple(axis)
+    step = [q * a / math.hypot(*axis) for a in axis]
+    if slides:
+        xyz = tuple(float(p + d) for p, d in zip(pose.xyz, pose.rotation @ step))
+        return UrdfPose(xyz, pose.rpy, pose.quaternion)
+    turned = quaternion.product(pose.unit_quaternion, quaternion.from_rotation_vector(step))
+    return UrdfPose(pose.xyz, quaternion=tuple(float(x) for x in turned))
 
 
 def _turned(inertial: Inertial) -> dict[str, float]:
