@@ -14,16 +14,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import maximum, where
 from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Loop
+from robodyn_cli.model.model import BASE, PARAMETER_GROUP, TORQUE, Loop, Model
 from robodyn_cli.model.places import placed
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zeros
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import MechanismParts
+    from robodyn_cli.equations.problem import Problem
     from robodyn_cli.scene.nested_options import DeployLatch
 
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
@@ -66,6 +69,10 @@ class LatchRow:
     def is_own(self) -> bool:
         """Whether the position at which it closes is that of the coordinate that it holds."""
         return self.closing is not None and self.closing == self.v
+
+    def load_unit(self, model: Model) -> str:
+        """Return the unit of what it exerts."""
+        return "N m" if self.v is None else TORQUE[model.v_units[self.v]]
 
     # -- a compliant one ------------------------------------------------------------------------------
     def depth(self, q: Sequence[Any], v: Sequence[Any]) -> tuple[Any, Any]:
@@ -254,6 +261,29 @@ def held_rows(problem: MechanismParts) -> tuple[Matrix, list[Scalar], list[Scala
         rows[k] = latch.psi
     drift = [*(0.0 for _ in contacts), *(latch.gamma for latch in latches)]
     return rows, drift, [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)]
+
+
+def latch_loads(problem: Problem) -> list[Scalar]:
+    """Return what each latch exerts on its joint, or about the axis of its closure on the second of its links.
+
+    rigid:  M v-dot + h - tau - Psi^T lambda in the coordinate that it holds, or the multiplier of its row rho
+    """
+    rows, _, _ = held_rows(problem)
+    closures = iter(problem.holding[len(problem.contact_joints) :])
+    bearing = np.concatenate([problem.independent_rows.psi(problem.model.nv), rows])
+    multipliers = [*problem.forward.lam, *problem.holding]
+    f = problem.applied - problem.bias
+    loads = []
+    for latch in problem.latches:
+        if not latch.rigid:
+            loads.append(latch.torque(problem.q, problem.v))
+        elif latch.v is None:
+            loads.append(next(closures))
+        else:
+            v = latch.v
+            others = dot(problem.mass_matrix[v], problem.forward.qdd) - f[v]
+            loads.append(latch.hold * (others - dot(bearing[:, v], vector(multipliers))))
+    return loads
 
 
 def refuse_company(problem: MechanismParts) -> None:

@@ -4,6 +4,7 @@ have in common."""
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
 MEANINGS = {
     "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
 }  # fmt: skip
+LATCH_LOADS = "what each latch exerts on its joint, or about its closure's axis on the second link"
 MOST_ROWS = 40  # of Psi: up to so many, singular values are computed at every sample
 
 
@@ -60,6 +62,10 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
         outputs["forces.power"] = [effect.power for effect in problem.elements.effects]
     if accelerations and not problem.dependent:
         outputs["qdd"] = list(problem.forward.qdd)
+    if problem.latches:
+        from robodyn_cli.equations.latches import latch_loads
+
+        outputs["latch_loads"] = latch_loads(problem)
     if problem.dependent:
         from robodyn_cli.observe.singular_values import equations_of
 
@@ -298,7 +304,7 @@ class Observer:
         # the structure behind a lock may have nothing any more that does work
         if self.system.work_done_by and z.shape[1]:
             data["energy/work"] = z[:, -1]
-        for path in FORCES:
+        for path in (*FORCES, "latch_loads"):
             if (name := path.replace("/", ".")) in values:
                 data[path] = values[name]
         if self.controlled:
@@ -360,6 +366,12 @@ class Observer:
             elements = self.problem.elements.names
             table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
             table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
+        if latches := self.problem.latches:
+            units = tuple(latch.load_unit(self.problem.model) for latch in latches)
+            column = Column(unit_text(units), LATCH_LOADS, ("time", "latch"), tuple(x.name for x in latches))
+            table["latch_loads"] = dataclasses.replace(
+                column, column_units=units if len(set(units)) > 1 else ()
+            )
         if self.controlled:
             from robodyn_cli.observe.control import control_columns
 

@@ -82,6 +82,10 @@ RUN: tuple[Entry, ...] = (
     ),
     Entry("force_wrenches/FORCE", ("time", "wrench"), "N, N m", "of a force on its last place", (), WRENCH),
     Entry(
+        "latch_loads", ("time", "latch"), "N m or N",
+        "what each of several latches exerts on its joint, or about its closure's axis on the second link",
+    ),
+    Entry(
         "base_wrench", ("time", "wrench"), "N, N m",
         "force and moment of the ground on the mechanism", by_column=WRENCH,
     ),

@@ -27,6 +27,7 @@ from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
 from robodyn_cli.over.many.simulate import COUNTERS, LOCK_ERRORS, SECOND_STEPS, Deploy
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
+from robodyn_cli.scene.checks.columns import column_of
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED, with_second
@@ -45,6 +46,9 @@ class DeployLatches(Deploy):
     words = WORDS
     follows_events = True
 
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
     def obstacle(self, motion: Motion) -> str:
         latches = motion.problem.latches
         reasons = {
@@ -59,7 +63,8 @@ class DeployLatches(Deploy):
     def gives(self, key: str) -> bool:
         group, _, rest = key.partition(".")
         figure = key in LOCK_ERRORS or key.startswith(("lock.angles.", "lock.rates."))
-        return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1)
+        on_the_way = bool(column_of(self.scene, key))  # the largest load of a rigid one
+        return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1 and not on_the_way)
 
     def is_plain(self, key: str) -> bool:
         return key in (*COUNTERS, SECOND_STEPS, *self.words) or self.gives(key)
@@ -103,7 +108,7 @@ OTHERS: dict[EventKind, Owner | None] = {EventKind.RANK_LOSS: _Doubtful(), Event
 
 def command_for(command: BatchCommand[Any], scene: Scene) -> BatchCommand[Any]:
     """Return what makes many runs of a scene: a command itself, or with latches one of its own."""
-    return DeployLatches() if isinstance(command, Deploy) and scene.deploy.latches else command
+    return DeployLatches(scene) if isinstance(command, Deploy) and scene.deploy.latches else command
 
 
 @record

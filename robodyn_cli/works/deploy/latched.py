@@ -12,6 +12,7 @@ from robodyn_cli.errors import RobodynError
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import BLOCK, Driver
 from robodyn_cli.motion.failure import explained
+from robodyn_cli.motion.figures import with_figures
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
@@ -147,7 +148,10 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         lock=_lock(run, summary, estimate),
         overload=overload if scene.deploy.loads and failure is None else ABSENT,
     )
-    result.summarise(summary, *others, keys, seconds=watch.report())
+    records = [summary, *others, keys]
+    if failure is None:
+        records = with_figures(records, result, run, estimate, watch)
+    result.summarise(*records, seconds=watch.report())
     return result.unless(failure)
 
 
