@@ -17,7 +17,8 @@ import numpy as np
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.integrators.runtime.integrator import Met
-from robodyn_cli.integrators.runtime.options import SLACK, Grid, Options
+from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
