@@ -19,6 +19,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
 
 INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
+SUMMED = 100.0  # times that, of a position that is a sum
 
 
 class LatchStates(ContactStates):
@@ -121,20 +122,30 @@ class LatchStates(ContactStates):
 
     def _note_load(self, t: float, x: Array, k: int) -> None:
         it, s = self.closings[k], self._direction[k]
-        delta, rate = s * (x[self._q_of[k]] - self._rest[k]), s * x[self._v_of[k]]
+        delta, rate = s * (self._position(k, x) - self._rest[k]), s * self._rate(k, x)
         load = float(self.latches[k].law(delta, rate)) if delta >= 0.0 else 0.0
         if load > it.peak:
             it.peak, it.peak_time = load, t
 
+    def _position(self, k: int, x: Array) -> float:
+        """Return the position that the spring of a latch knows."""
+        return float(self.latches[k].position(self.system.split(x)[0]))
+
+    def _rate(self, k: int, x: Array) -> float:
+        """Return the rate of this position."""
+        return float(self.latches[k].rate(self.system.split(x)[1]))
+
     def _growth(self, t: float, x: Array, k: int) -> float:
         """Return the rate at which the load of a compliant latch that has just been met grows."""
-        latch, s, rest = self.latches[k], self._direction[k], self._rest[k]
-        assert latch.v is not None
+        latch, s, rest, place = self.latches[k], self._direction[k], self._rest[k], self._q_of[k]
         x = x.copy()
-        x[self._q_of[k]] = rest + s * INSIDE * max(
-            1.0, abs(rest)
-        )  # at its position itself nothing pushes yet
-        return float(latch.law(s * x[self._v_of[k]], s * self.rates(t, x)[0][latch.v]))
+        # at its position itself nothing pushes yet
+        if place is not None:
+            x[place] = rest + s * INSIDE * max(1.0, abs(rest))
+        else:
+            places, row = list(self.system.q_places), np.array([float(y) for y in latch.psi])
+            x[places] += s * SUMMED * INSIDE * max(1.0, float(np.abs(x[places]).max())) * row
+        return float(latch.law(s * self._rate(k, x), s * latch.rate(self.rates(t, x)[0])))
 
     def _has_peaked(self, k: int) -> bool:
         """Tell whether the load of a latch has come to its first peak, if it is one that grows."""
