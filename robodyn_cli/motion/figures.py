@@ -42,6 +42,21 @@ def with_figures(
     return records
 
 
+def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | None) -> MotionSummary:
+    """Return the summary of a motion with what its latches did, with errors by those of its second run."""
+    from robodyn_cli.motion.contact.latches import Latches
+
+    one, two = (
+        next((x for x in watchers if isinstance(x, Latches)), None)
+        for watchers in (run.driver.watchers, () if estimate is None else estimate.watchers)
+    )
+    if estimate is None or one is None or two is None:
+        return summary
+    return dataclasses.replace(
+        summary, **one.beside(two, (run.driver.time, estimate.end), estimate.factor)
+    )
+
+
 def _extremes(run: Run, estimate: Estimate | None) -> RunExtremes:
     """Return the extremes of columns over a run; the second run goes on to its own end."""
     from robodyn_cli.motion.extremes import RecordedMotion, extremes_over

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import dataclasses
 import enum
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.latches import LatchRow
@@ -13,6 +16,7 @@ from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
 from robodyn_cli.record import mutable_record, record
+from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import LatchLock, LatchLockErrors
 
@@ -116,7 +120,7 @@ class LatchClosing:
 
     order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
     impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. has_peaked : whether the load has been
-    at a peak, so that this says something. opened : when, if it has.
+    at a peak, so that this says something. opened : when, if it has. rates : of all joints, right before (nv,).
     """
 
     order: int
@@ -127,6 +131,7 @@ class LatchClosing:
     impulse: float | Absent = ABSENT
     peak: float = 0.0
     peak_time: float = 0.0
+    rates: Array = dataclasses.field(default_factory=lambda: np.zeros(0))
     has_peaked: bool = False
     rebounds: int = 0
     opened: float | Absent = ABSENT

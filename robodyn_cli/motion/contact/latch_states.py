@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,9 +17,12 @@ from robodyn_cli.motion.contact.states import ContactStates
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.singularity import passive_determinant
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
 
 INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
+BY_CHANCE = 0.1  # of how far the rates of two runs are apart: one that agrees better does so by chance
+RESTARTED = 1.6  # times the errors of a motion, of figures at events
 SUMMED = 100.0  # times that, of a position that is a sum
 
 
@@ -85,6 +89,32 @@ class LatchStates(ContactStates):
         missed = [k for k in range(len(self.names)) if k not in self.closings and k not in self.closed]
         locks = {self.names[k]: it.described(self.latches[k].rigid) for k, it in self.closings.items()}
         return {**own, "locks": locks, "missed": {self.names[k]: self._nearest(k) for k in missed}}
+
+    def beside(self, other: LatchStates, ends: tuple[float, float], factor: float) -> dict[str, Any]:
+        """Return ``locks`` and ``missed`` of a run that came to ``ends[0]`` with errors by those of a second one.
+
+        Every closing is a fresh start of the steps, so that errors follow the order of a method less closely than
+        along a smooth motion. A speed that agrees by chance says no more than that of the joint that agrees least.
+        """
+        one, two = (run.facts(end) for run, end in zip((self, other), ends))
+        for k, it in self.closings.items():
+            name, own = self.names[k], other.closings.get(k)
+            if own is None or not it.speed:
+                continue
+            part = BY_CHANCE * factor * float(np.abs(it.rates - own.rates).max()) / abs(it.speed)
+            lock = one["locks"][name]
+            shares = {"speed": 1.0, "energy_lost": 2.0, "angular_impulse": 1.0}
+            least = {
+                key: share * part * abs(value)
+                for key, share in shares.items()
+                if isinstance(value := getattr(lock, key), float)
+            }
+            errors = dataclasses.replace(lock.errors, **least)
+            one["locks"][name] = dataclasses.replace(lock, errors=errors)
+        return {
+            key: with_second(one[key], two[key], RESTARTED * factor, (key, "LATCH"))
+            for key in ("locks", "missed")
+        }
 
     @property
     def warnings(self) -> list[str]:

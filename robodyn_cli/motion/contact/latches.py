@@ -183,7 +183,8 @@ class Latches(LatchStates):
         angle = ABSENT if place is None else float(x[place])
         self._direction[k] = 1.0 if speed >= 0.0 else -1.0
         count = 1 if before is None else before.closings + 1
-        self.closings[k] = LatchClosing(order, t, angle, speed, closings=count)
+        rates = x[list(self.system.v_places)]
+        self.closings[k] = LatchClosing(order, t, angle, speed, closings=count, rates=rates)
         if not latch.rigid:
             self.closings[k].peak, self.closings[k].peak_time = abs(latch.law(0.0, abs(speed))), t
 

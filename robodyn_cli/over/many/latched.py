@@ -30,7 +30,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.checks.columns import column_of
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import ROUNDED, with_second
+from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.summaries.facts import Fact
 from robodyn_cli.works.deploy.latched import reason_of, time_error, watcher_of
 
@@ -208,6 +208,7 @@ class _Runner:
             options = dataclasses.replace(options, max_steps=min(options.max_steps, FIRST_LOOK + WORTH))
         system, watchers = watched_again(motion)
         self.batch, self.method, self.options, self.motion = batch, method, options, motion
+        self._others = batch.closed_otherwise().states
         own = motion.system.watched_by(lambda e: OTHERS.get(e.kind, e.owner))
         self.first = Driver(own, method, options, [watcher_of(motion.watchers)])
         self.second = Driver(system, method, options, watchers)
@@ -230,7 +231,7 @@ class _Runner:
         for driver, tables in zip(self._drivers, self._tables):
             driver.integrator.engine.take(tables[k])
         try:
-            self._drive(self.first, self.options, k)
+            self._drive(self.first, self.options, k, self.batch.states)
             second_steps = self._again(k) if self.motion.scene.simulate.error_estimate else None
         except RobodynError:
             return None
@@ -239,16 +240,16 @@ class _Runner:
                 kernel.table = None
         return self._run(second_steps)
 
-    def _drive(self, driver: Driver, options: Options, k: int) -> None:
+    def _drive(self, driver: Driver, options: Options, k: int, states: Array) -> None:
         end = float(self.batch.ends[k])
-        driver.start(0.0, self.batch.states[k], options)
+        driver.start(0.0, states[k], options)
         driver.run(end, Grid.over(end, self.motion.scene.simulate.samples), lambda t, x: None)
 
     def _again(self, k: int) -> int:
         """Make the second run; return its steps."""
 
         def once(attempt: Attempt) -> tuple[Any, Any]:
-            self._drive(self.second, attempt.alone, k)
+            self._drive(self.second, attempt.alone, k, self._others)
             return np.array([self.second.counters.steps]), np.array([False])
 
         integrate_again(self._begun, once)
@@ -269,11 +270,8 @@ class _Runner:
             }:
                 return None  # too sensitive: the command says so
             factor = float(remainder(self._begun, np.array([second_steps]))[0])
-            again = other.facts(self.second.time)
-            locks, missed = (
-                with_second(one, again[name], factor, (name, "LATCH"))
-                for one, name in zip((locks, missed), OF_LATCHES)
-            )
+            facts = latches.beside(other, (driver.time, self.second.time), factor)
+            locks, missed = (facts[name] for name in OF_LATCHES)
         if latches.warnings:
             return None
         last = None if latches.last is None else (*latches.last[:2], latches.names[latches.last[2]])
