@@ -105,6 +105,14 @@ RUN: tuple[Entry, ...] = (
     Entry("flights/PAYLOAD/position", ("PAYLOAD_flight", "axis"), "m", "its place in the world frame", XYZ),
     Entry("flights/PAYLOAD/velocity", ("PAYLOAD_flight", "axis"), "m/s", "velocity of that place", XYZ),
     Entry(
+        "flights/PAYLOAD/quaternion", ("PAYLOAD_flight", "quaternion"), "1",
+        "unit quaternion from the axes of its data to the world frame, scalar first", ("w", "x", "y", "z"),
+    ),
+    Entry(
+        "flights/PAYLOAD/angular_velocity", ("PAYLOAD_flight", "axis"), "rad/s",
+        "its angular velocity in the world frame", XYZ,
+    ),
+    Entry(
         "pieces", ("piece", "coefficient"), "s, rad or m, and per s^N",
         "a motion in the least time as a table of pieces: begin, and coefficients of each joint by powers of "
         "the time since then",
