@@ -52,9 +52,7 @@ def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | N
     )
     if estimate is None or one is None or two is None:
         return summary
-    return dataclasses.replace(
-        summary, **one.beside(two, (run.driver.time, estimate.end), estimate.factor)
-    )
+    return dataclasses.replace(summary, **one.beside(two, (run.driver.time, estimate.end), estimate.factor))
 
 
 def _extremes(run: Run, estimate: Estimate | None) -> RunExtremes:

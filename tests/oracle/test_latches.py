@@ -66,7 +66,13 @@ def test_errors_cover_closings_at_random_tolerances(seed: int) -> None:
             own = locks[f"latch{k}"]
             for key, value in (("time", time), ("speed", speed), ("energy_lost", lost)):
                 allowed = own["errors"][key] + ORACLE * max(1.0, abs(value))
-                assert abs(own[key] - value) <= allowed, (tolerances, k, key, own[key] - value, own["errors"][key])
+                assert abs(own[key] - value) <= allowed, (
+                    tolerances,
+                    k,
+                    key,
+                    own[key] - value,
+                    own["errors"][key],
+                )
 
 
 @pytest.mark.parametrize("seed", SEEDS[:3])

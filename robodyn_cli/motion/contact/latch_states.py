@@ -21,8 +21,8 @@ from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
 
 INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
-BY_CHANCE = 0.1  # of how far the rates of two runs are apart: one that agrees better does so by chance
-RESTARTED = 1.6  # times the errors of a motion, of figures at events
+BY_CHANCE = 0.5  # of how far the rates of two runs are apart: one that agrees better does so by chance
+RESTARTED = 3.0  # times the errors of a motion, of figures at events
 SUMMED = 100.0  # times that, of a position that is a sum
 
 
