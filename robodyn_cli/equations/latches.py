@@ -26,7 +26,6 @@ from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zer
 
 if TYPE_CHECKING:
     from robodyn_cli.equations.constraints import MechanismParts
-    from robodyn_cli.equations.problem import Problem
     from robodyn_cli.scene.nested_options import DeployLatch
 
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
@@ -75,11 +74,11 @@ class LatchRow:
         return "N m" if self.v is None else TORQUE[model.v_units[self.v]]
 
     # -- a compliant one ------------------------------------------------------------------------------
-    def position(self, q: Sequence[Any]) -> Any:
+    def position(self, q: Any) -> Any:
         """Return the position that its spring knows; that between links is a sum of joints' own."""
         return dot(self.psi, q) if self.q is None else q[self.q]
 
-    def rate(self, v: Sequence[Any]) -> Any:
+    def rate(self, v: Any) -> Any:
         """Return the rate of this position, or its acceleration from v-dot."""
         return dot(self.psi, v) if self.v is None else v[self.v]
 
@@ -209,8 +208,8 @@ def _held(problem: MechanismParts, spec: DeployLatch) -> tuple[Vector, Scalar, i
     if spec.hold != "rigid" and not is_sum:
         raise CapabilityError(
             f"{problem.scene.path}: deploy.latches: latch {spec.name!r} has a spring, which needs a position; "
-            f"{first!r} and {second!r} meet in closure {loop.name!r}, where the turn of one against the other is no sum "
-            "of positions of joints; allowed: hold: rigid, or a loop whose joints turn about parallel axes",
+            f"{first!r} and {second!r} meet in closure {loop.name!r}, where the turn of one against the other is no "
+            "sum of positions of joints; allowed: hold: rigid, or a loop whose joints turn about parallel axes",
             key="deploy.latches",
         )
     sign = 1.0 if loop.first.body == one else -1.0
@@ -276,7 +275,7 @@ def held_rows(problem: MechanismParts) -> tuple[Matrix, list[Scalar], list[Scala
     return rows, drift, [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)]
 
 
-def latch_loads(problem: Problem) -> list[Scalar]:
+def latch_loads(problem: Any) -> list[Scalar]:
     """Return what each latch exerts on its joint, or about the axis of its closure on the second of its links.
 
     rigid:  M v-dot + h - tau - Psi^T lambda in the coordinate that it holds, or the multiplier of its row rho

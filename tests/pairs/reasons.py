@@ -52,8 +52,8 @@ REASONS: dict[str, str] = {
     r"motorisation: a margin knows no": "margins of motorisation know no losses of gears, and no payloads that come and go",
     r"motorisation: nothing drives": "a margin of motorisation needs what drives",
     # controllers
-    r"'deploy' follows a mechanism until it locks, without a controller|statics knows no controller|without a controller":
-        "`deploy`, `statics` and `singular: pass` have no controller",
+    r"'deploy' up to a dead point follows a mechanism without a controller|statics knows no controller|without a controller":
+        "`deploy` without `latches`, `statics` and `singular: pass` have no controller",
     r"needs a function: simulate": "`control: python` is for Python",
     r"drives every joint; |allowed: a list of names, at least|drives no joint|has an attitude, which|and 'law' differ|"
     r"which the controller drives|unknown joint 'f":
