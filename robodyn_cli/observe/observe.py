@@ -4,7 +4,6 @@ have in common."""
 from __future__ import annotations
 
 import contextlib
-import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING
 
@@ -18,7 +17,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import BASE, STATE_GROUPS, TORQUE, unknown_among
 from robodyn_cli.observe.places import FORCES, add_places, place_dataset, place_outputs, point_motion
-from robodyn_cli.observe.units import add_motion, joint_columns, unit_text
+from robodyn_cli.observe.units import add_motion, joint_columns, load_columns, unit_text
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -32,7 +31,6 @@ if TYPE_CHECKING:
 MEANINGS = {
     "q": "joint position", "qd": "joint velocity", "qdd": "joint acceleration", "tau": "actuator torque"
 }  # fmt: skip
-LATCH_LOADS = "what each latch exerts on its joint, or about its closure's axis on the second link"
 MOST_ROWS = 40  # of Psi: up to so many, singular values are computed at every sample
 
 
@@ -106,8 +104,7 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
 
 
 def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Column]:
-    """Return units and names of the datasets of constraint rows, by path; ``dependent`` : whether rows depend on each
-    other."""
+    """Return units and names of the datasets of constraint rows, by path; ``dependent`` : whether rows are."""
     dims, names = ("time", "constraint"), tuple(row.name for row in rows)
     units = [row.unit for row in rows]
 
@@ -367,11 +364,8 @@ class Observer:
             table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
             table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
         if latches := self.problem.latches:
-            units = tuple(latch.load_unit(self.problem.model) for latch in latches)
-            column = Column(unit_text(units), LATCH_LOADS, ("time", "latch"), tuple(x.name for x in latches))
-            table["latch_loads"] = dataclasses.replace(
-                column, column_units=units if len(set(units)) > 1 else ()
-            )
+            described = load_columns(self.problem.model, latches).described()
+            table["latch_loads"] = Column(long_name="load of each latch on what it holds", **described)
         if self.controlled:
             from robodyn_cli.observe.control import control_columns
 
@@ -401,8 +395,7 @@ def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -
 def add_rows(
     result: Result, rows: Sequence[Row], arrays: Mapping[str, Array], dependent: bool = False
 ) -> None:
-    """Add arrays of the loops' rows (T, m), by path, to a result; ``dependent`` : whether rows depend on each
-    other."""
+    """Add arrays of the loops' rows (T, m), by path, to a result; ``dependent`` : whether rows are."""
     columns = loop_columns(rows, dependent)
     for path, data in arrays.items():
         column = columns[path]

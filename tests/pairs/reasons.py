@@ -38,7 +38,7 @@ REASONS: dict[str, str] = {
         "in a mechanism as many independent joints are driven as there are degrees of freedom",
     r"degrees of freedom left by loops": "no more joints stick than there are freedoms",
     r"deploy.latches: latch '\w+' (cannot hold|has a spring)":
-        "a latch holds a joint of one axis, or where it is rigid links that a closure of type `revolute` joins",
+        "a latch holds a joint of one axis, or links that a closure of type `revolute` joins, with a spring where joints turn about parallel axes",
     r"deploy.latches: does not go with": "latches go with loops in their plane and `singular: stop`, and hold no prescribed joint",
     # kinematic design
     r"do not move in one plane|does not move in a plane|does not turn about one axis|kinematics.design.*does not move":
