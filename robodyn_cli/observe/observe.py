@@ -1,5 +1,4 @@
-"""From integrated states to the datasets of a simulation, block by block, and those that all commands on mechanisms
-have in common."""
+"""From integrated states to the datasets of a simulation, block by block, and those of all commands on mechanisms."""
 
 from __future__ import annotations
 
@@ -177,10 +176,7 @@ def all_missing_data(problem: Problem, system: System, reactions: bool) -> Itera
 class Observer:
     """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states.
 
-    Parameters
-    ----------
     passive : velocity coordinates without an actuator. reactions : observe these in any case, not only if asked for.
-
     ``parameters`` are the p at which the next samples are evaluated.
     """
 
@@ -380,8 +376,7 @@ class Observer:
 
 
 def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:
-    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and the places of points, frames and links, to a
-    result."""
+    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and places of points, frames and links, to a result."""
     from robodyn_cli.trajectories.motion import JointMotion
 
     add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
