@@ -114,6 +114,14 @@ class Panels:
         force = D.T @ tau - (A * np.sin(apart)) @ rate**2
         return self._kept(A * np.cos(apart), force, self.rows(latched))
 
+    def loads(self, theta: np.ndarray, speed: np.ndarray, latched: list[int]) -> np.ndarray:
+        """Return what holds the hinges beside springs and dampers, by Newton and Euler: zero but for latched ones."""
+        phi, rate = np.linalg.solve(self.turns, theta), np.linalg.solve(self.turns, speed)
+        apart, A = phi[:, None] - phi[None, :], self.coefficients()
+        inertia = (A * np.cos(apart)) @ self.accelerations(phi, rate, latched) + (A * np.sin(apart)) @ rate**2
+        tau = -self.stiffness * (theta - self.rest) - self.damping * speed
+        return np.linalg.solve(self.turns.T, inertia) - tau
+
     def struck(self, phi: np.ndarray, rate: np.ndarray, latched: list[int]) -> np.ndarray:
         """Return the rates after latches have closed."""
         M = self.coefficients() * np.cos(phi[:, None] - phi[None, :])

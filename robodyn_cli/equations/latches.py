@@ -14,10 +14,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.functions import maximum, where
-from robodyn_cli.expr.graph import Scalar
-from robodyn_cli.model.model import BASE, PARAMETER_GROUP, Loop
+from robodyn_cli.expr.graph import Expr, Scalar, is_nonzero
+from robodyn_cli.model.model import BASE, PARAMETER_GROUP, TORQUE, Loop, Model
 from robodyn_cli.model.places import placed
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Matrix, Values, Vector, dot, vector, zeros
@@ -68,11 +70,22 @@ class LatchRow:
         """Whether the position at which it closes is that of the coordinate that it holds."""
         return self.closing is not None and self.closing == self.v
 
+    def load_unit(self, model: Model) -> str:
+        """Return the unit of what it exerts."""
+        return "N m" if self.v is None else TORQUE[model.v_units[self.v]]
+
     # -- a compliant one ------------------------------------------------------------------------------
+    def position(self, q: Any) -> Any:
+        """Return the position that its spring knows; that between links is a sum of joints' own."""
+        return dot(self.psi, q) if self.q is None else q[self.q]
+
+    def rate(self, v: Any) -> Any:
+        """Return the rate of this position, or its acceleration from v-dot."""
+        return dot(self.psi, v) if self.v is None else v[self.v]
+
     def depth(self, q: Sequence[Any], v: Sequence[Any]) -> tuple[Any, Any]:
         """Return delta and its rate."""
-        assert self.q is not None and self.v is not None
-        return self.direction * (q[self.q] - self.rest), self.direction * v[self.v]
+        return self.direction * (self.position(q) - self.rest), self.direction * self.rate(v)
 
     def law(self, delta: Any, rate: Any) -> Any:
         """Return k delta + c delta-dot, or the rate of that from rates."""
@@ -87,18 +100,22 @@ class LatchRow:
         """Return the torque on its joint."""
         return -(self.direction * self.pushes(q, v))
 
+    def on_joints(self, torque: Any) -> dict[int, Any]:
+        """Return what a torque of it is on the joints, by velocity index."""
+        return {k: x * torque for k, x in enumerate(self.psi) if is_nonzero(x)}
+
     def torques(self, q: Sequence[Any], v: Sequence[Any]) -> Vector:
         """Return the torques on all joints (nv,)."""
         torques = zeros(len(v))
-        torques[self.v] = self.torque(q, v)
+        for k, torque in self.on_joints(self.torque(q, v)).items():
+            torques[k] = torque
         return torques
 
-    def loss(self, q: Sequence[Any], v: Sequence[Any]) -> Any:
-        """Return the part of the torque that is no gradient of the potential."""
+    def losses(self, q: Sequence[Any], v: Sequence[Any]) -> dict[int, Any]:
+        """Return the part of the torques that is no gradient of the potential, by velocity index."""
         delta, _ = self.depth(q, v)
-        return self.torque(q, v) + self.direction * self.closed * (
-            self.spec.hold.stiffness * maximum(delta, 0.0)
-        )
+        elastic = self.direction * self.closed * (self.spec.hold.stiffness * maximum(delta, 0.0))
+        return self.on_joints(self.torque(q, v) + elastic)
 
     def potential(self, q: Sequence[Any]) -> Any:
         """Return the energy stored [J]."""
@@ -106,7 +123,7 @@ class LatchRow:
 
     def stored(self, q: Any, direction: Any, rest: Any) -> Any:
         """Return the energy [J] in its spring while it is closed with such s and rest."""
-        delta = maximum(direction * (q[self.q] - rest), 0.0)
+        delta = maximum(direction * (self.position(q) - rest), 0.0)
         return 0.5 * self.spec.hold.stiffness * (delta * delta)
 
 
@@ -187,13 +204,15 @@ def _held(problem: MechanismParts, spec: DeployLatch) -> tuple[Vector, Scalar, i
             "a joint of one axis nor a closure of type 'revolute' joins them; allowed: links that one of these joins",
             key="deploy.latches",
         )
-    if spec.hold != "rigid":
+    psi, drift = _turning(problem, loop)
+    is_sum = len(model.q_names) == model.nv and not any(isinstance(x, Expr) for x in psi)
+    if spec.hold != "rigid" and not is_sum:
         raise CapabilityError(
-            f"{problem.scene.path}: deploy.latches: latch {spec.name!r} has a spring, which needs a joint whose "
-            f"position it knows; {first!r} and {second!r} meet in closure {loop.name!r}; allowed: hold: rigid",
+            f"{problem.scene.path}: deploy.latches: latch {spec.name!r} has a spring, which needs a position; "
+            f"{first!r} and {second!r} meet in closure {loop.name!r}, where the turn of one against the other is no "
+            "sum of positions of joints; allowed: hold: rigid, or a loop whose joints turn about parallel axes",
             key="deploy.latches",
         )
-    psi, drift = _turning(problem, loop)
     sign = 1.0 if loop.first.body == one else -1.0
     return sign * psi, sign * drift, None, None
 
@@ -255,6 +274,29 @@ def held_rows(problem: MechanismParts) -> tuple[Matrix, list[Scalar], list[Scala
         rows[k] = latch.psi
     drift = [*(0.0 for _ in contacts), *(latch.gamma for latch in latches)]
     return rows, drift, [*(joint.hold for joint in contacts), *(latch.hold for latch in latches)]
+
+
+def latch_loads(problem: Any) -> list[Scalar]:
+    """Return what each latch exerts on its joint, or about the axis of its closure on the second of its links.
+
+    rigid:  M v-dot + h - tau - Psi^T lambda in the coordinate that it holds, or the multiplier of its row rho
+    """
+    rows, _, _ = held_rows(problem)
+    closures = iter(problem.holding[len(problem.contact_joints) :])
+    bearing = np.concatenate([problem.independent_rows.psi(problem.model.nv), rows])
+    multipliers = [*problem.forward.lam, *problem.holding]
+    f = problem.applied - problem.bias
+    loads = []
+    for latch in problem.latches:
+        if not latch.rigid:
+            loads.append(latch.torque(problem.q, problem.v))
+        elif latch.v is None:
+            loads.append(next(closures))
+        else:
+            v = latch.v
+            others = dot(problem.mass_matrix[v], problem.forward.qdd) - f[v]
+            loads.append(latch.hold * (others - dot(bearing[:, v], vector(multipliers))))
+    return loads
 
 
 def refuse_company(problem: MechanismParts) -> None:

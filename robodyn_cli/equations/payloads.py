@@ -14,6 +14,8 @@ from robodyn_cli.model.parts import CarriedMass
 from robodyn_cli.scene import types as sc
 from robodyn_cli.spatial.algebra import Twist, Vector, cross, identity, vector, zeros
 
+FLIGHT = 19  # numbers of a payload that moves with its carrier
+
 
 def switched_problem(scene: sc.Scene) -> Problem:
     """Return the equations with parameters p that say which payloads are carried, 1 or 0 each."""
@@ -32,14 +34,15 @@ def own_motion(problem: Problem, payload: CarriedMass) -> tuple[Vector, Scalar]:
 
 
 def carried_motions(problem: Problem, payloads: Sequence[CarriedMass]) -> list[Scalar]:
-    """Return ten numbers of each payload that moves with its carrier: place (3) [m] and velocity (3) [m/s] of its
-    centre of mass, angular velocity (3) [rad/s], all in the world, and kinetic energy [J]."""
+    """Return numbers of each payload that moves with its carrier: place (3) [m] and velocity (3) [m/s] of its centre of
+    mass, angular velocity (3) [rad/s], all in the world, kinetic energy [J], and the rotation (9) from its own axes, in
+    which its data are given, to those of the world."""
     model, motions = problem.model, list[Scalar]()
     kinematics = PathKinematics(model, problem.X, problem.q, problem.v, BASE)
     to_world = model.base.E.T
     for payload in payloads:
         if payload.part is None:
-            motions += [0.0] * 10
+            motions += [0.0] * (FLIGHT - 9) + list(identity().flat)
             continue
         centre = payload.part.frame.point(payload.part.c)
         end = kinematics.end(FixedFrame(payload.body, centre, identity()))
@@ -47,6 +50,8 @@ def carried_motions(problem: Problem, payloads: Sequence[CarriedMass]) -> list[S
         own = origin.rotated(problem.pose[payload.body].R.T)
         motions += [*model.base.point(end.p), *(to_world @ end.v), *(to_world @ end.w)]
         motions.append(body_kinetic_energy(payload.part.inertia, own))
+        turned = problem.pose[payload.body].R @ payload.part.frame.E.T
+        motions += list((to_world @ turned).flat)
     return motions
 
 

@@ -249,7 +249,7 @@ class Problem:
 
     def losses(self, smooth: bool) -> list[tuple[int, Scalar]]:
         """Torques of joint elements that are not the gradient of a potential: (velocity index, torque)."""
-        of_latches = [(x.v, x.loss(self.q, self.v)) for x in self.sprung if x.v is not None]
+        of_latches = [one for x in self.sprung for one in x.losses(self.q, self.v).items()]
         return [*self.forces_in_joints.losses(smooth), *self.gear_losses(smooth).items(), *of_latches]
 
     @cached_property

@@ -18,6 +18,7 @@ from robodyn_cli.equations.discontinuities import is_of_time, switches, switchin
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.integrators.runtime.integrator import Met
 from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
@@ -239,8 +240,15 @@ class RecordedMotion:
         times = np.concatenate([t for t, _, _ in blocks])
         known = [(one[0], *pair) for one, *pair in zip(met, *sides)]
         cuts = sorted([*known, *((time, None, None) for time in self._cuts(run))], key=lambda cut: cut[0])
-        windows = Windows.of(pieces(times, values, cuts, (run.beginning.time, run.end)))
-        return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), values[-1])
+        end, final = run.end, values[-1]
+        if (
+            met and met[-1][0] == driver.time
+        ):  # an event ended the run: of a sample there it is not known of which side
+            end, final = driver.time, sides[1][-1]
+            before = times < end - SLACK * max(abs(end), abs(run.beginning.time))
+            times, values = times[before], values[before]
+        windows = Windows.of(pieces(times, values, cuts, (run.beginning.time, end)))
+        return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), final)
 
 
 Cut = tuple[float, Any, Any]  # a time [s], values (n,) before and behind it, None where they are not known

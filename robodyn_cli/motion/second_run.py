@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -84,6 +85,7 @@ class Estimate:
 
     recorder : the second run's samples, None where nothing is asked for that follows from samples. facts : what its
     watchers say, and these themselves. factor : times a difference of both runs is an error, see ``remainder``.
+    end : when the second run ended [s].
     """
 
     errors: MotionErrors
@@ -91,6 +93,7 @@ class Estimate:
     facts: Mapping[str, Any] | None = None
     factor: float = 1.0
     watchers: tuple[Watcher, ...] = ()
+    end: float = math.nan
 
 
 class SecondFailed(Exception):
@@ -234,7 +237,7 @@ def estimate_error(
         meaningful_until=time if lost.any() and not at_rounding else ABSENT,
     )
     observed = _observed(recorder, second) if figures or recorder.observer.figures else None
-    return Estimate(errors, observed, second.facts, float(courses.scale[0]), second.watchers)
+    return Estimate(errors, observed, second.facts, float(courses.scale[0]), second.watchers, second.end)
 
 
 def _observed(recorder: Recorder, second: Second) -> Recorder:

@@ -1,5 +1,4 @@
-"""From integrated states to the datasets of a simulation, block by block, and those that all commands on mechanisms
-have in common."""
+"""From integrated states to the datasets of a simulation, block by block, and those of all commands on mechanisms."""
 
 from __future__ import annotations
 
@@ -17,7 +16,7 @@ from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.model import BASE, STATE_GROUPS, TORQUE, unknown_among
 from robodyn_cli.observe.places import FORCES, add_places, place_dataset, place_outputs, point_motion
-from robodyn_cli.observe.units import add_motion, joint_columns, unit_text
+from robodyn_cli.observe.units import add_motion, joint_columns, load_columns, unit_text
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
@@ -60,6 +59,10 @@ def observed(problem: Problem, accelerations: bool = True) -> dict[str, Sequence
         outputs["forces.power"] = [effect.power for effect in problem.elements.effects]
     if accelerations and not problem.dependent:
         outputs["qdd"] = list(problem.forward.qdd)
+    if problem.latches:
+        from robodyn_cli.equations.latches import latch_loads
+
+        outputs["latch_loads"] = latch_loads(problem)
     if problem.dependent:
         from robodyn_cli.observe.singular_values import equations_of
 
@@ -100,8 +103,7 @@ def _actuator_torques(problem: Problem) -> list[Scalar]:
 
 
 def loop_columns(rows: Sequence[Row], dependent: bool = False) -> dict[str, Column]:
-    """Return units and names of the datasets of constraint rows, by path; ``dependent`` : whether rows depend on each
-    other."""
+    """Return units and names of the datasets of constraint rows, by path; ``dependent`` : whether rows are."""
     dims, names = ("time", "constraint"), tuple(row.name for row in rows)
     units = [row.unit for row in rows]
 
@@ -174,10 +176,7 @@ def all_missing_data(problem: Problem, system: System, reactions: bool) -> Itera
 class Observer:
     """Evaluates accelerations, torques, multipliers, residuals, energies and places at sampled states.
 
-    Parameters
-    ----------
     passive : velocity coordinates without an actuator. reactions : observe these in any case, not only if asked for.
-
     ``parameters`` are the p at which the next samples are evaluated.
     """
 
@@ -298,7 +297,7 @@ class Observer:
         # the structure behind a lock may have nothing any more that does work
         if self.system.work_done_by and z.shape[1]:
             data["energy/work"] = z[:, -1]
-        for path in FORCES:
+        for path in (*FORCES, "latch_loads"):
             if (name := path.replace("/", ".")) in values:
                 data[path] = values[name]
         if self.controlled:
@@ -360,6 +359,9 @@ class Observer:
             elements = self.problem.elements.names
             table["forces/potential"] = Column("J", "potential energy of forces", ("time", "force"), elements)
             table["forces/power"] = Column("W", "power of forces", ("time", "force"), elements)
+        if latches := self.problem.latches:
+            described = load_columns(self.problem.model, latches).described()
+            table["latch_loads"] = Column(long_name="load of each latch on what it holds", **described)
         if self.controlled:
             from robodyn_cli.observe.control import control_columns
 
@@ -374,8 +376,7 @@ class Observer:
 
 
 def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -> None:
-    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and the places of points, frames and links, to a
-    result."""
+    """Add the one sample q (nq,), v and v-dot (nv,) at t = 0, and places of points, frames and links, to a result."""
     from robodyn_cli.trajectories.motion import JointMotion
 
     add_motion(result, problem.model, np.zeros(1), JointMotion(q[None], v[None], a[None]))
@@ -389,8 +390,7 @@ def add_sample(result: Result, problem: Problem, q: Array, v: Array, a: Array) -
 def add_rows(
     result: Result, rows: Sequence[Row], arrays: Mapping[str, Array], dependent: bool = False
 ) -> None:
-    """Add arrays of the loops' rows (T, m), by path, to a result; ``dependent`` : whether rows depend on each
-    other."""
+    """Add arrays of the loops' rows (T, m), by path, to a result; ``dependent`` : whether rows are."""
     columns = loop_columns(rows, dependent)
     for path, data in arrays.items():
         column = columns[path]

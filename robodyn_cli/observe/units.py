@@ -15,6 +15,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 
 if TYPE_CHECKING:
+    from robodyn_cli.equations.latches import LatchRow
     from robodyn_cli.forces.limits import Limits
     from robodyn_cli.trajectories.motion import JointMotion
 
@@ -55,6 +56,12 @@ def joint_columns(model: Model) -> dict[str, JointColumns]:
         "qdd": JointColumns(model.v_names, tuple(f"{u}/s^2" for u in model.v_units), rates),
         "tau": JointColumns(model.v_names, tuple(TORQUE[u] for u in model.v_units), rates),
     }
+
+
+def load_columns(model: Model, latches: Sequence[LatchRow]) -> JointColumns:
+    """Return the columns of the loads of latches."""
+    units = tuple(latch.load_unit(model) for latch in latches)
+    return JointColumns(tuple(latch.name for latch in latches), units, ("time", "latch"))
 
 
 def add_joint_limits(result: Result, scene: Scene, model: Model) -> None:

@@ -82,6 +82,10 @@ RUN: tuple[Entry, ...] = (
     ),
     Entry("force_wrenches/FORCE", ("time", "wrench"), "N, N m", "of a force on its last place", (), WRENCH),
     Entry(
+        "latch_loads", ("time", "latch"), "N m or N",
+        "what each of several latches exerts on its joint, or about its closure's axis on the second link",
+    ),
+    Entry(
         "base_wrench", ("time", "wrench"), "N, N m",
         "force and moment of the ground on the mechanism", by_column=WRENCH,
     ),
@@ -100,6 +104,14 @@ RUN: tuple[Entry, ...] = (
     Entry("flights/PAYLOAD/time", ("PAYLOAD_flight",), "s", "times of a flight, from the release on"),
     Entry("flights/PAYLOAD/position", ("PAYLOAD_flight", "axis"), "m", "its place in the world frame", XYZ),
     Entry("flights/PAYLOAD/velocity", ("PAYLOAD_flight", "axis"), "m/s", "velocity of that place", XYZ),
+    Entry(
+        "flights/PAYLOAD/quaternion", ("PAYLOAD_flight", "quaternion"), "1",
+        "unit quaternion from the axes of its data to the world frame, scalar first", ("w", "x", "y", "z"),
+    ),
+    Entry(
+        "flights/PAYLOAD/angular_velocity", ("PAYLOAD_flight", "axis"), "rad/s",
+        "its angular velocity in the world frame", XYZ,
+    ),
     Entry(
         "pieces", ("piece", "coefficient"), "s, rad or m, and per s^N",
         "a motion in the least time as a table of pieces: begin, and coefficients of each joint by powers of "

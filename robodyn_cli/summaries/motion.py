@@ -241,7 +241,8 @@ class LatchLock:
         "N m s or N s", errors=(".errors.angular_impulse",), default=ABSENT,
     )  # fmt: skip
     peak_moment: float | Absent = fact(
-        "of one with a spring: its largest load; absent where the run ends before the load's first peak",
+        "its largest load; of one with a spring absent where the run ends before the load's first peak; of a rigid "
+        "one, impulses apart, where `expect`, `--of` or `outputs.extremes` ask for it or for `latch_loads.LATCH`",
         LOAD, errors=(".errors.peak_moment",), default=ABSENT,
     )  # fmt: skip
     peak_time: float | Absent = fact(

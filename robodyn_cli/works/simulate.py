@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion, follow_latches, follow_motion
 from robodyn_cli.motion.driver import Driver
+from robodyn_cli.motion.figures import with_figures, with_latches_beside
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
-from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records, with_margins
+from robodyn_cli.motion.self_check import Judgement, Run, judge, motion_records
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
 from robodyn_cli.ready.integrable import integrable
@@ -23,7 +24,6 @@ from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.going_on import Journal
-    from robodyn_cli.summaries.extremes import RunExtremes
 
 
 def simulate(
@@ -153,19 +153,6 @@ def _estimate(run: Run, progress: Progress) -> Estimate:
     return estimate_error(run.motion, first, run.recorder, lambda time: progress(time, duration))
 
 
-def _extremes(run: Run, estimate: Estimate | None) -> RunExtremes:
-    """Return the extremes that the scene asks for."""
-    from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
-    from robodyn_cli.summaries.extremes import RunExtremes
-
-    scene = run.motion.scene
-    first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
-    motion = RecordedMotion(run.motion, first, run.recorder)
-    if estimate is not None:
-        motion = dataclasses.replace(motion, again=first, errors=estimate.errors)
-    return RunExtremes.of(extremes_over([motion], scene.outputs.extremes), scene.simulate.fluctuation)
-
-
 def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: Stopwatch) -> Result:
     """Return the result with its summary.
 
@@ -181,21 +168,9 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         watcher.add_to(result)
     if run.motion.scene.robot.limited:
         add_joint_limits(result, run.motion.scene, run.motion.problem.model)
-    records = motion_records(run, judgement, estimate)
-    if run.motion.scene.outputs.extremes and failure is None:
-        with watch.stage("extremes"):
-            records.append(_extremes(run, estimate))
-    if run.motion.scene.drives and failure is None:
-        from robodyn_cli.drives.report import with_drives
-
-        with watch.stage("drives"):
-            again = None
-            if estimate is not None and estimate.recorder is not None:
-                again = (estimate.recorder, estimate.factor)
-            problem, instants = run.motion.problem, run.motion.system.breakpoints
-            records = with_drives(records, result, problem, instants=instants, again=again)
-    if run.motion.scene.motorisation is not None and failure is None:
-        with watch.stage("motorisation"):
-            records = with_margins(records, result, run, estimate)
+    summary, *others = motion_records(run, judgement, estimate)
+    records = [with_latches_beside(summary, run, estimate), *others]
+    if failure is None:
+        records = with_figures(records, result, run, estimate, watch)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

@@ -48,6 +48,33 @@ def test_closings_of_random_arrays_are_within_their_errors(seed: int) -> None:
                 assert abs(own["time"] - time) <= 1e-9
 
 
+# in all of these the errors that two runs leave by chance were too small
+@pytest.mark.parametrize("seed", [4, 19, 159, 195, *SEEDS])
+def test_errors_cover_closings_at_random_tolerances(seed: int) -> None:
+    rng = np.random.default_rng([seed, 33])
+    panels = Panels.random(rng, int(rng.integers(2, 7)))
+    if rng.uniform() < 0.3:
+        panels = panels.synchronised()
+    expected = panels.deploy()
+    for _ in range(3):
+        rtol = 10 ** rng.uniform(-13, -4)
+        tolerances = {"rtol": float(rtol), "atol": float(rtol * 10 ** rng.uniform(-3, 0))}
+        if rng.uniform() < 0.3:
+            tolerances["integrator"] = str(rng.choice(["dop853", "dopri5", "radau9", "gauss", "rodas5p"]))
+        locks = _deployed(panels, **tolerances)["locks"]
+        for k, time, speed, lost in expected:
+            own = locks[f"latch{k}"]
+            for key, value in (("time", time), ("speed", speed), ("energy_lost", lost)):
+                allowed = own["errors"][key] + ORACLE * max(1.0, abs(value))
+                assert abs(own[key] - value) <= allowed, (
+                    tolerances,
+                    k,
+                    key,
+                    own[key] - value,
+                    own["errors"][key],
+                )
+
+
 @pytest.mark.parametrize("seed", SEEDS[:3])
 def test_synchronised_arrays_close_all_latches_at_once(seed: int) -> None:
     rng = np.random.default_rng([seed, 1])

@@ -38,7 +38,7 @@ REASONS: dict[str, str] = {
         "in a mechanism as many independent joints are driven as there are degrees of freedom",
     r"degrees of freedom left by loops": "no more joints stick than there are freedoms",
     r"deploy.latches: latch '\w+' (cannot hold|has a spring)":
-        "a latch holds a joint of one axis, or where it is rigid links that a closure of type `revolute` joins",
+        "a latch holds a joint of one axis, or links that a closure of type `revolute` joins, with a spring where joints turn about parallel axes",
     r"deploy.latches: does not go with": "latches go with loops in their plane and `singular: stop`, and hold no prescribed joint",
     # kinematic design
     r"do not move in one plane|does not move in a plane|does not turn about one axis|kinematics.design.*does not move":
@@ -54,8 +54,8 @@ REASONS: dict[str, str] = {
     r"motorisation: a margin knows no": "margins of motorisation know no losses of gears, and no payloads that come and go",
     r"motorisation: nothing drives": "a margin of motorisation needs what drives",
     # controllers
-    r"'deploy' follows a mechanism until it locks, without a controller|statics knows no controller|without a controller":
-        "`deploy`, `statics` and `singular: pass` have no controller",
+    r"'deploy' up to a dead point follows a mechanism without a controller|statics knows no controller|without a controller":
+        "`deploy` without `latches`, `statics` and `singular: pass` have no controller",
     r"needs a function: simulate": "`control: python` is for Python",
     r"drives every joint; |allowed: a list of names, at least|drives no joint|has an attitude, which|and 'law' differ|"
     r"which the controller drives|unknown joint 'f":

@@ -97,6 +97,82 @@ def test_an_arm_with_full_inertias_releases_what_was_welded_to_it() -> None:
     np.testing.assert_allclose(flown, along, atol=1e-12)
 
 
+def turns(quaternions: np.ndarray) -> np.ndarray:
+    from scipy.spatial.transform import Rotation
+
+    return Rotation.from_quat(quaternions[:, [1, 2, 3, 0]]).as_matrix()
+
+
+def tensor(I: dict[str, float]) -> np.ndarray:
+    return np.array([[I["xx"], I["xy"], I["xz"]], [I["xy"], I["yy"], I["yz"]], [I["xz"], I["yz"], I["zz"]]])
+
+
+def test_a_tumbling_box_keeps_its_angular_momentum_and_energy() -> None:
+    payload = {"name": "box", "at": "tool", **BOX, "until": {"time": 0.5}}
+    result = simulate(scene_of(ARM, payloads=[payload]))
+    R, w = turns(result["flights/box/quaternion"]), result["flights/box/angular_velocity"]
+    I, t = tensor(BOX["inertia"]), result["flights/box/time"]
+    whole = simulate(scene_of(with_box(ARM)))  # the box is part of the arm, so that the frame turns with it
+    np.testing.assert_allclose(w[0], whole["frames/tool/twist"][5, :3], atol=1e-8)
+    np.testing.assert_allclose(R[0], turns(whole["frames/tool/quaternion"][5:6])[0], atol=1e-8)
+    momentum = np.einsum("tij,jk,tlk,tl->ti", R, I, R, w)
+    own = np.einsum("tji,tj->ti", R, w)
+    assert len(t) > 4 and np.ptp(own, axis=0).max() > 1e-3
+    np.testing.assert_allclose(momentum, np.broadcast_to(momentum[0], momentum.shape), atol=1e-12 * 10)
+    energy = 0.5 * np.einsum("ti,ij,tj->t", own, I, own)
+    np.testing.assert_allclose(energy, energy[0], rtol=1e-11)
+
+
+def test_attitude_of_a_flight_is_that_of_a_free_body() -> None:
+    payload = {"name": "box", "at": "tool", **BOX, "until": {"time": 0.5}}
+    result = simulate(scene_of(ARM, payloads=[payload]))
+    p, w, t = (result[f"flights/box/{name}"] for name in ("quaternion", "angular_velocity", "time"))
+    own = turns(p[:1])[0].T @ w[0]
+    free = simulate(scene_of({
+        "schema": 1, "gravity": [0, 0, 0],
+        "robot": {
+            "joints": [{"name": "free", "type": "floating"}],
+            "links": [{"name": "box", "mass": BOX["mass"], "com": [0, 0, 0], "inertia": BOX["inertia"]}],
+            "frames": {"own": {"link": "box"}},
+        },
+        "initial": {
+            "q": {"free": {"xyz": [0, 0, 0], "quaternion": p[0].tolist()}},
+            "qd": {"free": {**dict(zip(("wx", "wy", "wz"), own.tolist())), "vx": 0, "vy": 0, "vz": 0}},
+        },
+        "simulate": {"duration": float(t[-1] - t[0]), "samples": 3, "rtol": 1e-13, "atol": 1e-14},
+    }))  # fmt: skip
+    np.testing.assert_allclose(turns(free["frames/own/quaternion"])[-1], turns(p)[-1], atol=1e-9)
+    np.testing.assert_allclose(free["frames/own/twist"][-1, :3], w[-1], atol=1e-9)
+
+
+def test_a_symmetric_top_turns_as_its_closed_form_says() -> None:
+    """Its axis goes round the angular momentum at L / I_1, and it spins about the axis at (1 / I_3 - 1 / I_1) L_3."""
+    from scipy.spatial.transform import Rotation
+
+    from robodyn_cli.motion.contact.flight import Flight
+
+    I, own = np.diag([0.3, 0.3, 0.5]), np.array([0.7, -0.4, 2.0])
+    start = Rotation.from_rotvec([0.3, -0.5, 0.2])
+    flight = Flight(1.0, np.zeros(3), np.zeros(3), start.apply(own), 0.0, np.zeros(3), start.as_matrix(), I)
+    t = np.linspace(1.0, 9.0, 41)
+    turning = flight.turning(t)
+    assert turning is not None
+    momentum, slip = start.apply(I @ own), (1 / 0.5 - 1 / 0.3) * (I @ own)[2]
+    since = (t - 1.0)[:, None]
+    closed = Rotation.from_rotvec(momentum / 0.3 * since) * start * Rotation.from_rotvec([0, 0, slip] * since)
+    np.testing.assert_allclose(turns(turning[0]), closed.as_matrix(), atol=2e-12)
+
+
+def test_a_flight_without_whole_inertia_turns_about_one_axis_or_not_at_all() -> None:
+    result = simulate(load_scene_text(TREBUCHET))
+    facts = result.summary["payloads"]["stone"]["release"]
+    w, t = result["flights/stone/angular_velocity"], result["flights/stone/time"]
+    np.testing.assert_allclose(w, np.broadcast_to(vector(facts["angular_velocity"]), w.shape), rtol=1e-12)
+    R = turns(result["flights/stone/quaternion"])
+    angle = np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
+    np.testing.assert_allclose(angle - angle[0], w[0, 2] * (t - t[0]), atol=1e-10)
+
+
 def test_a_trebuchet_throws_as_far_as_a_body_that_begins_there() -> None:
     """The same flight as the motion of a floating body in a scene of its own; released where its pouch passes a place."""
     result = simulate(load_scene_text(TREBUCHET))

@@ -332,6 +332,60 @@ def test_latch_of_the_input_in_its_dead_point_is_refused() -> None:
         deployed(four_bar(latch))
 
 
+def test_spring_in_a_closure_bears_by_how_much_its_links_turn() -> None:
+    stiffness = 200.0
+    latch = {
+        "name": "pin", "between": ["coupler", "follower"], "at": {"theta1": 1.5}, "hold": {"stiffness": stiffness}
+    }  # fmt: skip
+    tree = four_bar(latch, until="end")
+    tree["simulate"] |= {"duration": 12.0, "samples": 601}
+    result = deployed(tree)
+    own = result.summary["locks"]["pin"]
+
+    def heading(link: str) -> np.ndarray:
+        x, y, _ = (result[f"skeleton/{link}"][:, -1] - result[f"skeleton/{link}"][:, 0]).T
+        return np.unwrap(np.arctan2(y, x))
+
+    turn = heading("follower") - heading("coupler")
+    at = np.interp(own["time"], result.time, turn)
+    after = result.time > own["time"] + 0.02
+    depth = np.abs(turn - at)[after]
+    loads = np.abs(result["latch_loads"][after, 0])
+    pushes = loads > 0.0
+    np.testing.assert_allclose(loads[pushes], stiffness * depth[pushes], atol=2e-3 * stiffness * depth.max())
+    assert own["peak_moment"] == pytest.approx(stiffness * depth[pushes].max(), rel=5e-3)
+    assert result.summary["energy_drift"] < 1e-8 and own["energy_lost"] == 0.0
+
+
+def of_torque(**simulate: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the panel under a controller, and under the same torque as a formula."""
+    tree = panel(simulate={"duration": 8.0, **simulate}, initial={"q": {"hinge": 0}})
+    del tree["torques"]
+    led = {"type": "joint", "duration": 8.0, "q": {"hinge": "0.5*t"}}
+    law = {"type": "pd", "joints": ["hinge"], "reference": led, "gains": {"kp": 4.0, "kd": 1.0}}
+    return {**tree, "control": law}, {**tree, "torques": {"hinge": "4*(0.5*t - hinge) + 0.5 - qd.hinge"}}
+
+
+def test_a_controller_leads_a_panel_to_its_latch() -> None:
+    own, other = (deployed(tree).summary["locks"]["catch"] for tree in of_torque())
+    for key in ("time", "speed", "energy_lost", "angular_impulse"):
+        assert own[key] == pytest.approx(other[key], abs=own["errors"][key] + other["errors"][key] + 1e-11)
+
+
+def test_a_sampled_controller_leads_a_panel_to_its_latch() -> None:
+    """The torque is constant between updates, so that the motion is a sequence of parabolas."""
+    tree, _ = of_torque()
+    tree["control"]["period"] = h = 0.1
+    q, v, k = 0.0, 0.0, 0
+    while True:
+        a = (4.0 * (0.5 * k * h - q) + 0.5 - v) / INERTIA
+        if q + v * h + 0.5 * a * h * h >= AT:
+            break
+        q, v, k = q + v * h + 0.5 * a * h * h, v + a * h, k + 1
+    since = (-v + np.sqrt(v * v + 2.0 * a * (AT - q))) / a
+    near(deployed(tree).summary, "catch", time=k * h + since, speed=v + a * since)
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -200,8 +200,7 @@ def _rate(problem: Problem, latch: LatchRow, value: Scalar) -> Any:
 
 def _growth(problem: Problem, latch: LatchRow) -> Any:
     """Return the rate of k delta + c delta-dot; accelerations enter where there is a damper."""
-    assert latch.v is not None
-    speed = latch.direction * problem.v[latch.v]
+    speed = latch.direction * latch.rate(problem.v)
     if latch.spec.hold.damping == 0.0:
         return latch.spec.hold.stiffness * speed
-    return latch.law(speed, latch.direction * problem.forward.qdd[latch.v])
+    return latch.law(speed, latch.direction * latch.rate(problem.forward.qdd))

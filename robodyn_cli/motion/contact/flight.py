@@ -9,11 +9,13 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.scene.nested_options import LandingPlane
+from robodyn_cli.scene.nested_options import LandingPlane, Payload
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.spatial.quaternion import rate, rotation, rotations
 from robodyn_cli.summaries.motion import Landing, Release
 
 AXES = ("x", "y", "z")
+ALONE = 1e-9  # part of an angular velocity across its axis that rounding leaves
 BEYOND = 64  # places of a flight that goes on after the run
 
 
@@ -22,7 +24,8 @@ class Flight:
     """A body in free flight from its release on, in world coordinates.
 
     time : of the release [s]. position, velocity : of its centre of mass there (3,). spin : its angular velocity (3,)
-    [rad/s]. energy : its kinetic energy [J]. gravity (3,) [m/s^2].
+    [rad/s]. energy : its kinetic energy [J]. gravity (3,) [m/s^2]. R : from its own axes to the world's (3, 3). I : its
+    inertia about its centre of mass in these (3, 3), None where the scene does not give what its attitude depends on.
     """
 
     time: float
@@ -31,6 +34,8 @@ class Flight:
     spin: Array
     energy: float
     gravity: Array
+    R: Array
+    I: Array | None
 
     def at(self, times: Array) -> tuple[Array, Array]:
         """Return places [m] and velocities [m/s] of the centre of mass (T, 3) at times (T,) after the release.
@@ -40,6 +45,34 @@ class Flight:
         since = (np.asarray(times) - self.time)[:, None]
         velocity = self.velocity + self.gravity * since
         return self.position + (self.velocity + 0.5 * self.gravity * since) * since, velocity
+
+    def turning(self, times: Array) -> tuple[Array, Array] | None:
+        """Return unit quaternions (T, 4) to the world, scalar first, and angular velocities (T, 3) there [rad/s].
+
+        R-dot = R [w], with R I w constant: the angular momentum about the centre of mass, in the world. Turns about one
+        axis that inertia does not leave need no more than that; None where the inertia is not known.
+        """
+        own = self.R.T @ self.spin
+        alone = np.abs(own) > ALONE * float(np.linalg.norm(own))
+        if self.I is None and alone.sum() > 1:
+            return None
+        I = np.eye(3) if self.I is None else self.I
+        from scipy.integrate import solve_ivp
+        from scipy.spatial.transform import Rotation
+
+        inverse, momentum = np.linalg.pinv(I, rcond=1e-12), self.R @ I @ own
+        since = np.asarray(times) - self.time
+        start = Rotation.from_matrix(self.R).as_quat(scalar_first=True)
+        if not own.any() or not I.any():
+            return np.tile(start, (len(since), 1)), np.tile(self.spin, (len(since), 1))
+
+        def rates(_: float, p: Array) -> Array:
+            return np.array(rate(p, inverse @ (np.array(rotation(p)).T @ momentum)), dtype=float)
+
+        end = max(float(since[-1]), 1e-300)
+        run = solve_ivp(rates, (0.0, end), start, "DOP853", since, rtol=1e-13, atol=1e-15)
+        p = (run.y / np.linalg.norm(run.y, axis=0)).T
+        return p, np.array([R @ inverse @ R.T @ momentum for R in rotations(p)])
 
     @property
     def release(self) -> Release:
@@ -77,6 +110,18 @@ class Flight:
         within = samples[(samples > self.time) & (samples < end)]
         beyond = np.linspace(samples[-1], end, BEYOND) if end > samples[-1] else np.array([end])
         return np.unique(np.concatenate([[self.time], within, beyond]))
+
+
+def inertia_of(payload: Payload) -> Array | None:
+    """Return the inertia of a payload about its centre of mass, in its own axes (3, 3); None where it is not whole.
+
+    Products that are not given are zero where the moments are.
+    """
+    I = payload.inertia
+    if None in (I.xx, I.yy, I.zz):
+        return None
+    xy, xz, yz = (0.0 if x is None else x for x in (I.xy, I.xz, I.yz))
+    return np.array([[I.xx, xy, xz], [xy, I.yy, yz], [xz, yz, I.zz]], dtype=float)
 
 
 def by_axis(x: Sequence[Any] | Array) -> dict[str, float]:

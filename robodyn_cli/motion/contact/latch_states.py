@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -16,9 +17,13 @@ from robodyn_cli.motion.contact.states import ContactStates
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.singularity import passive_determinant
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
 
 INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
+BY_CHANCE = 0.5  # of how far the rates of two runs are apart: one that agrees better does so by chance
+RESTARTED = 3.0  # times the errors of a motion, of figures at events
+SUMMED = 100.0  # times that, of a position that is a sum
 
 
 class LatchStates(ContactStates):
@@ -121,20 +126,30 @@ class LatchStates(ContactStates):
 
     def _note_load(self, t: float, x: Array, k: int) -> None:
         it, s = self.closings[k], self._direction[k]
-        delta, rate = s * (x[self._q_of[k]] - self._rest[k]), s * x[self._v_of[k]]
+        delta, rate = s * (self._position(k, x) - self._rest[k]), s * self._rate(k, x)
         load = float(self.latches[k].law(delta, rate)) if delta >= 0.0 else 0.0
         if load > it.peak:
             it.peak, it.peak_time = load, t
 
+    def _position(self, k: int, x: Array) -> float:
+        """Return the position that the spring of a latch knows."""
+        return float(self.latches[k].position(self.system.split(x)[0]))
+
+    def _rate(self, k: int, x: Array) -> float:
+        """Return the rate of this position."""
+        return float(self.latches[k].rate(self.system.split(x)[1]))
+
     def _growth(self, t: float, x: Array, k: int) -> float:
         """Return the rate at which the load of a compliant latch that has just been met grows."""
-        latch, s, rest = self.latches[k], self._direction[k], self._rest[k]
-        assert latch.v is not None
+        latch, s, rest, place = self.latches[k], self._direction[k], self._rest[k], self._q_of[k]
         x = x.copy()
-        x[self._q_of[k]] = rest + s * INSIDE * max(
-            1.0, abs(rest)
-        )  # at its position itself nothing pushes yet
-        return float(latch.law(s * x[self._v_of[k]], s * self.rates(t, x)[0][latch.v]))
+        # at its position itself nothing pushes yet
+        if place is not None:
+            x[place] = rest + s * INSIDE * max(1.0, abs(rest))
+        else:
+            places, row = list(self.system.q_places), np.array([float(y) for y in latch.psi])
+            x[places] += s * SUMMED * INSIDE * max(1.0, float(np.abs(x[places]).max())) * row
+        return float(latch.law(s * self._rate(k, x), s * latch.rate(self.rates(t, x)[0])))
 
     def _has_peaked(self, k: int) -> bool:
         """Tell whether the load of a latch has come to its first peak, if it is one that grows."""
@@ -153,3 +168,30 @@ class LatchStates(ContactStates):
         until = self.problem.scene.deploy.until
         names = {self.names[k] for k in self.closed}
         return until in names if until not in ("all", "end") else len(names) == len(self.latches)
+
+
+def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dict[str, Any]:
+    """Return ``locks`` and ``missed`` of a run with errors by those of a second one.
+
+    Every closing is a fresh start of the steps, so that errors follow the order of a method less closely than along a
+    smooth motion. A speed that agrees by chance says no more than that of the latch that agrees least.
+
+    Parameters
+    ----------
+    one, two : ``locks`` and ``missed`` of both. factor : times a difference is an error.
+    """
+    locks, again = dict(one["locks"]), two["locks"]
+    gaps = [abs(lock.speed - again[name].speed) for name, lock in locks.items() if name in again]
+    apart = BY_CHANCE * factor * max(gaps, default=0.0)
+    for name, lock in locks.items():
+        if name not in again or not lock.speed:
+            continue
+        part = apart / abs(lock.speed)
+        shares = {"speed": 1.0, "energy_lost": 2.0, "angular_impulse": 1.0}
+        figures = {key: getattr(lock, key) for key in shares}
+        least = {
+            k: share * part * abs(figures[k]) for k, share in shares.items() if isinstance(figures[k], float)
+        }
+        locks[name] = dataclasses.replace(lock, errors=dataclasses.replace(lock.errors, **least))
+    own = {"locks": locks, "missed": one["missed"]}
+    return {key: with_second(own[key], two[key], RESTARTED * factor, (key, "LATCH")) for key in own}

@@ -200,7 +200,7 @@ class Latches(LatchStates):
         place = self._q_of[k]
         if place is not None and latch.is_own:
             x[place] -= float(self._values[k])
-        self._rest[k] = 0.0 if place is None else x[place]
+        self._rest[k] = 0.0 if latch.rigid and place is None else self._position(k, x)
         angle = ABSENT if place is None else float(x[place])
         self._direction[k] = 1.0 if speed >= 0.0 else -1.0
         count = 1 if before is None else before.closings + 1
@@ -299,7 +299,7 @@ class Latches(LatchStates):
         it, waited = self.closings.get(k), not self._has_peaked(k)
         if it is None:
             return GO_ON
-        inwards = self._direction[k] * x[self._v_of[k]] > 0.0
+        inwards = self._direction[k] * self._rate(k, x) > 0.0
         it.rebounds += change is LatchChange.MEETS and not inwards
         it.has_peaked |= change is LatchChange.LARGEST or not inwards
         if change is LatchChange.LARGEST:

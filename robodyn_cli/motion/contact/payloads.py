@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.equations.payloads import carried_motions, own_motion
+from robodyn_cli.equations.payloads import FLIGHT, carried_motions, own_motion
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.expr.graph import Scalar
@@ -23,7 +23,7 @@ from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.model.parts import CarriedMass, changing
-from robodyn_cli.motion.contact.flight import Flight
+from robodyn_cli.motion.contact.flight import Flight, inertia_of
 from robodyn_cli.motion.contact.impact import joined
 from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.observe.observe import potential_energy
@@ -135,6 +135,11 @@ class Payloads(Watcher):
             result.add(f"{path}/time", times, dims=dims[:1])
             result.add(f"{path}/position", places, dims=dims, names=AXES)
             result.add(f"{path}/velocity", velocities, dims=dims, names=AXES)
+            if (turning := flight.turning(times)) is not None:
+                quaternions, spins = turning
+                four = (dims[0], "quaternion")
+                result.add(f"{path}/quaternion", quaternions, dims=four, names=("w", *AXES))
+                result.add(f"{path}/angular_velocity", spins, dims=dims, names=AXES)
 
     def again(self) -> Payloads:
         other = copy.copy(self)
@@ -238,10 +243,11 @@ class Payloads(Watcher):
 
     def _flight(self, t: float, k: int, x: Array) -> Flight:
         """Return the flight of payload k that begins at t, where the state of its carrier is x."""
-        values = self._numbers(t, x, self.phase)["flight"].reshape(-1, 10)[k]
+        values = self._numbers(t, x, self.phase)["flight"].reshape(-1, FLIGHT)[k]
         place, velocity, spin = values[:9].reshape(3, 3)
         gravity = np.array([float(g) for g in self.problem.scene.gravity])
-        return Flight(t, place, velocity, spin, float(values[9]), gravity)
+        I = inertia_of(self.payloads[k].spec)
+        return Flight(t, place, velocity, spin, float(values[9]), gravity, values[10:].reshape(3, 3), I)
 
     def _numbers(self, t: float, x: Array, phase: Sequence[str]) -> dict[str, Array]:
         groups = self.system.groups(np.array([[t]]), x[None, :], self._p(phase))

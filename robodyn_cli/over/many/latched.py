@@ -6,6 +6,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from robodyn_cli.errors import OF_STATUS, NumericalError, RobodynError
 from robodyn_cli.formulations.events import Event, EventKind, Outcome, Owner
 from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.motion.contact.latch_states import beside
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.error import Attempt, First, Masks, integrate_again, remainder
@@ -29,9 +31,10 @@ from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
 from robodyn_cli.over.many.simulate import COUNTERS, LOCK_ERRORS, SECOND_STEPS, Deploy
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
+from robodyn_cli.scene.checks.columns import column_of
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import ROUNDED, with_second
+from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.summaries.facts import Fact
 from robodyn_cli.works.deploy.latched import time_error, told_of, watcher_of
 
@@ -48,6 +51,9 @@ class DeployLatches(Deploy):
     words = WORDS
     follows_events = True
 
+    def __init__(self, scene: Scene) -> None:
+        self.scene = scene
+
     def obstacle(self, motion: Motion) -> str:
         latches = motion.problem.latches
         reasons = {
@@ -62,7 +68,8 @@ class DeployLatches(Deploy):
     def gives(self, key: str) -> bool:
         group, _, rest = key.partition(".")
         figure = key in LOCK_ERRORS or key.startswith(("lock.angles.", "lock.rates."))
-        return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1)
+        on_the_way = bool(column_of(self.scene, key))  # the largest load of a rigid one
+        return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1 and not on_the_way)
 
     def is_plain(self, key: str) -> bool:
         return key in (*COUNTERS, SECOND_STEPS, *self.words) or self.gives(key)
@@ -130,7 +137,7 @@ OTHERS: dict[EventKind, Owner | None] = {EventKind.RANK_LOSS: _Doubtful(), Event
 
 def command_for(command: BatchCommand[Any], scene: Scene) -> BatchCommand[Any]:
     """Return what makes many runs of a scene: a command itself, or with latches one of its own."""
-    return DeployLatches() if isinstance(command, Deploy) and scene.deploy.latches else command
+    return DeployLatches(scene) if isinstance(command, Deploy) and scene.deploy.latches else command
 
 
 @record
@@ -166,12 +173,17 @@ class LatchedRun:
         told = told_of(motion.scene.deploy.until, [*own.locks, *own.missed], own.locks)
         return LatchedRun(time, runs.y[k], runs.p[k], counts, steps, factor, own, again, *told)
 
+    @cached_property
+    def _facts(self) -> dict[str, Any]:
+        """Records of latches by group and name, with errors where there is a second run."""
+        own, again = (
+            None if x is None else {"locks": x.locks, "missed": x.missed} for x in (self.own, self.second)
+        )
+        return own or {} if again is None else beside(own or {}, again, self.factor)
+
     def _with_errors(self, group: str, name: str) -> Any:
         """Return the record of a latch among ``locks`` or ``missed``, None where it is not there."""
-        own, again = ({} if x is None else getattr(x, group) for x in (self.own, self.second))
-        if name in own and name in again:
-            return with_second(own[name], again[name], self.factor, (group, "LATCH"))
-        return own.get(name)
+        return self._facts[group].get(name)
 
     @property
     def other(self) -> Array | None:
@@ -265,6 +277,7 @@ class _Runner:
             options = dataclasses.replace(options, max_steps=min(options.max_steps, FIRST_LOOK + WORTH))
         system, watchers = watched_again(motion)
         self.batch, self.method, self.options, self.motion = batch, method, options, motion
+        self._others = batch.closed_otherwise().states
         own = motion.system.watched_by(lambda e: OTHERS.get(e.kind, e.owner))
         self.first = Driver(own, method, options, [watcher_of(motion.watchers)])
         self.second = Driver(system, method, options, watchers)
@@ -287,7 +300,7 @@ class _Runner:
         for driver, tables in zip(self._drivers, self._tables):
             driver.integrator.engine.take(tables[k])
         try:
-            self._drive(self.first, self.options, k)
+            self._drive(self.first, self.options, k, self.batch.states)
             second_steps = self._again(k) if self.motion.scene.simulate.error_estimate else None
         except RobodynError:
             return None
@@ -296,16 +309,16 @@ class _Runner:
                 kernel.table = None
         return self._run(second_steps)
 
-    def _drive(self, driver: Driver, options: Options, k: int) -> None:
+    def _drive(self, driver: Driver, options: Options, k: int, states: Array) -> None:
         end = float(self.batch.ends[k])
-        driver.start(0.0, self.batch.states[k], options)
+        driver.start(0.0, states[k], options)
         driver.run(end, Grid.over(end, self.motion.scene.simulate.samples), lambda t, x: None)
 
     def _again(self, k: int) -> int:
         """Make the second run; return its steps."""
 
         def once(attempt: Attempt) -> tuple[Any, Any]:
-            self._drive(self.second, attempt.alone, k)
+            self._drive(self.second, attempt.alone, k, self._others)
             return np.array([self.second.counters.steps]), np.array([False])
 
         integrate_again(self._begun, once)

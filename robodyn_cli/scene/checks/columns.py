@@ -7,6 +7,7 @@ A vector has its length, ``point_velocities/tip.length``, a wrench its ``force``
 from __future__ import annotations
 
 import dataclasses
+import re
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING
 
@@ -26,6 +27,7 @@ VECTOR = ("x", "y", "z", LENGTH)
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz", FORCE, MOMENT)
 DESIGNED = ("poles/", "acceleration_poles/", "relative_rates/", "curvatures/", "ratios/", "pressure_angles/")
 LOADS = ("reactions/", "loop_reactions/", "force_wrenches/", "base_wrench")
+LARGEST_LOAD = re.compile(r"locks\.(.+?)\.(?:errors\.)?peak_(?:moment|time)")
 WITHOUT_FORCES = ("q.", "qd.", "qdd.", "point", "frames/", "transmission_angle", *DESIGNED)
 
 
@@ -86,6 +88,7 @@ def _datasets(scene: Scene, points: tuple[str, ...]) -> Mapping[str, Mapping[str
         **{f"loop_reactions/{loop.name}": wrench for loop in scene.loops},
         **{f"force_wrenches/{name}": wrench for name in elements},
         "base_wrench": wrench,
+        "latch_loads": {x.name: torques.get(x.joint or "", "") for x in scene.deploy.latches},
         **{f"energy/{x}": {"": "J"} for x in ("kinetic", "potential", "total", "work")},
         "transmission_angle": {"": "rad"},
         **designed(scene.kinematics.design, q | v),
@@ -125,14 +128,17 @@ def _controlled(scene: Scene) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return (*columns(scene.robot), *led), tuple(scene.control.joints)
 
 
-def column_of(key: str) -> str:
+def column_of(scene: Scene, key: str) -> str:
     """Return the column that a key of a summary asks the extremes of; nothing where it asks for none."""
+    if (peak := LARGEST_LOAD.fullmatch(key)) is not None:
+        rigid = any(x.name == peak[1] and x.hold == "rigid" for x in scene.deploy.latches)
+        return f"latch_loads.{peak[1]}" if rigid else ""
     return key[len(EXTREMES) :].rpartition(".")[0].removesuffix(".errors") if key.startswith(EXTREMES) else ""
 
 
 def asking(scene: Scene, keys: Iterable[str]) -> Scene:
     """Return a scene that asks for the extremes that keys of its summary name, too; it records reactions for theirs."""
-    named = [name for key in keys if (name := column_of(key))]
+    named = [name for key in keys if (name := column_of(scene, key))]
     asked = tuple(dict.fromkeys((*scene.outputs.extremes, *named)))
     loads = scene.outputs.reactions or any(name.startswith(LOADS) for name in asked)
     if asked == scene.outputs.extremes and loads == scene.outputs.reactions:

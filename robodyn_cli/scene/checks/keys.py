@@ -32,7 +32,7 @@ def check_figures(scene: Scene, check: Check) -> Scene:
         check_fluctuation(scene, check)
         # a coefficient of fluctuation is that of the extremes of a rate
         named += [f"{EXTREMES}qd.{name}.largest" for name in turning]
-    if scene.outputs.extremes or any(key.startswith(EXTREMES) for key in named):
+    if scene.outputs.extremes or any(key.startswith((EXTREMES, "locks.")) for key in named):
         from robodyn_cli.scene.checks.columns import with_extremes
 
         scene = with_extremes(scene, places_of(scene), named, check)

@@ -163,10 +163,11 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
     CapabilityError : it has a controller, or neither loops nor a latch.
     SingularConfigurationError : it starts where it is to end.
     """
-    if scene.control is not None:
+    if scene.control is not None and not scene.deploy.latches:
         raise CapabilityError(
-            f"{scene.path}: control: 'deploy' follows a mechanism until it locks, without a controller; allowed there: "
-            "'simulate'"
+            f"{scene.path}: control: 'deploy' up to a dead point follows a mechanism without a controller; allowed: "
+            "deploy.latches, or the command 'simulate'",
+            key="control",
         )
     refuse_changes(scene, "deploy")
     if scene.deploy.latches:

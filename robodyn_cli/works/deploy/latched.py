@@ -12,6 +12,7 @@ from robodyn_cli.errors import RobodynError
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import BLOCK, Driver
 from robodyn_cli.motion.failure import explained
+from robodyn_cli.motion.figures import with_figures, with_latches_beside
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
@@ -102,9 +103,12 @@ def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | Non
 
 
 def _estimate(run: Run) -> Estimate:
-    """Return the error of the run; the second one goes on until its own latches are closed."""
+    """Return the error of the run; the second one begins where its loops close as well, and goes on until its own
+    latches are closed."""
     scene = run.motion.scene
     first = FirstRun.of(run.driver, run.beginning, grid_of(scene, run.beginning), run.recorder)
+    if scene.initial.source is None:
+        first = dataclasses.replace(first, start=run.motion.closed_otherwise().start)
     if run.driver.time < scene.simulate.duration:
         first = dataclasses.replace(first, latest=scene.simulate.duration)
     return estimate_error(run.motion, first, run.recorder)
@@ -129,6 +133,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     run.recorder.fill(result)
     add_joint_limits(result, scene, run.motion.problem.model)
     summary, *others = motion_records(run, judgement, estimate)
+    summary = with_latches_beside(summary, run, estimate)
     if doubts := _doubts(run, estimate):
         told = [] if summary.warnings is ABSENT else summary.warnings
         summary = dataclasses.replace(summary, warnings=[*told, *doubts])
@@ -148,7 +153,10 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         lock=_lock(run, summary, estimate),
         overload=overload if scene.deploy.loads and failure is None else ABSENT,
     )
-    result.summarise(summary, *others, keys, seconds=watch.report())
+    records = [summary, *others, keys]
+    if failure is None:
+        records = with_figures(records, result, run, estimate, watch)
+    result.summarise(*records, seconds=watch.report())
     return result.unless(failure)
 
 

@@ -43,7 +43,7 @@ def slopes_of_extremes(asked: AskedSlopes, slopes: MotionSlopes, end: Ending) ->
     ----------
     slopes : of the motion to its end. They are followed anew to each instant.
     """
-    wanted = {name: own for name in asked.task.outputs if (own := column_of(name))}
+    wanted = {name: own for name in asked.task.outputs if (own := column_of(asked.scene, name))}
     if not wanted:
         return {}
     run = execute(asked.task.command, asked.scene, no_progress, Stopwatch())
