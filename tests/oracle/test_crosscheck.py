@@ -173,7 +173,7 @@ def test_what_cannot_be_asked_is_listed() -> None:
         crosscheck(load_scene_text(text), "pinocchio")
     with pytest.raises(CapabilityError, match="'join' of type point_on_plane"):
         crosscheck(load_scene_text(LOOP % ("point_on_plane", ", axis: [0, 0, 1]")), "mujoco")
-    with pytest.raises(CapabilityError, match="inverse dynamics of loops"):
+    with pytest.raises(CapabilityError, match="inverse dynamics of loops and couplers"):
         crosscheck(load_scene_text(LOOP % ("spherical", "")), "mujoco", "inverse")
 
 
