@@ -11,7 +11,7 @@ from robodyn_cli.algorithms.kinematics import slice_q
 from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.over.commands import command_of, locks
 from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translate
-from robodyn_cli.over.crosscheck.own_engines import OWN_ENGINES
+from robodyn_cli.over.crosscheck.own_settings import OWN_ENGINES
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.summaries.checks import ComparedQuantity, CrosscheckReport

@@ -1,26 +1,22 @@
-"""Mechanisms in MuJoCo and Drake as their users have them: the engine's own steps, and its own closures."""
+"""A mechanism in another engine as its users have it, with the engine's own steps and closures; in MuJoCo."""
 
 from __future__ import annotations
 
 import dataclasses
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from typing import Any
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
-from robodyn_cli.over.crosscheck.engine import Translation, is_plain, refuse_joint
+from robodyn_cli.over.crosscheck.engine import Translation, is_plain
 from robodyn_cli.over.crosscheck.engines import InMujoco, robot_of
-from robodyn_cli.over.export.mjcf import ACROSS, MJCF, mjcf_text
-from robodyn_cli.over.export.robot import GROUND, ExportedLink, ExportedLoop, ExportedRobot
-from robodyn_cli.over.export.scene import coupler_of, followers, renamed
+from robodyn_cli.over.export.mjcf import MJCF, mjcf_text
+from robodyn_cli.over.export.robot import ExportedRobot
+from robodyn_cli.over.export.scene import coupler_of, renamed
 from robodyn_cli.spatial.algebra import Array
 
-DRAKE_STEP = 1e-3  # s, of Drake's tutorials
-DRAKE_KINDS = ("revolute", "prismatic", "spherical")
 # what its users do not have in a mechanism without shapes, or what would hide that a run has blown up
 FLAGS = {"contact": "disable", "limit": "disable", "autoreset": "disable"}
 
@@ -117,6 +113,3 @@ class OwnMujoco(InMujoco, OwnRun):
         T = self._set(q, v)
         self.mj.mj_forward(self.model, self.data)
         return M, np.asarray(self.in_our_order(np.array(self.data.qfrc_bias)) @ T) + M @ self._drift(v)
-
-
-OWN_ENGINES: dict[str, Callable[[Translation, float | None], OwnRun]] = {"mujoco": OwnMujoco}

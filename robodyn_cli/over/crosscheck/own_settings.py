@@ -13,7 +13,8 @@ from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
 from robodyn_cli.over.crosscheck.engine import Translation, is_plain, mass_properties, translate
-from robodyn_cli.over.crosscheck.own_engines import OWN_ENGINES, OwnRun
+from robodyn_cli.over.crosscheck.drake import OwnDrake
+from robodyn_cli.over.crosscheck.own_engines import OwnMujoco, OwnRun
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Inertia, Scene
@@ -24,6 +25,7 @@ from robodyn_cli.summaries.facts import Termination
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.simulate import simulate
 
+OWN_ENGINES: dict[str, Callable[[Translation, float | None], OwnRun]] = {"mujoco": OwnMujoco, "drake": OwnDrake}
 MOST_STEPS = 100_000
 LARGEST = 1e10  # [rad, m or per s]: beyond, MuJoCo itself calls a state unstable
 CHUNK = 4_000_000  # numbers of a matrix that are held at once
@@ -104,7 +106,7 @@ class OwnStates:
     """A run of an engine: q (T, nq) and v (T, nv), and of the step from each state the torques ``tau`` (T, nv) that it
     was handed, the accelerations ``a`` (T, nv) and the step of positions ``dq`` (T, nv).
 
-    whole : whether it reached its end.
+    ended : why the run ended.
     """
 
     q: Array
@@ -112,7 +114,7 @@ class OwnStates:
     tau: Array
     a: Array
     dq: Array
-    whole: bool
+    ended: str
 
 
 def _run(
@@ -127,21 +129,27 @@ def _run(
     handed, manifold = translated.evaluator(smooth=True), Manifold(translated.model)
     states, torques, rates = [(q, v)], [], []
     other.start(q, v)
+    ended = "end of the duration"
     for k in range(count + 1):
         given = {"t": [k * other.step], "q": q.tolist(), "v": v.tolist(), "p": []}
         tau = np.array(handed(given), dtype=float)
-        q, v, a = other.advance(tau)
+        try:
+            q, v, a = other.advance(tau)
+        except NumericalError as error:
+            ended = error.message
+            break
         if not np.abs([*q, *v, *a]).max() < LARGEST:
+            ended = f"{other.name} blows up: a position, rate or acceleration is no number, or above {LARGEST:.0e}"
             break
         torques.append(tau)
         rates.append(a)
         states.append((q, v))
-        progress(k, count)
+        progress(k * other.step, count * other.step)
     if not torques:
-        raise NumericalError(f"{other.name} blows up in its first step of {other.step:g} s")
+        raise NumericalError(f"in the first step of {other.step:g} s {ended}")
     Q, V = (np.array(x) for x in zip(*states))
     dq = np.array([manifold.difference(a, b) for a, b in zip(Q, Q[1:])])
-    return OwnStates(Q[:-1], V[:-1], np.array(torques), np.array(rates), dq, len(torques) > count)
+    return OwnStates(Q[:-1], V[:-1], np.array(torques), np.array(rates), dq, ended)
 
 
 # -- the exact equations ---------------------------------------------------------------------------------------
@@ -233,7 +241,7 @@ def _compared(
     result.add("crosscheck/q", run.q, names=model.q_names)
     result.add("crosscheck/qd", run.v, names=model.v_names)
     summary = OwnSettingsSummary(
-        termination=_ended(other, run, times),
+        termination=Termination(run.ended, float(times[-1])),
         engine=other.name,
         version=other.version,
         settings=other.settings,
@@ -249,13 +257,6 @@ def _compared(
     )
     result.summarise(summary, seconds=watch.report())
     return result
-
-
-def _ended(other: OwnRun, run: OwnStates, times: Array) -> Termination:
-    end = float(times[-1])
-    if run.whole:
-        return Termination("end of the duration", end)
-    return Termination(f"{other.name} blows up: a position or rate is no number, or above {LARGEST:.0e}", end)
 
 
 def _gaps(result: Result, translated: Translation, eta: Array, ours: Result, count: int) -> list[ClosureGap]:
