@@ -146,7 +146,9 @@ class OffFromExact:
     """Accelerations that an engine has at the begin of its steps, beside the exact ones at the same states."""
 
     start: float = fact("largest difference at the start", ACCELERATION, errors=(".error",))
-    start_relative: float | None = fact("that over the largest exact acceleration there; `null` where that is zero")
+    start_relative: float | None = fact(
+        "that over the largest exact acceleration there; `null` where that is zero"
+    )
     start_column: str = fact("the coordinate")
     largest: float = fact("largest difference at any step", ACCELERATION, errors=(".error",))
     relative: float | None = fact("that over `size`; `null` where that is zero")
@@ -154,8 +156,8 @@ class OffFromExact:
     time: float = fact("when", "s")
     size: float = fact("largest acceleration of the motion here", ACCELERATION)
     error: float = fact(
-        "of the differences: how far exact accelerations and those by the engine's M and h are apart at up to 16 states, "
-        "and rounding",
+        "of the differences: how far exact accelerations and those by the engine's M and h are apart at up to 16 "
+        "states, and rounding",
         ACCELERATION,
     )
 

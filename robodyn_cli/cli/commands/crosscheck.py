@@ -59,7 +59,10 @@ def command(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", "-o", metavar="DIR", help="With --own-settings: where datasets and the picture go. [default: nowhere]"
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="With --own-settings: directory for datasets and the picture.",
         ),
     ] = None,
     *,
@@ -79,7 +82,9 @@ def command(
     command = asked or compared_command(loaded)
     if own:
         if command != "simulate":
-            raise SceneError(f"--own-settings: compares motions, and the command is {command!r}; allowed: --command simulate")
+            raise SceneError(
+                f"--own-settings: compares motions, and the command is {command!r}; allowed: --command simulate"
+            )
         return _own_settings(loaded, scene, engine, step, shared)
     with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides, command):
         report = crosscheck(loaded, engine, command)
@@ -88,9 +93,7 @@ def command(
     return 0 if report.agrees else FAILED
 
 
-def _own_settings(
-    loaded: Scene, path: Path, engine: str, step: float | None, shared: SharedOptions
-) -> int:
+def _own_settings(loaded: Scene, path: Path, engine: str, step: float | None, shared: SharedOptions) -> int:
     """Tell how far an engine is off at its own settings; write it where a directory is given."""
     from robodyn_cli.over.crosscheck.own_settings import own_settings
     from robodyn_cli.results.summary import jsonable
@@ -171,11 +174,12 @@ def _own_rows(summary: Mapping[str, Any]) -> Iterator[list[str]]:
         ]  # fmt: skip
     a, energy = summary["accelerations"], summary["energy"]
     off = error_text(a["error"])
-    yield [
-        "accelerations at the start", f"{a['start']:.3g}", _percent(a["start_relative"]), a["start_column"], "-", off, "-",
-    ]  # fmt: skip
     at = f"{a['column']}, t = {a['time']:.6g} s"
-    yield ["accelerations", f"{a['largest']:.3g}", _percent(a["relative"]), at, "-", off, "-"]
+    for name, size, part, place in (
+        ("accelerations at the start", a["start"], a["start_relative"], a["start_column"]),
+        ("accelerations", a["largest"], a["relative"], at),
+    ):
+        yield [name, f"{size:.3g}", _percent(part), place, "-", off, "-"]
     yield [
         "energy made [J]", f"{energy['largest']:+.3g}", _percent(energy["relative"]), f"t = {energy['time']:.6g} s",
         f"{energy['final']:+.3g}", error_text(energy["error"]), f"{energy['here']:.1g}",

@@ -77,7 +77,9 @@ class OwnDrake(OwnRun):
     def _link(self, link: ExportedLink) -> Any:
         """Add a link and its joint; return the joint."""
         drake, plant, m = self.drake, self.plant, link.mass
-        tensor = drake.RotationalInertia(*np.diag(link.inertia), link.inertia[0, 1], link.inertia[0, 2], link.inertia[1, 2])
+        tensor = drake.RotationalInertia(
+            *np.diag(link.inertia), link.inertia[0, 1], link.inertia[0, 2], link.inertia[1, 2]
+        )
         try:
             inertia = drake.SpatialInertia.MakeFromCentralInertia(m, link.com, tensor)
         except RuntimeError as error:
@@ -87,15 +89,16 @@ class OwnDrake(OwnRun):
         axes = np.eye(3) if link.type in IN_PLACE else link.axes[:, order]
         turned = drake.RigidTransform(drake.RotationMatrix(axes), np.zeros(3))
         pose = drake.RigidTransform(drake.RotationMatrix(real(link.pose.rotation)), real(link.pose.xyz))
-        F = plant.AddFrame(drake.FixedOffsetFrame(f"{link.name} F", self.parts[link.parent].body_frame(), pose @ turned))
+        parent = self.parts[link.parent].body_frame()
+        F = plant.AddFrame(drake.FixedOffsetFrame(f"{link.name} F", parent, pose @ turned))
         M = plant.AddFrame(drake.FixedOffsetFrame(f"{link.name} M", body.body_frame(), turned))
         own = link.coordinates[0]
         joint = plant.AddJoint(KINDS[link.type](drake, link.joint, F, M, own.damping))
         if link.type not in SINGLE:
             if any(one.acts for one in link.coordinates):
                 raise CapabilityError(
-                    f"joint {link.joint!r} is {link.type}, for which springs, dampers and rotors are not built in Drake; "
-                    f"allowed: {', '.join(SINGLE)}"
+                    f"joint {link.joint!r} is {link.type}, for which springs, dampers and rotors are not built in "
+                    f"Drake; allowed: {', '.join(SINGLE)}"
                 )
             return joint
         if own.stiffness:
@@ -120,7 +123,10 @@ class OwnDrake(OwnRun):
             self.plant.AddCouplerConstraint(joints[name], joints[leader], multiplier, offset)
 
     def _loop(self, loop: ExportedLoop) -> None:
-        drake, ends = self.drake, [(self.parts[end.link], real(end.pose.xyz), real(end.axis)) for end in loop.ends]
+        drake, ends = (
+            self.drake,
+            [(self.parts[end.link], real(end.pose.xyz), real(end.axis)) for end in loop.ends],
+        )
         (A, a, u), (B, b, w) = ends
         if loop.type == "fixed":
             R = drake.RotationMatrix.ProjectToRotationMatrix(loop.attitude)

@@ -164,7 +164,7 @@ class InMujoco(engine.PeerEngine):
         return _mjcf(model), [f"body{k}" for k in range(len(model.bodies))]
 
     def _turn(self, q: Array) -> Array:
-        """Return T (nv, nv), orthogonal: MuJoCo's velocities are T v, for those of free bodies are in their parent's axes."""
+        """Return T (nv, nv), orthogonal: MuJoCo's velocities are T v; free bodies' are in their parent's axes."""
         T = np.eye(self.size)
         for body in self.flying:
             own = slice(body.v, body.v + 3)

@@ -96,7 +96,11 @@ class OwnMujoco(InMujoco, OwnRun):
     def advance(self, tau: Array) -> tuple[Array, Array, Array]:
         _, before, T = self._state()
         self.data.qfrc_applied[:] = (T @ tau)[self.v_places]
-        self.mj.mj_step(self.model, self.data)
+        self.mj.set_mju_user_warning(_no_word)  # or it would write a file into the working directory
+        try:
+            self.mj.mj_step(self.model, self.data)
+        finally:
+            self.mj.set_mju_user_warning(None)
         a = self.in_our_order(np.array(self.data.qacc)) @ T - self._drift(before)
         q, v, _ = self._state()
         return q, v, a
@@ -113,3 +117,7 @@ class OwnMujoco(InMujoco, OwnRun):
         T = self._set(q, v)
         self.mj.mj_forward(self.model, self.data)
         return M, np.asarray(self.in_our_order(np.array(self.data.qfrc_bias)) @ T) + M @ self._drift(v)
+
+
+def _no_word(text: str) -> None:
+    """Leave a warning of an unstable run alone: the state behind the step says it too."""

@@ -4,6 +4,8 @@ states that it comes through."""
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Callable
+
 import numpy as np
 
 from robodyn_cli.algorithms.energy import gravity_energy, kinetic_energy, spring_energy
@@ -12,20 +14,29 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import Model
-from robodyn_cli.over.crosscheck.engine import Translation, is_plain, mass_properties, translate
 from robodyn_cli.over.crosscheck.drake import OwnDrake
+from robodyn_cli.over.crosscheck.engine import Translation, is_plain, mass_properties, translate
 from robodyn_cli.over.crosscheck.own_engines import OwnMujoco, OwnRun
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Inertia, Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, constrained
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.checks import ClosureGap, EnergyMade, OffFromExact, OffFromMotion, OwnSettingsSummary
+from robodyn_cli.summaries.checks import (
+    ClosureGap,
+    EnergyMade,
+    OffFromExact,
+    OffFromMotion,
+    OwnSettingsSummary,
+)
 from robodyn_cli.summaries.facts import Termination
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.simulate import simulate
 
-OWN_ENGINES: dict[str, Callable[[Translation, float | None], OwnRun]] = {"mujoco": OwnMujoco, "drake": OwnDrake}
+OWN_ENGINES: dict[str, Callable[[Translation, float | None], OwnRun]] = {
+    "mujoco": OwnMujoco,
+    "drake": OwnDrake,
+}
 MOST_STEPS = 100_000
 LARGEST = 1e10  # [rad, m or per s]: beyond, MuJoCo itself calls a state unstable
 CHUNK = 4_000_000  # numbers of a matrix that are held at once
@@ -58,9 +69,7 @@ def own_settings(
         other = OWN_ENGINES[engine](translated, step)
         count = _steps(scene, other.step)
     with watch.stage("integrate"):
-        settings = dataclasses.replace(
-            scene.simulate, duration=count * other.step, samples=count + 1
-        )
+        settings = dataclasses.replace(scene.simulate, duration=count * other.step, samples=count + 1)
         ours = simulate(dataclasses.replace(scene, simulate=settings))
     with watch.stage("engine"):
         run = _run(translated, other, ours["q"][0], ours["qd"][0], count, progress)
@@ -77,8 +86,15 @@ def with_masses(scene: Scene, model: Model) -> tuple[Scene, list[str]]:
     if not bare or not heavy:
         return scene, []
     m, moment = (LIGHT * min(x for x in column if x > 0.0) for column in zip(*heavy))
-    some = {"mass": m, "com": (0.0, 0.0, 0.0), "inertia": Inertia(xx=moment, yy=moment, zz=moment, xy=0.0, xz=0.0, yz=0.0)}
-    links = tuple(dataclasses.replace(link, **some) if link.name in bare else link for link in scene.robot.links)
+    inertia = Inertia(xx=moment, yy=moment, zz=moment, xy=0.0, xz=0.0, yz=0.0)
+    some = {
+        "mass": m,
+        "com": (0.0, 0.0, 0.0),
+        "inertia": inertia,
+    }
+    links = tuple(
+        dataclasses.replace(link, **some) if link.name in bare else link for link in scene.robot.links
+    )
     robot = dataclasses.replace(scene.robot, links=links)
     return dataclasses.replace(scene, robot=robot), [link.name for link in links if link.name in bare]
 
@@ -94,8 +110,8 @@ def _steps(scene: Scene, step: float) -> int:
     count = int(duration / step * (1.0 + 8.0 * EPS))
     if not 1 <= count <= MOST_STEPS:
         raise CapabilityError(
-            f"{scene.path}: simulate.duration {duration:g} s is {duration / step:.6g} steps of {step:g} s; allowed: 1 to "
-            f"{MOST_STEPS} (--step)",
+            f"{scene.path}: simulate.duration {duration:g} s is {duration / step:.6g} steps of {step:g} s; "
+            f"allowed: 1 to {MOST_STEPS} (--step)",
             key="simulate.duration",
         )
     return count
@@ -186,7 +202,9 @@ def _exact(translated: Translation, other: OwnRun, run: OwnStates, times: Array)
         "gamma": problem.constraints.gamma,
         "eta": problem.constraints.eta,
         "kinetic": [kinetic_energy(problem.model, problem.q, problem.v)],
-        "potential": [gravity_energy(problem.model, problem.q, problem.gravity) + spring_energy(sprung, problem.q)],
+        "potential": [
+            gravity_energy(problem.model, problem.q, problem.gravity) + spring_energy(sprung, problem.q)
+        ],
     }
     parts, rank, apart = [], None, 0.0
     pieces = np.array_split(np.arange(len(times)), -(-len(times) * nv * nv // CHUNK))
@@ -206,7 +224,8 @@ def _exact(translated: Translation, other: OwnRun, run: OwnStates, times: Array)
             M, h = other.inertia(run.q[k], run.v[k])
             theirs = _solved(M[None], values["f"][at] - h, psi[at], gamma[at])
             apart = max(apart, float(np.abs(theirs - a[at]).max()))
-    return ExactValues(*(np.concatenate(x) for x in zip(*parts)), apart)
+    a, kinetic, potential, eta = (np.concatenate(x) for x in zip(*parts))
+    return ExactValues(a, kinetic, potential, eta, apart)
 
 
 def of_rank(psi: Array, gamma: Array, rank: int) -> tuple[Array, Array]:
@@ -261,28 +280,25 @@ def _compared(
 
 def _gaps(result: Result, translated: Translation, eta: Array, ours: Result, count: int) -> list[ClosureGap]:
     """Store and return how far the closures are open: distances, angles, and what couplers are off by."""
-    rows = Problem(translated.scene, model=translated.model).constraints.rows
+    problem = Problem(translated.scene, model=translated.model)
     groups: dict[tuple[str, str], list[int]] = {}
-    for k, row in enumerate(rows):
+    for k, row in enumerate(problem.constraints.rows):
         groups.setdefault((row.closure, row.unit), []).append(k)
     if not groups:
         return []
-    lengths = [(name, unit) for name, unit in groups]
-    residual = ours.variables["constraints/position_residual"]
-    own_rows = {name: k for k, name in enumerate(residual.names)}
-    theirs = np.column_stack([np.linalg.norm(eta[:, k], axis=1) for k in groups.values()])
-    here = np.column_stack(
-        [
-            np.linalg.norm(residual.data[:count, [own_rows[rows[k].name] for k in places if rows[k].name in own_rows]], axis=1)
-            for places in groups.values()
-        ]
+    there = {"t": ours.time[:, None], "q": ours["q"]}
+    if problem.at_start:
+        there["p"] = np.tile(problem.at_start, (len(ours.time), 1))
+    own = evaluated({"eta": problem.constraints.eta}, there)["eta"][:count]
+    theirs, here = (
+        np.column_stack([np.linalg.norm(x[:, rows], axis=1) for rows in groups.values()]) for x in (eta, own)
     )
-    names = tuple(f"{name} ({'distance' if unit == 'm' else 'angle'})" for name, unit in lengths)
-    units = tuple(unit for _, unit in lengths)
+    names = tuple(f"{name} ({'distance' if unit == 'm' else 'angle'})" for name, unit in groups)
+    units = tuple(unit for _, unit in groups)
     result.add("crosscheck/gap", theirs, names=names, column_units=units)
     result.add("crosscheck/gap_here", here, names=names, column_units=units)
     gaps = []
-    for k, (name, unit) in enumerate(lengths):
+    for k, (name, unit) in enumerate(groups):
         at = int(np.argmax(theirs[:, k]))
         gaps.append(
             ClosureGap(
@@ -326,7 +342,9 @@ def _energy(
     """
     still, one = np.zeros(translated.model.nv), np.eye(translated.model.nv)
     at = run.q[0]
-    damping = np.array([translated.plain(at, still)[j] - translated.plain(at, one[j])[j] for j in range(len(one))])
+    damping = np.array(
+        [translated.plain(at, still)[j] - translated.plain(at, one[j])[j] for j in range(len(one))]
+    )
     work = np.concatenate([[0.0], np.cumsum((run.tau * run.dq).sum(axis=1))[:-1]])
     power = (damping * run.v**2).sum(axis=1)
     lost = _sums(power, step)
@@ -336,13 +354,16 @@ def _energy(
     level = max(float(np.abs(x).max()) for x in (exact.kinetic, exact.potential, work, lost))
     error = float(every_other) + 4.0 * EPS * np.sqrt(len(made)) * level
     kinetic, k = float(ours["energy/kinetic"].max()), int(np.argmax(np.abs(made)))
-    balance = ours["energy/total"] - (ours["energy/work"] if "energy/work" in ours else 0.0)
+    balance = ours["energy/total"]
+    if "energy/work" in ours:
+        balance = balance - ours["energy/work"]
     here = float(np.abs(balance - balance[0]).max())
     result.add("crosscheck/energy_made", made)
     if kinetic > 0.0:
         result.add("crosscheck/energy_error", np.abs(made) / kinetic)
+    largest, final = float(made[k]), float(made[-1])
     return EnergyMade(
-        float(made[k]), _share(abs(float(made[k])), kinetic), float(result.time[k]), float(made[-1]), kinetic, error, here
+        largest, _share(abs(largest), kinetic), float(result.time[k]), final, kinetic, error, here
     )
 
 
