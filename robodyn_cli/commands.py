@@ -226,7 +226,7 @@ COMMANDS: dict[str, Command] = {
     ),
     "crosscheck": Command(
         "Compare a scene with Pinocchio, MuJoCo or Drake.",
-        summary=("checks:CrosscheckReport", "checks:OwnSettingsSummary"),
+        summary=("crosscheck:CrosscheckReport", "crosscheck:OwnSettingsSummary"),
         plots=("crosscheck:own_settings",),
     ),
     "import": Command("Write the robot of a URDF or SDF file as YAML."),

@@ -17,7 +17,7 @@ from robodyn_cli.errors import FAILED, SceneError, listed
 
 if TYPE_CHECKING:
     from robodyn_cli.scene.types import Scene
-    from robodyn_cli.summaries.checks import CrosscheckReport
+    from robodyn_cli.summaries.crosscheck import CrosscheckReport
 
 
 def command(
@@ -73,18 +73,14 @@ def command(
     from robodyn_cli.results.summary import as_keys, jsonable
     from robodyn_cli.scene.load import load_scene
 
-    refuse_choice(engine, own)
     for name, given in (("--step", step), ("--out", out), ("--plots", shared.plots)):
         if given is not None and not own:
             raise SceneError(f"{name}: only with --own-settings")
     console, overrides = shared.console, shared.overrides or ()
     loaded = load_scene(scene, overrides)
     command = asked or compared_command(loaded)
+    refuse_choice(engine, own, command)
     if own:
-        if command != "simulate":
-            raise SceneError(
-                f"--own-settings: compares motions, and the command is {command!r}; allowed: --command simulate"
-            )
         return _own_settings(loaded, scene, engine, step, shared)
     with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides, command):
         report = crosscheck(loaded, engine, command)

@@ -14,7 +14,7 @@ from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translat
 from robodyn_cli.over.crosscheck.own_settings import OWN_ENGINES
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
-from robodyn_cli.summaries.checks import ComparedQuantity, CrosscheckReport
+from robodyn_cli.summaries.crosscheck import ComparedQuantity, CrosscheckReport
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 
@@ -54,8 +54,8 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
     )
 
 
-def refuse_choice(engine: str, own: bool) -> None:
-    """Refuse an engine that is not compared in this way: with its steps and closures (``own``), or by its equations.
+def refuse_choice(engine: str, own: bool, command: str) -> None:
+    """Refuse what is not compared in this way: with an engine's steps and closures (``own``), or by its equations.
 
     Raises
     ------
@@ -65,6 +65,11 @@ def refuse_choice(engine: str, own: bool) -> None:
     if engine not in allowed:
         way = "with" if own else "without"
         raise SceneError(f"--with {engine}: not {way} --own-settings; allowed: {', '.join(allowed)}")
+    if own and not COMPARED[command][0]:
+        moving = " or ".join(f"--command {name}" for name, (moves, _) in COMPARED.items() if moves)
+        raise SceneError(
+            f"--own-settings: compares motions, and the command is {command!r}; allowed: {moving}"
+        )
 
 
 def compared_command(scene: Scene) -> str:

@@ -22,7 +22,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Inertia, Scene
 from robodyn_cli.solve.load_sharing import allowed_motions, constrained
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.checks import (
+from robodyn_cli.summaries.crosscheck import (
     ClosureGap,
     EnergyMade,
     OffFromExact,
