@@ -1,4 +1,4 @@
-"""What ``crosscheck`` prints for programs (``--json``): two answers, or how far an engine is off at its own settings."""
+"""What ``crosscheck`` prints for programs (``--json``): two answers, or how far an engine is off as it is used."""
 
 from __future__ import annotations
 

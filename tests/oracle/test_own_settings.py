@@ -50,15 +50,15 @@ BY_HAND = """
       <joint name="a" axis="0 0 1"/><inertial pos="0.25 0 0" mass="1" diaginertia="0.02 0.02 0.02"/>
       <body pos="0.5 0 0">
         <joint name="b" axis="0 0 1" damping="0.3"/><inertial pos="0.75 0 0" mass="2" diaginertia="0.1 0.1 0.1"/>
-        <site name="end" pos="1.5 0 0"/>
+        <site name="end" pos="1.5 0 0"/><site name="end2" pos="1.5 0 0.1"/>
       </body>
     </body>
     <body pos="1.2 0 0">
       <joint name="c" axis="0 0 1"/><inertial pos="0.5 0 0" mass="1.5" diaginertia="0.05 0.05 0.05"/>
-      <site name="top" pos="1 0 0"/>
+      <site name="top" pos="1 0 0"/><site name="top2" pos="1 0 0.1"/>
     </body>
   </worldbody>
-  <equality><connect site1="end" site2="top"/></equality>
+  <equality><connect site1="end" site2="top"/>%s</equality>
 </mujoco>
 """
 CHAIN = """
@@ -106,11 +106,11 @@ def compared(text: str, engine: str = "mujoco", step: float | None = None) -> Re
     return own_settings(load_scene_text(text), engine, step)
 
 
-def by_hand(q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
+def by_hand(q: np.ndarray, v: np.ndarray, steps: int, more: str) -> tuple[np.ndarray, np.ndarray]:
     """Return gaps [m] and the accelerations' errors of the four-bar, from MuJoCo's own calls and a null space."""
     import mujoco
 
-    model = mujoco.MjModel.from_xml_string(BY_HAND)
+    model = mujoco.MjModel.from_xml_string(BY_HAND % more)
     data = mujoco.MjData(model)
     data.qpos[:], data.qvel[:] = q, v
     gaps, errors = [], []
@@ -137,12 +137,17 @@ def by_hand(q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.nd
     return np.array(gaps), np.array(errors)
 
 
-def test_the_figures_are_those_of_a_run_by_hand() -> None:
-    result = compared(FOUR_BAR % "")
+@pytest.mark.parametrize(
+    ("kind", "more"),
+    [("spherical", ""), ("revolute, axis: [0, 0, 1]", '<connect site1="end2" site2="top2"/>')],
+)
+def test_the_figures_are_those_of_a_run_by_hand(kind: str, more: str) -> None:
+    """A pin is two points, a decimetre apart along its axis."""
+    result = compared((FOUR_BAR % "").replace("type: spherical", f"type: {kind}"))
     summary = result.summary
     assert summary["engine"] == "mujoco" and summary["step"] == 0.002 and summary["steps"] == 200
     assert summary["settings"]["solref"] == "0.02 1" and summary["settings"]["integrator"] == "EULER"
-    gaps, errors = by_hand(result["crosscheck/q"][0], result["crosscheck/qd"][0], 200)
+    gaps, errors = by_hand(result["crosscheck/q"][0], result["crosscheck/qd"][0], 200, more)
     (gap,) = summary["closures"]
     assert gap["closure"] == "join" and gap["unit"] == "m"
     assert gaps.max() > 1e-5 > 1e-12 > gap["here"]
@@ -198,7 +203,7 @@ def test_couplers_springs_and_rotors(engine: str) -> None:
 
 @pytest.mark.parametrize("engine", ENGINES)
 def test_pins_and_welds(engine: str) -> None:
-    """In a parallelogram of redundant rows a pin holds what a ball does; a weld's angle is read too."""
+    """In a plane a pin holds what a ball does; a weld's angle is read too."""
     pin = (FOUR_BAR % "").replace("type: spherical, between", "type: revolute, axis: [0, 0, 1], between")
     assert [one["unit"] for one in compared(pin, engine).summary["closures"]] == ["m"]
     weld = (
