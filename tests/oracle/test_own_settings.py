@@ -227,6 +227,19 @@ def test_pins_and_welds(engine: str) -> None:
     assert summary["accelerations"]["error"] < 1e-9
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("kind", ["spherical", "revolute, axis: [0, 0, 1]"])
+def test_loops_may_end_on_the_ground(kind: str, engine: str) -> None:
+    text = (FOUR_BAR % "").replace("parent: base, link: rocker", "parent: coupler, link: rocker")
+    text = text.replace("[1.2, 0, 0]", "[1.5, 0, 0]").replace("link: rocker, at", "link: base, at")
+    text = text.replace("at: [1.5, 0, 0]}, top", "at: [1, 0, 0]}, top").replace(
+        "pin: {link: coupler", "pin: {link: rocker"
+    )
+    summary = compared(text.replace("type: spherical", f"type: {kind}"), engine).summary
+    assert 1e-12 < summary["closures"][0]["largest"] < 0.02
+    assert summary["accelerations"]["error"] < 1e-9
+
+
 def test_massless_links_get_a_little_mass_on_both_sides() -> None:
     text = (
         (FOUR_BAR % "")

@@ -112,6 +112,13 @@ class OwnDrake(OwnRun):
 
     def _close(self, robot: ExportedRobot) -> None:
         """Add the closures: of a pin two points, since Drake has no other constraint for it."""
+        if any(end.link == GROUND for loop in robot.loops for end in loop.ends):
+            # Drake 1.51 ends by a segmentation fault where a constraint is to the world's own body
+            ground = self.plant.AddRigidBody(
+                "ground of loops", self.drake.SpatialInertia.SolidSphereWithMass(1.0, 1.0)
+            )
+            self.plant.WeldFrames(self.plant.world_frame(), ground.body_frame())
+            self.parts = {**self.parts, GROUND: ground}
         for loop in robot.loops:
             self._loop(loop)
         mimics, others = followers(robot.couplers)
