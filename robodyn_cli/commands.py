@@ -228,7 +228,11 @@ COMMANDS: dict[str, Command] = {
         "Compare two results, or two directories of results.",
         summary=("checks:ComparisonReport", "checks:TreeReport"),
     ),
-    "crosscheck": Command("Compare a scene with Pinocchio or MuJoCo.", summary=("checks:CrosscheckReport",)),
+    "crosscheck": Command(
+        "Compare a scene with Pinocchio, MuJoCo or Drake.",
+        summary=("crosscheck:CrosscheckReport", "crosscheck:OwnSettingsSummary"),
+        plots=("crosscheck:own_settings",),
+    ),
     "import": Command("Write the robot of a URDF, SDF or MJCF file as YAML."),
     "export": Command("Write a result as CSV, Parquet, MATLAB, NumPy files, or a robot as URDF, MJCF, SDF."),
     "info": Command(

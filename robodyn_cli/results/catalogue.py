@@ -260,6 +260,28 @@ NUMERICS = (
         "work_precision/runs", ("run", "quantity"), "1, s, rad or m", "runs in the order of `summary.runs`",
         by_column=TIMED,
     ),
+    Entry("crosscheck/q", ("time", "position"), "rad or m", "positions in the other engine"),
+    Entry("crosscheck/qd", ("time", "joint"), "rad/s or m/s", "its velocities"),
+    Entry(
+        "crosscheck/qdd", ("time", "joint"), "rad/s^2 or m/s^2", "accelerations that it has at the begin of a step"
+    ),
+    Entry(
+        "crosscheck/exact_qdd", ("time", "joint"), "rad/s^2 or m/s^2", "exact accelerations at its states"
+    ),
+    Entry(
+        "crosscheck/acceleration_error", ("time",), "1",
+        "largest difference of the two, over the largest acceleration of the motion here",
+    ),
+    Entry("crosscheck/gap", ("time", "closure"), "m or rad", "how far it opens each closure"),
+    Entry("crosscheck/gap_here", ("time", "closure"), "m or rad", "how far the motion here does"),
+    Entry(
+        "crosscheck/energy_made", ("time",), "J", "energy that it makes, less the work of torques and dampers"
+    ),
+    Entry(
+        "crosscheck/energy_error", ("time",), "1",
+        "its magnitude over the largest kinetic energy of the motion here",
+    ),
+    Entry("crosscheck/offset", ("time", "joint"), "rad or m", "its positions less those of the motion here"),
     Entry("stability/time", ("instant",), "s", "instants of the spectrum"),
     *(
         Entry(

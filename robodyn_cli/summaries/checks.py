@@ -1,4 +1,4 @@
-"""What ``plan``, ``crosscheck``, ``compare``, ``run``, ``check``, ``validate``, ``cache``, ``animate`` and ``report``
+"""What ``plan``, ``compare``, ``run``, ``check``, ``validate``, ``cache``, ``animate`` and ``report``
 print for programs (``--json``)."""
 
 from __future__ import annotations
@@ -6,7 +6,7 @@ from __future__ import annotations
 from robodyn_cli.record import record
 from robodyn_cli.summaries.facts import ABSENT, ANY, Absent, fact
 
-OF_DATASET, OF_QUANTITY = "unit of the dataset", "rad or m, rad/s or m/s, N m or N"
+OF_DATASET = "unit of the dataset"
 
 
 @record
@@ -91,41 +91,6 @@ class PlanReport:
     given_without_effect: list[str] = fact("data that do not occur in the equations")
     terms_counted: bool = fact("whether operations were counted by term; not in large models")
     equation_36: LoopCosts | Absent = fact("of mechanisms with loops", default=ABSENT)
-
-
-@record
-class ComparedQuantity:
-    """One quantity of two engines at the sample and in the column where they differ most."""
-
-    quantity: str = fact("`tau`, `q` or `qd`")
-    column: str = fact("the coordinate")
-    time: float = fact("of the sample", "s")
-    ours: float = fact("value here", OF_QUANTITY, errors=(".our_error",))
-    theirs: float = fact("value in the other engine", OF_QUANTITY, errors=(".their_error",))
-    difference: float = fact("of the two, the largest", OF_QUANTITY)
-    our_error: float = fact("error of the answer here", OF_QUANTITY)
-    their_error: float = fact("error of the other answer", OF_QUANTITY)
-    allowed: float = fact("difference that is allowed: ten times both errors together", OF_QUANTITY)
-    agrees: bool = fact("whether the difference is allowed")
-
-
-@record
-class CrosscheckReport:
-    """What ``crosscheck`` found."""
-
-    status: str = fact("`ok` or `differs`")
-    title: str = fact("title of the scene")
-    command: str = fact("what was compared: `inverse` or `simulate`")
-    engine: str = fact("the other engine")
-    version: str = fact("of that engine")
-    compared: list[ComparedQuantity] = fact("of each quantity, where the answers differ most")
-    handed_over: list[str] = fact("what acts and is handed over as joint torques: it is not checked")
-    by_own_formulas: list[str] = fact("what acts and is added by formulas of the check")
-
-    @property
-    def agrees(self) -> bool:
-        """Whether all differences are allowed."""
-        return self.status == "ok"
 
 
 @record

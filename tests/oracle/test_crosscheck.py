@@ -141,6 +141,22 @@ def test_spatial_loops_agree(kind: str, engine: str) -> None:
     assert max(one.difference for one in found.compared) < 1e-7
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_couplers_agree(engine: str) -> None:
+    """A gear with an offset between turns, in a loop too."""
+    text = LOOP % ("spherical", "")
+    joint = "    - {name: d, type: revolute, parent: base, link: l3, axis: [0, 1, 0.2]}\n  links:\n"
+    link = "    - {name: l3, mass: 1, com: [0.1, 0, 0.2], inertia: {xx: 0.02, yy: 0.03, zz: 0.02}}\n  points:"
+    text = text.replace("  links:\n", joint).replace("  points:", link)
+    text += "couplers: [{name: gear, terms: {d: 1, a: -0.5}, value: 0.3}]\n"
+    found = crosscheck(load_scene_text(text), engine)
+    assert found.agrees, found.compared
+    assert max(one.difference for one in found.compared) < 1e-7
+    timed = text.replace("value: 0.3", "value: 0.3*t")
+    with pytest.raises(CapabilityError, match=r"couplers whose value changes in time \(gear\)"):
+        crosscheck(load_scene_text(timed), engine)
+
+
 def test_a_wrong_mass_is_found(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -173,7 +189,7 @@ def test_what_cannot_be_asked_is_listed() -> None:
         crosscheck(load_scene_text(text), "pinocchio")
     with pytest.raises(CapabilityError, match="'join' of type point_on_plane"):
         crosscheck(load_scene_text(LOOP % ("point_on_plane", ", axis: [0, 0, 1]")), "mujoco")
-    with pytest.raises(CapabilityError, match="inverse dynamics of loops"):
+    with pytest.raises(CapabilityError, match="inverse dynamics of loops and couplers"):
         crosscheck(load_scene_text(LOOP % ("spherical", "")), "mujoco", "inverse")
 
 

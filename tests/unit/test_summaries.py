@@ -120,6 +120,7 @@ def test_errors_are_keys_of_the_same_summary(command: str) -> None:
         ("sensitivity", "seconds", "s"),
         ("plan", "kernels.0.operations", "1"),
         ("crosscheck", "compared.0.time", "s"),
+        ("crosscheck", "accelerations.largest", "rad/s^2 or m/s^2"),
         ("compare", "results.3.datasets.0.ratio", "1"),
         ("run", "scenes.0.seconds", "s"),
         ("run", "scenes.0.baseline.datasets.0.stated", "unit of the dataset"),

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+import contextlib
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.console import Console
-from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, SceneFile, choice
-from robodyn_cli.cli.runner import placed
+from robodyn_cli.cli.options import SceneFile, SharedOptions, choice, number
+from robodyn_cli.cli.runner import begun, output, placed, publish, show, store
 from robodyn_cli.cli.words import error_text, table
-from robodyn_cli.errors import FAILED
+from robodyn_cli.errors import FAILED, SceneError, listed
 
 if TYPE_CHECKING:
-    from robodyn_cli.summaries.checks import CrosscheckReport
+    from robodyn_cli.scene.types import Scene
+    from robodyn_cli.summaries.crosscheck import CrosscheckReport
 
 
 def command(
@@ -23,8 +27,8 @@ def command(
         typer.Option(
             "--with",
             metavar="ENGINE",
-            parser=choice("pinocchio", "mujoco"),
-            help="The other engine: pinocchio or mujoco.",
+            parser=choice("pinocchio", "mujoco", "drake"),
+            help="The other engine: pinocchio, mujoco or drake.",
         ),
     ],
     asked: Annotated[
@@ -36,23 +40,82 @@ def command(
             help="What to compare: inverse or simulate; default: the scene's command.",
         ),
     ] = None,
-    overrides: Overrides = None,
-    as_json: ReportAsJson = False,
-    quiet: Quiet = False,
+    own: Annotated[
+        bool,
+        typer.Option(
+            "--own-settings",
+            help="Tell how far mujoco or drake is off as its users run it, by its own steps and closures.",
+        ),
+    ] = False,
+    step: Annotated[
+        float | None,
+        typer.Option(
+            "--step",
+            metavar="SECONDS",
+            parser=number("a number > 0", lambda x: 0.0 < x < math.inf),
+            help="Time step of the other engine, with --own-settings. [default: the engine's]",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            "-o",
+            metavar="DIR",
+            help="With --own-settings: directory for datasets and the picture.",
+        ),
+    ] = None,
+    *,
+    shared: SharedOptions,
 ) -> int:
     """Compare a scene with another engine; return the exit code, 1 where they differ beyond their errors."""
-    from robodyn_cli.over.crosscheck.crosscheck import compared_command, crosscheck
+    from robodyn_cli.over.crosscheck.crosscheck import compared_command, crosscheck, refuse_choice
     from robodyn_cli.results.summary import as_keys, jsonable
     from robodyn_cli.scene.load import load_scene
 
-    console = Console(as_json, quiet)
-    loaded = load_scene(scene, overrides or ())
+    for name, given in (("--step", step), ("--out", out), ("--plots", shared.plots)):
+        if given is not None and not own:
+            raise SceneError(f"{name}: only with --own-settings")
+    console, overrides = shared.console, shared.overrides or ()
+    loaded = load_scene(scene, overrides)
     command = asked or compared_command(loaded)
-    with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides or (), command):
+    refuse_choice(engine, own, command)
+    if own:
+        return _own_settings(loaded, scene, engine, step, shared)
+    with console.waiting(lambda: f"comparing with {engine}"), placed(scene, overrides, command):
         report = crosscheck(loaded, engine, command)
     console.data(jsonable(as_keys(report)))
     console.say(describe(report))
     return 0 if report.agrees else FAILED
+
+
+def _own_settings(loaded: Scene, path: Path, engine: str, step: float | None, shared: SharedOptions) -> int:
+    """Tell how far an engine is off at its own settings; write it where a directory is given."""
+    from robodyn_cli.over.crosscheck.own_settings import own_settings
+    from robodyn_cli.results.summary import jsonable
+    from robodyn_cli.tools.progress import Stopwatch
+
+    console, watch = shared.console, Stopwatch()
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(console.waiting(watch.doing))
+        directory = None
+        if shared.out is not None:
+            directory = stack.enter_context(output(shared.out, path, console))
+            stack.enter_context(begun(directory, console))
+        try:
+            with placed(path, shared.overrides or (), "simulate"):
+                result = own_settings(loaded, engine, step, console.progress, watch)
+        finally:
+            console.clear()
+        if directory is not None:
+            store(result, directory)
+            publish(result, directory, shared.drawings, watch)
+    if directory is not None:
+        show(result, directory, console, describe_own)
+    else:
+        console.data(jsonable(result.summary))
+        console.say(describe_own(result.summary))
+    return 0
 
 
 def describe(report: CrosscheckReport) -> str:
@@ -75,3 +138,55 @@ def describe(report: CrosscheckReport) -> str:
     if report.handed_over:
         lines.append(f"  handed over, not checked   {', '.join(report.handed_over)}")
     return "\n".join(lines)
+
+
+def describe_own(summary: Mapping[str, Any]) -> str:
+    """Return for the terminal how far an engine is off at its own settings."""
+    ended, settings = summary["termination"], {"step": f"{summary['step']:g} s", **summary["settings"]}
+    lines = [
+        f"{summary['title']}: {summary['engine']} {summary['version']} at its own settings",
+        f"  settings           {', '.join(f'{name} {x}' for name, x in settings.items())}",
+        f"  run                {summary['steps']} steps to t = {ended['time']:.6g} s: {ended['reason']}",
+        table([["", "largest", "relative", "at", "at the end", "error", "here"], *_own_rows(summary)]),
+    ]
+    if summary["closures"]:
+        lines.append("  gaps are readings of the engine's own states; a pin is two points there")
+    for words, key in (
+        ("handed over in each step", "handed_over"), ("of the engine itself", "of_the_engine"),
+        ("got a millionth of the least mass", "with_small_mass"),
+    ):  # fmt: skip
+        if summary[key]:
+            lines.append(f"  {words}: {listed(summary[key])}")
+    return "\n".join(lines)
+
+
+def _own_rows(summary: Mapping[str, Any]) -> Iterator[list[str]]:
+    """Yield the rows of the table: gaps, accelerations, energy, joints."""
+    for one in summary["closures"]:
+        factor, unit = (1e3, "mm") if one["unit"] == "m" else (1.0, "rad")
+        yield [
+            f"gap of {one['closure']} [{unit}]", f"{factor * one['largest']:.3g}", "-", f"t = {one['time']:.6g} s",
+            f"{factor * one['final']:.3g}", "reading", f"{factor * one['here']:.1g}",
+        ]  # fmt: skip
+    a, energy = summary["accelerations"], summary["energy"]
+    off = error_text(a["error"])
+    at = f"{a['column']}, t = {a['time']:.6g} s"
+    for name, size, part, place in (
+        ("accelerations at the start", a["start"], a["start_relative"], a["start_column"]),
+        ("accelerations", a["largest"], a["relative"], at),
+    ):
+        yield [name, f"{size:.3g}", _percent(part), place, "-", off, "-"]
+    yield [
+        "energy made [J]", f"{energy['largest']:+.3g}", _percent(energy["relative"]), f"t = {energy['time']:.6g} s",
+        f"{energy['final']:+.3g}", error_text(energy["error"]), f"{energy['here']:.1g}",
+    ]  # fmt: skip
+    for one in summary["joints"]:
+        error = "-" if one["error"] is None else error_text(one["error"])
+        yield [
+            f"joints off the motion [{one['unit']}]", f"{one['largest']:.3g}", "-",
+            f"{one['column']}, t = {one['time']:.6g} s", f"{one['final']:.3g}", error, "-",
+        ]  # fmt: skip
+
+
+def _percent(x: float | None) -> str:
+    return "-" if x is None else f"{100.0 * x:.3g} %"

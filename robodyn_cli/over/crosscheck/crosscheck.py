@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.algorithms.kinematics import slice_q
-from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.over.commands import command_of, locks
 from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translate
+from robodyn_cli.over.crosscheck.own_settings import OWN_ENGINES
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
-from robodyn_cli.summaries.checks import ComparedQuantity, CrosscheckReport
+from robodyn_cli.summaries.crosscheck import ComparedQuantity, CrosscheckReport
 from robodyn_cli.works.inverse import inverse
 from robodyn_cli.works.simulate import simulate
 
@@ -51,6 +52,24 @@ def crosscheck(scene: Scene, engine: str, command: str | None = None) -> Crossch
         handed_over=list(translated.given),
         by_own_formulas=list(translated.own),
     )
+
+
+def refuse_choice(engine: str, own: bool, command: str) -> None:
+    """Refuse what is not compared in this way: with an engine's steps and closures (``own``), or by its equations.
+
+    Raises
+    ------
+    SceneError
+    """
+    allowed = tuple(OWN_ENGINES) if own else ENGINES
+    if engine not in allowed:
+        way = "with" if own else "without"
+        raise SceneError(f"--with {engine}: not {way} --own-settings; allowed: {', '.join(allowed)}")
+    if own and not COMPARED[command][0]:
+        moving = " or ".join(f"--command {name}" for name, (moves, _) in COMPARED.items() if moves)
+        raise SceneError(
+            f"--own-settings: compares motions, and the command is {command!r}; allowed: {moving}"
+        )
 
 
 def compared_command(scene: Scene) -> str:
@@ -135,7 +154,7 @@ def _integrated(translated: Translation, other: PeerEngine, times: Array, start:
     """Return states (T, nq + nv) at times (T,): q-dot = N(q) v, v-dot from the engine."""
     from scipy.integrate import solve_ivp
 
-    model, loops = translated.model, translated.model.loops
+    model, closed = translated.model, (translated.model.loops, translated.couplers)
     handed = translated.evaluator(smooth=True)
 
     def rate(t: float, x: Array) -> Array:
@@ -146,7 +165,7 @@ def _integrated(translated: Translation, other: PeerEngine, times: Array, start:
         for body in model.bodies:
             own = vector(v[body.v : body.v + body.joint.nv])
             qd[body.q : body.q + body.joint.nq] = body.joint.velocity_map(slice_q(body, q), own)
-        return np.concatenate([qd, other.accelerations(q, v, tau, loops)])
+        return np.concatenate([qd, other.accelerations(q, v, tau, *closed)])
 
     breaks = sorted({x for x in translated.rest.switching.breakpoints if times[0] < x < times[-1]})
     edges = [float(times[0]), *breaks, float(times[-1])]

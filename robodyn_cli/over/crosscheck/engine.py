@@ -79,14 +79,19 @@ class PeerEngine(ABC):
         out[..., self.v_places] = x
         return out
 
-    def accelerations(self, q: Array, v: Array, tau: Array, loops: Sequence[Loop]) -> Array:
+    def accelerations(
+        self, q: Array, v: Array, tau: Array, loops: Sequence[Loop], couplers: Array | None = None
+    ) -> Array:
         """Return the accelerations (nv,) with closed loops: M a = tau - h + Psi^T lambda, Psi a + gamma = 0.
 
-        M, h, Psi and gamma are the engine's, the solution is numpy's; the opened tree's M may be singular.
+        M, h, Psi and gamma are the engine's, the solution is numpy's; the opened tree's M may be singular. couplers :
+        rows (c, nv) of Psi whose gamma is zero.
         """
-        if not loops:
-            return self.free_accelerations(q, v, tau)
         rows = [self._rows(loop, q, v) for loop in loops]
+        if couplers is not None and len(couplers):
+            rows.append((couplers, np.zeros(len(couplers))))
+        if not rows:
+            return self.free_accelerations(q, v, tau)
         psi = np.concatenate([psi for psi, _ in rows])
         gamma = np.concatenate([gamma for _, gamma in rows])
         force = tau - self.torques(q, v, np.zeros_like(v))
@@ -186,6 +191,15 @@ class Translation:
                 tau[force.v] -= ratio * float(element.viscous) * v[force.v]
         return tau
 
+    @property
+    def couplers(self) -> Array:
+        """Return the rows (c, nv) of Psi that are those of couplers."""
+        rows = np.zeros((len(self.scene.couplers), self.model.nv))
+        for row, coupler in zip(rows, self.scene.couplers):
+            for name, x in coupler.terms.items():
+                row[self.model.body_of(name).v] = float(x)
+        return rows
+
     def evaluator(self, smooth: bool) -> Evaluator:
         """Return the torques that are handed over: in a simulation (``smooth``) those of the actuators too."""
         if smooth:
@@ -211,7 +225,7 @@ def translate(scene: Scene, simulated: bool) -> Translation:
     bare = dataclasses.replace(
         problem.model,
         bodies=tuple(
-            dataclasses.replace(body, forces=tuple(f for f in body.forces if not _is_plain(f)))
+            dataclasses.replace(body, forces=tuple(f for f in body.forces if not is_plain(f)))
             for body in problem.model.bodies
         ),
     )
@@ -226,14 +240,15 @@ def translate(scene: Scene, simulated: bool) -> Translation:
 def _refused(problem: Problem, simulated: bool) -> Iterator[str]:
     """Yield what makes a comparison impossible."""
     scene, model = problem.scene, problem.model
-    if scene.couplers:
-        yield f"couplers ({', '.join(coupler.name for coupler in scene.couplers)})"
+    moving = [one.name for one in scene.couplers if one.value is not None and "t" in one.value.names]
+    if moving:
+        yield f"couplers whose value changes in time ({', '.join(moving)})"
     if scene.prescribed and simulated:
         yield "prescribed motion"
     if scene.control is not None and simulated:
         yield "a controller"
-    if model.loops and not simulated:
-        yield "inverse dynamics of loops, whose load sharing is a choice (simulate compares loops)"
+    if model.closures and not simulated:
+        yield "inverse dynamics of loops and couplers, whose load sharing is a choice (simulate compares loops)"
     for loop in model.loops:
         if loop.element.type not in CLOSURES:
             yield f"closure {loop.name!r} of type {loop.element.type} (allowed: {', '.join(CLOSURES)})"
@@ -245,10 +260,10 @@ def _refused(problem: Problem, simulated: bool) -> Iterator[str]:
 
 
 def _plain_forces(model: Model) -> list[JointForce]:
-    return [force for body in model.bodies for force in body.forces if _is_plain(force)]
+    return [force for body in model.bodies for force in body.forces if is_plain(force)]
 
 
-def _is_plain(force: JointForce) -> bool:
+def is_plain(force: JointForce) -> bool:
     """Tell whether a force in a joint is linear in one coordinate."""
     element = force.element
     linear = isinstance(element, (Spring, Damper)) or (isinstance(element, Friction) and not element.dry)

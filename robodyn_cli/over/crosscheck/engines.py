@@ -15,7 +15,7 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, FixedFrame, Model
 from robodyn_cli.over.crosscheck import engine
 from robodyn_cli.over.export.mjcf import JOINTS, add_bodies, mujoco_element
-from robodyn_cli.over.export.robot import ExportedFrames, ExportedRobot, links_of, xml_text
+from robodyn_cli.over.export.robot import ExportedFrames, ExportedRobot, links_of, loops_of, xml_text
 from robodyn_cli.spatial.algebra import Array, Transform
 
 XYZW = (1, 2, 3, 0)  # places of x, y, z, w among w, x, y, z
@@ -121,7 +121,7 @@ class InPinocchio(engine.PeerEngine):
         )
 
 
-MUJOCO_KINDS = tuple(kind for kind in JOINTS if kind not in ("fixed", "floating"))
+MUJOCO_KINDS = tuple(kind for kind in JOINTS if kind != "fixed")
 
 
 class InMujoco(engine.PeerEngine):
@@ -144,45 +144,69 @@ class InMujoco(engine.PeerEngine):
             if body.joint.type not in MUJOCO_KINDS:
                 raise engine.refuse_joint("MuJoCo", body, MUJOCO_KINDS)
         self.mj, self.version = mujoco, mujoco.__version__
+        text, names = self._described(model)
         try:
-            self.model = mujoco.MjModel.from_xml_string(_mjcf(model))
+            self.model = mujoco.MjModel.from_xml_string(text)
         except ValueError as error:
             raise CapabilityError(f"MuJoCo does not take the mechanism: {error}") from None
         self.data = mujoco.MjData(self.model)
+        self.flying = [body for body in model.bodies if body.joint.type == "floating"]
         self.body = {BASE: 0}
-        for k, body in enumerate(model.bodies):
-            self.body[k] = self.model.body(f"body{k}").id
+        for k, (name, body) in enumerate(zip(names, model.bodies)):
+            self.body[k] = self.model.body(name).id
             first = int(self.model.body_jntadr[self.body[k]])
             q, v = int(self.model.jnt_qposadr[first]), int(self.model.jnt_dofadr[first])
             self.q_places[q : q + body.joint.nq] = range(body.q, body.q + body.joint.nq)
             self.v_places[v : v + body.joint.nv] = range(body.v, body.v + body.joint.nv)
 
-    def _set(self, q: Array, v: Array) -> None:
-        self.data.qpos[:], self.data.qvel[:] = q[self.q_places], v[self.v_places]
+    def _described(self, model: Model) -> tuple[str, list[str]]:
+        """Return the MJCF, and the names of the bodies there."""
+        return _mjcf(model), [f"body{k}" for k in range(len(model.bodies))]
+
+    def _turn(self, q: Array) -> Array:
+        """Return T (nv, nv), orthogonal: MuJoCo's velocities are T v; free bodies' are in their parent's axes."""
+        T = np.eye(self.size)
+        for body in self.flying:
+            own = slice(body.v, body.v + 3)
+            T[own, own] = engine.real(body.joint.transform(q[body.q : body.q + 7]).E).T
+        return T
+
+    def _drift(self, v: Array) -> Array:
+        """Return T^T T-dot v (nv,): omega x v of free bodies."""
+        drift = np.zeros(self.size)
+        for body in self.flying:
+            k = body.v
+            drift[k : k + 3] = np.cross(v[k + 3 : k + 6], v[k : k + 3])
+        return drift
+
+    def _set(self, q: Array, v: Array) -> Array:
+        T = self._turn(q)
+        self.data.qpos[:], self.data.qvel[:] = q[self.q_places], (T @ v)[self.v_places]
+        return T
 
     def torques(self, q: Array, v: Array, a: Array) -> Array:
-        self._set(q, v)
-        self.data.qacc[:] = a[self.v_places]
+        T = self._set(q, v)
+        self.data.qacc[:] = (T @ (a + self._drift(v)))[self.v_places]
         self.mj.mj_inverse(self.model, self.data)
-        return self.in_our_order(np.array(self.data.qfrc_inverse))
+        return np.asarray(self.in_our_order(np.array(self.data.qfrc_inverse)) @ T)
 
     def free_accelerations(self, q: Array, v: Array, tau: Array) -> Array:
-        self._set(q, v)
-        self.data.qfrc_applied[:] = tau[self.v_places]
+        T = self._set(q, v)
+        self.data.qfrc_applied[:] = (T @ tau)[self.v_places]
         self.mj.mj_forward(self.model, self.data)
-        return self.in_our_order(np.array(self.data.qacc))
+        return np.asarray(self.in_our_order(np.array(self.data.qacc)) @ T) - self._drift(v)
 
     def mass_matrix(self, q: Array) -> Array:
-        self._set(q, np.zeros(self.size))
+        T = self._set(q, np.zeros(self.size))
         self.mj.mj_forward(self.model, self.data)
         # column by column, by a call whose meaning no version has changed
         M, unit = np.zeros((self.size, self.size)), np.eye(self.size)
         for k in range(self.size):
             self.mj.mj_mulM(self.model, self.data, M[k], unit[k])
-        return self.in_our_order(self.in_our_order(M).T)
+        return np.asarray(T.T @ self.in_our_order(self.in_our_order(M).T) @ T)
 
     def place(self, q: Array, v: Array, frame: FixedFrame) -> engine.PeerPlace:
-        self._set(q, v)
+        T = self._set(q, v)
         self.mj.mj_forward(self.model, self.data)
         body, data = self.body[frame.body], self.data
         R = data.xmat[body].reshape(3, 3).copy()
@@ -190,9 +214,9 @@ class InMujoco(engine.PeerEngine):
         J, rate = np.zeros((6, self.size)), np.zeros((6, self.size))
         self.mj.mj_jac(self.model, data, J[3:], J[:3], p, body)
         self.mj.mj_jacDot(self.model, data, rate[3:], rate[:3], p, body)
-        return engine.PeerPlace(
-            p, R @ engine.real(frame.R), self.in_our_order(J), rate @ data.qvel, J[:3] @ data.qvel
-        )
+        ours = self.in_our_order(J) @ T
+        a = rate @ data.qvel + ours @ self._drift(v)
+        return engine.PeerPlace(p, R @ engine.real(frame.R), ours, a, J[:3] @ data.qvel)
 
 
 def _mjcf(model: Model) -> str:
@@ -201,9 +225,15 @@ def _mjcf(model: Model) -> str:
         dataclasses.replace(body, name=f"body{k}", joint_name=f"{k}", forces=())
         for k, body in enumerate(model.bodies)
     ]
-    bare = dataclasses.replace(model, bodies=tuple(bodies), base=Transform.identity())
-    frames = ExportedFrames(bare, joint_types, (), Manifold(model).neutral())
-    robot = ExportedRobot("tree", engine.real(model.gravity), links_of(bare, frames, {}))
+    robot = robot_of(dataclasses.replace(model, bodies=tuple(bodies), loops=()))
     root = mujoco_element(robot, {"contact": "disable", "constraint": "disable"})
     add_bodies(SubElement(root, "worldbody"), robot)
     return xml_text(root)
+
+
+def robot_of(model: Model) -> ExportedRobot:
+    """Return a model for the writers of other formats, in the axes of its base, without couplers."""
+    bare = dataclasses.replace(model, base=Transform.identity())
+    frames = ExportedFrames(bare, joint_types, (), Manifold(model).neutral())
+    links = links_of(bare, frames, {})
+    return ExportedRobot("mechanism", engine.real(model.gravity), links, loops_of(bare, frames))

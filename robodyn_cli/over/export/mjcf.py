@@ -47,7 +47,13 @@ def joints_of(link: ExportedLink) -> tuple[tuple[str, int], ...]:
 
 def write_mjcf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
     """Return the file of a robot in MJCF."""
-    root = mujoco_element(robot)
+    notes += _notes(robot)
+    return {f"{robot.name}.xml": mjcf_text(robot)}
+
+
+def mjcf_text(robot: ExportedRobot, flags: Mapping[str, str] | None = None) -> str:
+    """Return a robot in MJCF; flags : of what MuJoCo does, beside its defaults."""
+    root = mujoco_element(robot, flags)
     sites, equality = _closures(robot)
     tree = SubElement(root, "worldbody")
     for name, pose in sites.get(GROUND, {}).items():
@@ -65,8 +71,7 @@ def write_mjcf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
         actuator = SubElement(root, "actuator")
         for name in actuated:
             SubElement(actuator, "motor", {"name": f"{name}_motor", "joint": name})
-    notes += _notes(robot)
-    return {f"{robot.name}.xml": xml_text(root)}
+    return xml_text(root)
 
 
 def _notes(robot: ExportedRobot) -> Iterator[str]:

@@ -117,10 +117,10 @@ def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
         np.array(floats(np.array(model.base.E, dtype=float).T @ np.array(model.gravity, dtype=float))),
         ordered,
         loops_of(model, frames),
-        tuple(_coupler(scene, coupler, model, reference) for coupler in scene.couplers),
+        tuple(coupler_of(scene, coupler, model, reference) for coupler in scene.couplers),
         scene.actuated,
     )
-    robot = _renamed(robot, form, notes)
+    robot = renamed(robot, form, notes)
     problems = [*form.problems(robot)]
     if problems:
         raise _refusal(scene, form, problems)
@@ -294,7 +294,7 @@ def _left_out(scene: Scene, dh: list[str]) -> Iterator[str]:
         yield f"Coulomb friction is written as its level, without 'transition_speed': {listed(smooth)}"
 
 
-def _renamed(robot: ExportedRobot, form: Format, notes: list[str]) -> ExportedRobot:
+def renamed(robot: ExportedRobot, form: Format, notes: list[str]) -> ExportedRobot:
     """Return a robot no link of which has a name that the format keeps for itself."""
     names = [link.name for link in robot.links]
     new = {name: fresh(name, (*names, *form.reserved)) for name in names if name in form.reserved}
@@ -351,7 +351,8 @@ def _from(reference: Array, model: Model, link: Any) -> Any:
     return dataclasses.replace(link, coordinates=tuple(moved))
 
 
-def _coupler(scene: Scene, coupler: Any, model: Model, reference: Array) -> ExportedCoupler:
+def coupler_of(scene: Scene, coupler: Any, model: Model, reference: Array) -> ExportedCoupler:
+    """Return a coupler of coordinates that count from a reference (nq,)."""
     parameters = {f"p.{name}": x for name, x in scene.parameters.items()}
     value = 0.0 if coupler.value is None else float(coupler.value.evaluate(parameters))
     terms = {name: float(x) for name, x in coupler.terms.items()}
