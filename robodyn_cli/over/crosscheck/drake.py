@@ -12,8 +12,7 @@ from robodyn_cli.model.model import Body
 from robodyn_cli.over.crosscheck.engine import Translation, real, refuse_joint
 from robodyn_cli.over.crosscheck.own_engines import OwnRun, plain_robot
 from robodyn_cli.over.export.mjcf import ACROSS
-from robodyn_cli.over.export.robot import GROUND, ExportedLink, ExportedLoop, ExportedRobot
-from robodyn_cli.over.export.scene import followers
+from robodyn_cli.over.export.robot import GROUND, ExportedLink, ExportedLoop, ExportedRobot, followers
 from robodyn_cli.spatial.algebra import Array
 
 STEP = 1e-3  # s, of Drake's tutorials
