@@ -118,6 +118,7 @@ class CloseSamples:
         """Return the motion of the joints, whose datasets have so many columns; both sides of jumps are samples."""
         columns = [ChosenColumn(path, path, (k,), "") for path, width in widths.items() for k in range(width)]
         parts, _ = self.pieces(columns)
+        parts = [part for part in parts if part[3] > part[2]] or parts  # nothing moves from event to event
         t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
         own = dict(zip(widths, np.split(y, np.cumsum(list(widths.values()))[:-1], axis=1)))
         return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, self.cuts)))
