@@ -41,7 +41,6 @@ from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.extremes import Extremes
-from robodyn_cli.summaries.facts import PeakLoad
 from robodyn_cli.summaries.motion import MotionErrors
 
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
@@ -217,24 +216,6 @@ class RecordedMotion:
             column.name: own.beside(k, other.extremes(k), factor, self._rounded)
             for k, column in enumerate(columns)
         }
-
-    def loads(self) -> dict[str, PeakLoad]:
-        """Return the largest loads of joints, closures and the base by name; raises what ``own`` does."""
-        reactions = self.recorder.observer.reactions
-        if reactions is None:
-            return {}
-        paths = {path.split("/")[-1]: path for path in reactions.of_parts}
-        found = self.extremes([f"{path}.{size}" for path in paths.values() for size in ("force", "moment")])
-
-        def most(column: str) -> tuple[float, float | None]:
-            one = found.get(column)  # components that the data leave open have none
-            return (0.0, 0.0) if one is None else (one.largest, one.errors.largest)
-
-        loads = {}
-        for name, path in paths.items():
-            (force, force_error), (moment, moment_error) = most(f"{path}.force"), most(f"{path}.moment")
-            loads[name] = PeakLoad(force, moment, force_error, moment_error)
-        return loads
 
     def first_beyond(self, name: str, limit: float) -> tuple[float, float] | None:
         """Return when a column first passes a limit [s], and the error of that; None where no close sample does."""

@@ -11,13 +11,12 @@ from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.motion.second_run import Estimate, FirstRun, grid_of
 from robodyn_cli.motion.self_check import Run
 from robodyn_cli.results.result import Result
-from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.facts import ABSENT, PeakLoad
 from robodyn_cli.tools.progress import Stopwatch
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.extremes import RecordedMotion
     from robodyn_cli.summaries.extremes import RunExtremes
-    from robodyn_cli.summaries.facts import PeakLoad
     from robodyn_cli.summaries.motion import MotionSummary
 
 BEYOND = 1e-9  # of the time at which an event ended a run: so much later it has come again
@@ -28,14 +27,16 @@ def with_figures(
     result: Result,
     run: Run,
     estimate: Estimate | None,
-    motions: Sequence[RecordedMotion],
     watch: Stopwatch,
+    motions: Sequence[RecordedMotion] = (),
 ) -> list[Any]:
     """Return the records of a run with those of its figures behind them.
 
-    motions : the run that has been recorded, see ``recorded``, and what follows it.
+    motions : what ``recorded`` gives of the run, and what follows it; by default nothing does.
     """
     scene, reactions = run.motion.scene, run.recorder.observer.reactions
+    if reactions is not None or scene.outputs.extremes or scene.motorisation is not None:
+        motions = motions or [recorded(run, estimate)]
     summary, *others = records
     if reactions is not None:
         with watch.stage("reactions"):
@@ -78,16 +79,29 @@ def _with_margins(records: list[Any], result: Result, run: Run, motion: Recorded
 
 
 def loads_of(motion: RecordedMotion) -> dict[str, PeakLoad]:
-    """Return the largest loads of joints, closures and the base; where no further integration comes to the end, those
-    at the samples, with errors that are not known."""
+    """Return the largest loads of joints, closures and the base by name; where no further integration comes to the end,
+    those at the samples, with errors that are not known."""
+    reactions = motion.recorder.observer.reactions
+    assert reactions is not None
+    paths = {path.split("/")[-1]: path for path in reactions.of_parts}
     try:
-        return motion.loads()
+        found = motion.extremes([f"{path}.{size}" for path in paths.values() for size in ("force", "moment")])
     except (NumericalError, SingularConfigurationError):
         loads = motion.recorder.largest_loads()
         return {
             name: dataclasses.replace(load, force_error=None, moment_error=None)
             for name, load in loads.items()
         }
+
+    def most(column: str) -> tuple[float, float | None]:
+        one = found.get(column)  # components that the data leave open have none
+        return (0.0, 0.0) if one is None else (one.largest, one.errors.largest)
+
+    loads = {}
+    for name, path in paths.items():
+        (force, force_error), (moment, moment_error) = most(f"{path}.force"), most(f"{path}.moment")
+        loads[name] = PeakLoad(force, moment, force_error, moment_error)
+    return loads
 
 
 def recorded(run: Run, estimate: Estimate | None) -> RecordedMotion:

@@ -271,8 +271,9 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         assembly=_assembly(motion) if constrained else ABSENT,
         repartitions=driver.repartitions if independent else ABSENT,
         multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
+        # those of a run that came to its end are located between its steps (``with_figures``)
         reactions=observer.reactions.described(recorder.largest_loads(driver.instants))
-        if observer.reactions
+        if observer.reactions and failure is not None
         else ABSENT,
         counters=driver.counters,
         warnings=[*judgement.warnings, *estimate_warnings(errors)] or ABSENT,

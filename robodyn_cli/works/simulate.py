@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion, follow_latches, follow_motion
 from robodyn_cli.motion.driver import Driver
-from robodyn_cli.motion.figures import recorded, with_figures
+from robodyn_cli.motion.figures import with_figures
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
@@ -170,6 +170,6 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
         add_joint_limits(result, run.motion.scene, run.motion.problem.model)
     records = motion_records(run, judgement, estimate)
     if failure is None:
-        records = with_figures(records, result, run, estimate, [recorded(run, estimate)], watch)
+        records = with_figures(records, result, run, estimate, watch)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)

@@ -239,7 +239,9 @@ def test_the_margin_of_a_joint_is_nothing_at_its_dead_point() -> None:
     friction = "robot.joints.phi1.friction={coulomb: 0.01, transition_speed: 1e-3}"
     changes = ["expect={}", friction, "motorisation={required: 0.5}"]
     for samples in (21, 2001):
-        result = deploy(load_scene(CONFIGS / "four_bar_deploy.yaml", [*changes, f"simulate.samples={samples}"]))
+        result = deploy(
+            load_scene(CONFIGS / "four_bar_deploy.yaml", [*changes, f"simulate.samples={samples}"])
+        )
         figures, lock = result.summary["motorisation"]["theta1"], result.summary["lock"]
         assert abs(figures["ratio"]) <= figures["errors"]["ratio"] < 0.1
         assert abs(figures["time"] - lock["time"]) <= figures["errors"]["time"] < 1e-3

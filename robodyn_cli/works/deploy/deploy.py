@@ -284,7 +284,7 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
             overload = first_overload(motions, limits)
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
-        summary, *others = with_figures([summary, *others], result, done, done.estimate, motions, watch)
+        summary, *others = with_figures([summary, *others], result, done, done.estimate, watch, motions)
     if done.found.driven and done.lock is not None:  # at the dead point itself, where rates have no bound
         q = done.motion.system.split(done.lock.state)[0]
         names = done.motion.problem.model.q_names

@@ -134,7 +134,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     if doubts := _doubts(run, estimate):
         told = [] if summary.warnings is ABSENT else summary.warnings
         summary = dataclasses.replace(summary, warnings=[*told, *doubts])
-    overload, motions = None, [recorded(run, estimate)]
+    overload, motions = None, [recorded(run, estimate)] if scene.deploy.loads else []
     if failure is None:
         with watch.stage("reactions"):
             overload = first_overload(motions, scene.deploy.loads)
@@ -154,7 +154,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     )
     records = [summary, *others, keys]
     if failure is None:
-        records = with_figures(records, result, run, estimate, motions, watch)
+        records = with_figures(records, result, run, estimate, watch, motions)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)
 

@@ -17,6 +17,7 @@ from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.build import contact_watchers, half_turns, watched_system
 from robodyn_cli.motion.driver import Driver, Repeat
 from robodyn_cli.motion.extremes import RecordedMotion, over_all
+from robodyn_cli.motion.figures import loads_of
 from robodyn_cli.motion.joint_limits import LimitWatcher
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
@@ -189,13 +190,8 @@ def follow_locked(
     """
     s = motion.scene.simulate
     with watch.stage("equations"):
-        problem = latch.locked.problem
-        watchers = (*contact_watchers(problem), *half_turns(problem))
-        system = watched_system(problem, s.stabilisation, watchers)
-        locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
-        for watcher in watchers:
-            watcher.follow(locked)
-        observer = LockedObserver(problem, locked.system, before.observer)
+        locked = _locked(motion, latch.locked.problem)
+        observer = LockedObserver(locked.problem, locked.system, before.observer)
     grid = Grid.over(s.duration, s.samples)
     first = grid.first_at(lock.time)
     first += grid.times(first, first + 1)[:1].tolist() == [lock.time]
@@ -236,7 +232,7 @@ def follow_locked(
         whole = dataclasses.replace(whole, again=other, errors=estimate.errors)
         keys = dataclasses.replace(keys, error_estimate=estimate.errors)
     with watch.stage("reactions"):
-        keys = dataclasses.replace(keys, latch=_latch_load(whole, keys.closure), largest=whole.loads())
+        keys = dataclasses.replace(keys, latch=_latch_load(whole, keys.closure), largest=loads_of(whole))
     return FollowedLock(keys, recorder, whole)
 
 
@@ -278,6 +274,16 @@ def join(before: Recorder, after: Recorder) -> dict[str, Array]:
             earlier = wide
         samples[path] = np.concatenate([earlier, later])
     return samples
+
+
+def _locked(motion: Motion, problem: Problem) -> Motion:
+    """Return the motion of the locked structure, with watchers of its own."""
+    watchers = (*contact_watchers(problem), *half_turns(problem))
+    system = watched_system(problem, motion.scene.simulate.stabilisation, watchers)
+    locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
+    for watcher in watchers:
+        watcher.follow(locked)
+    return locked
 
 
 def _latch_load(motion: RecordedMotion, name: str) -> LatchLoad:
