@@ -313,7 +313,7 @@ def _motions(done: Deployment) -> list[RecordedMotion]:
     )
     if done.estimate is not None:
         again = motion.first
-        if relocated is not None and relocated.lock is not None:
+        if relocated is not None and relocated.lock is not None and not done.found.driven:
             again = dataclasses.replace(again, end=relocated.lock.time)
         motion = dataclasses.replace(motion, again=again)
     followed = done.followed
