@@ -235,7 +235,7 @@ class JointMargins:
         value, error, time, time_error = (
             float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
         )
-        if self.follows:
+        if self.follows and moved.times[-1] > moved.times[0]:
             late, beside = self._turn_error(time), [self._interval(time, k) for k in (-1, 1)]
             error += late * float(np.abs(np.diff(slope)[beside] / np.diff(moved.times)[beside]).max())
             time_error += late
@@ -282,6 +282,8 @@ class JointMargins:
         if model.v_names[k] not in model.q_names:
             return ABSENT, ABSENT
         q, qd = moved.q[:, model.q_names.index(model.v_names[k])], moved.qd[:, k]
+        if not moved.times[-1] > moved.times[0]:  # it ended where it began
+            return float(q[0]), EXACT * abs(float(q[0]))
         n = self._interval(time)
         h = float(moved.times[n + 1] - moved.times[n])
         s = (time - float(moved.times[n])) / h

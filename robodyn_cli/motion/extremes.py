@@ -313,10 +313,8 @@ class RecordedMotion:
     def _close_samples(self, run: FirstRun, options: Options, steps: Steps) -> CloseSamples:
         """Integrate with samples between the knots of the steps."""
         driver, start, watch = driver_again(self.motion, run, options)
-        stretches = max(len(steps.knots) - 1, 1)
-        in_step = min(max(MANY / steps.count, 2 * FEWEST_IN_STEP), IN_STEP) * max(
-            1.0, steps.count / stretches
-        )
+        stretches, count = max(len(steps.knots) - 1, 1), max(steps.count, 1)
+        in_step = min(max(MANY / count, 2 * FEWEST_IN_STEP), IN_STEP) * max(1.0, count / stretches)
         inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))
         blocks: list[Block] = []
         met: list[Met] = []
@@ -337,7 +335,7 @@ def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, 
     bounds = [(ends[0], None, None), *cuts, (ends[1], None, None)]
     rounding = ROUNDED * max(map(abs, ends))
     for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
-        inside = slice(*np.searchsorted(times, (begin, end + rounding)))
+        inside = slice(np.searchsorted(times, begin), np.searchsorted(times, end + rounding, side="right"))
         t, y = times[inside], values[inside]
         near = NEAR * float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 2 else rounding
         # of a sample at a cut it is not known of which side it is
