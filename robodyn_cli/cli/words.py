@@ -49,7 +49,7 @@ def figure_columns(
     """Return the columns of figures; units that differ between rows are printed beside each figure.
 
     errors : stated ones, by key, beside those of each row. What is nothing beside its error, or beside peers of the
-    same unit, is shown as 0.
+    same unit, is shown as 0; of times that are not known, one.
     """
     columns = []
     for heading, key, quantity, digits in figures:
@@ -59,7 +59,10 @@ def figure_columns(
         sizes = [abs(row[key]) if isinstance(row.get(key), (int, float)) else 0.0 for row in rows]
         peers = {unit: max(x for x, u in zip(sizes, units) if u == unit) for unit in units}
         off = [max((e or {}).get(key) or 0.0 for e in (errors, row.get("errors"))) for row in rows]
-        least = [max(own_error, NOTHING * peers[unit]) for own_error, unit in zip(off, units)]
+        least = [
+            max(0.0 if quantity == "time" else own_error, NOTHING * peers[unit])
+            for own_error, unit in zip(off, units)
+        ]
         found = [
             number(0.0 if 0.0 < size <= nothing else row.get(key), digits)
             for row, size, nothing in zip(rows, sizes, least)

@@ -243,8 +243,8 @@ class JointMargins:
         value, error, time, time_error = (
             float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
         )
-        if self.follows:
-            late, beside = self._turn_error(time), self._beside(time)
+        if self.follows and moved.times[-1] > moved.times[0]:
+            late, beside = self._turn_error(time), [self._interval(time, k) for k in (-1, 1)]
             error += late * float(np.abs(np.diff(slope)[beside] / np.diff(moved.times)[beside]).max())
             time_error += late
         n = int(np.argmin(np.abs(moved.times - time)))
@@ -264,16 +264,18 @@ class JointMargins:
         decides = self.resisting[int(np.argmax(shares))] if resists else None
         return Ratio(ratio, time, angle, decides, RatioErrors(off, time_error, angle_error)), value
 
-    def _beside(self, time: float) -> list[int]:
-        """Return the intervals between samples on both sides of the one with a time."""
-        n = int(np.searchsorted(self.moved.times, time, side="right")) - 1
-        return [int(np.clip(k, 0, len(self.moved.times) - 2)) for k in (n - 1, n + 1)]
+    def _interval(self, time: float, further: int = 0) -> int:
+        """Return the interval between samples with a time, or one further on; both sides of a jump have none."""
+        times = self.moved.times
+        long = np.flatnonzero(np.diff(times) > 0.0)
+        n = int(np.searchsorted(times[long], time, side="right")) - 1 + further
+        return int(long[np.clip(n, 0, len(long) - 1)])
 
     def _turn_error(self, time: float) -> float:
         """Return how far it is not known when a joint turns back [s], at a time: its acceleration jumps there, so it is
         between where the tangents of both sides have no rate."""
         times, v, a = self.moved.times, self.moved.qd, self.moved.qdd
-        n = int(np.clip(np.searchsorted(times, time, side="right") - 1, 0, len(times) - 2))
+        n = self._interval(time)
         h = float(times[n + 1] - times[n])
         turning = v[n] * v[n + 1] < 0.0
         if not turning.any():
@@ -288,7 +290,9 @@ class JointMargins:
         if model.v_names[k] not in model.q_names:
             return ABSENT, ABSENT
         q, qd = moved.q[:, model.q_names.index(model.v_names[k])], moved.qd[:, k]
-        n = int(np.clip(np.searchsorted(moved.times, time, side="right") - 1, 0, len(q) - 2))
+        if not moved.times[-1] > moved.times[0]:  # it ended where it began
+            return float(q[0]), EXACT * abs(float(q[0]))
+        n = self._interval(time)
         h = float(moved.times[n + 1] - moved.times[n])
         s = (time - float(moved.times[n])) / h
         straight = q[n] + s * (q[n + 1] - q[n])

@@ -1,4 +1,4 @@
-"""Extremes of columns over integrated motions, and their errors.
+"""Figures between the samples of integrated motions, and their errors: extremes of columns, loads, the motion itself.
 
 A motion is integrated again, by the same steps, with many samples in each, however many the scene asks for; events have
 the states on both sides. What a more accurate integration has otherwise is the error that the integration leaves.
@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from robodyn_cli.drives.report import Moved
 from robodyn_cli.equations.discontinuities import is_of_time, switches, switching_times
 from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.integrators.runtime.integrator import Met
@@ -22,7 +23,7 @@ from robodyn_cli.integrators.stepping.stepper import SLACK
 from robodyn_cli.motion.driver import Driver, MethodChange, Supervisor
 from robodyn_cli.motion.error import Attempt, integrate_again, remainder
 from robodyn_cli.motion.motion import Motion
-from robodyn_cli.motion.second_run import FirstRun, Tick, driver_again
+from robodyn_cli.motion.second_run import FirstRun, driver_again
 from robodyn_cli.observe.columns import (
     Block,
     ChosenColumn,
@@ -32,9 +33,11 @@ from robodyn_cli.observe.columns import (
     values_of,
 )
 from robodyn_cli.observe.control import signals_of
+from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
 from robodyn_cli.solve.peaks import Peaks, Piece, Windows
+from robodyn_cli.solve.quadrature import breaks_at
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.extremes import Extremes
@@ -77,6 +80,50 @@ class Steps:
 
 
 @record
+class CloseSamples:
+    """Samples between the steps of an integration, and both sides of its events.
+
+    blocks : times, states and parameters. met : what changed at events. cuts : times [s] at which functions of time may
+    jump, of which no side is known. ends : of the motion [s]; stopped : by an event. steps : how many it took.
+    """
+
+    observer: Observer
+    blocks: Sequence[Block]
+    met: Sequence[Met]
+    cuts: Sequence[float]
+    ends: tuple[float, float]
+    stopped: bool
+    steps: int
+
+    def pieces(self, columns: Sequence[ChosenColumn]) -> tuple[list[Piece], Array]:
+        """Return the smooth pieces of columns, and their values at the end (n,)."""
+        values = values_of(self.observer, columns, self.blocks)
+        times = np.concatenate([t for t, _, _ in self.blocks])
+        final = values[-1]
+        known: list[Cut] = []
+        if self.met:
+            before = [(np.array([time]), x[None], p) for time, x, p, _, _ in self.met]
+            behind = [(np.array([time]), x[None], p) for time, _, _, x, p in self.met]
+            sides = (values_of(self.observer, columns, side) for side in (before, behind))
+            known = [(one[0], *pair) for one, *pair in zip(self.met, *sides)]
+        if self.stopped:  # of a sample there it is not known of which side it is
+            final = known[-1][2]
+            inside = times < self.ends[1] - SLACK * max(map(abs, self.ends))
+            times, values = times[inside], values[inside]
+        cuts = sorted([*known, *((time, None, None) for time in self.cuts)], key=lambda cut: cut[0])
+        return list(pieces(times, values, cuts, self.ends)), final
+
+    def moved(self, widths: Mapping[str, int]) -> Moved:
+        """Return the motion of the joints, whose datasets have so many columns; both sides of jumps are samples."""
+        columns = [ChosenColumn(path, path, (k,), "") for path, width in widths.items() for k in range(width)]
+        parts, _ = self.pieces(columns)
+        parts = [part for part in parts if part[3] > part[2]] or parts  # nothing moves from event to event
+        t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+        own = dict(zip(widths, np.split(y, np.cumsum(list(widths.values()))[:-1], axis=1)))
+        return Moved.of({"time": t, **own}.__getitem__, tuple(breaks_at(t, self.cuts)))
+
+
+@record
 class ColumnPeaks:
     """The peaks of columns in an integration, low and high, and their values at the end (n,)."""
 
@@ -84,6 +131,13 @@ class ColumnPeaks:
     low: Peaks
     high: Peaks
     final: Array
+
+    @staticmethod
+    def of(samples: CloseSamples, columns: Sequence[ChosenColumn]) -> ColumnPeaks:
+        """Return the peaks between close samples."""
+        parts, final = samples.pieces(columns)
+        windows = Windows.of(parts)
+        return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), final)
 
     def extremes(self, k: int, low_doubt: float = 0.0, high_doubt: float = 0.0) -> Extremes:
         """Return the extremes of a column; doubts : how far its values may be off beside what is between samples."""
@@ -122,31 +176,76 @@ class RecordedMotion:
     again: FirstRun | None = None
     errors: MotionErrors | None = None
 
-    def extremes(self, names: Sequence[str], tick: Tick) -> dict[str, Extremes]:
-        """Return the extremes of those columns that the motion has, by name.
+    @cached_property
+    def own(self) -> CloseSamples:
+        """The motion itself.
 
         Raises
         ------
-        NumericalError, SingularConfigurationError : the motion does not come to its end again.
+        NumericalError, SingularConfigurationError : it does not come to its end again.
         """
+        first = self.first
+        return self._close_samples(first, first.options, self._steps(first, first.options))
+
+    @cached_property
+    def other(self) -> CloseSamples | None:
+        """A more accurate integration, None where it does not come to the end."""
+        assert self.again is not None
+        try:
+            return self._close_samples(self.again, *self._more_accurate(self.again))
+        except (NumericalError, SingularConfigurationError):
+            return None
+
+    def factor(self, other: CloseSamples) -> float:
+        """Return the part of the difference of both integrations that is the error of the motion."""
+        return float(remainder(self.first, np.array([other.steps]))[0])
+
+    def extremes(self, names: Sequence[str]) -> dict[str, Extremes]:
+        """Return the extremes of those columns that the motion has, by name; raises what ``own`` does."""
         columns = chosen_columns(self.recorder, names)
         if not columns:
             return {}
-        first = self.first
-        own = self._peaks(first, first.options, columns, self._steps(first, first.options, tick), tick)
+        own = ColumnPeaks.of(self.own, columns)
         found = {column.name: own.extremes(k) for k, column in enumerate(columns)}
         if self.again is None:
             return found
-        try:
-            options, steps = self._more_accurate(self.again, tick)
-            other = self._peaks(self.again, options, columns, steps, tick)
-        except (NumericalError, SingularConfigurationError):
+        if self.other is None:
             return {name: _unsure(one) for name, one in found.items()}
-        factor = float(remainder(first, np.array([steps.count]))[0])
+        other, factor = ColumnPeaks.of(self.other, columns), self.factor(self.other)
         return {
             column.name: own.beside(k, other.extremes(k), factor, self._rounded)
             for k, column in enumerate(columns)
         }
+
+    def first_beyond(self, name: str, limit: float) -> tuple[float, float] | None:
+        """Return when a column first passes a limit [s], and the error of that; None where no close sample does."""
+        columns = chosen_columns(self.recorder, [name])
+
+        def passed(samples: CloseSamples | None) -> tuple[float, float] | None:
+            if not columns or samples is None:
+                return None
+            parts, _ = samples.pieces(columns)
+            t, y = (np.concatenate([part[k] for part in parts]) for k in (0, 1))
+            over = np.flatnonzero(y[:, 0] > columns[0].stored(limit))
+            return (float(t[over[0]]), float(t[over[0]] - t[max(over[0] - 1, 0)])) if len(over) else None
+
+        own = passed(self.own)
+        if own is None or self.again is None:
+            return own
+        other = passed(self.other)
+        apart = (
+            0.0 if self.other is None or other is None else self.factor(self.other) * abs(other[0] - own[0])
+        )
+        return own[0], own[1] + apart + ROUNDED * abs(own[0])
+
+    def moved(self) -> tuple[Moved, tuple[Moved, float] | None]:
+        """Return the motion of the joints, and that of the other integration with its factor; raises what ``own``
+        does."""
+        widths = {path: self.recorder.blocks[path][0].shape[1] for path in ("q", "qd", "qdd", "tau")}
+        again = None
+        if self.again is not None and self.other is not None:
+            again = self.other.moved(widths), self.factor(self.other)
+        return self.own.moved(widths), again
 
     @property
     def _rounded(self) -> float:
@@ -155,13 +254,13 @@ class RecordedMotion:
         size = max(float(np.abs(self.recorder.array(path)).max(initial=0.0)) for path in ("q", "qd"))
         return floor / size if isinstance(floor, float) and size > 0.0 else 0.0
 
-    def _more_accurate(self, run: FirstRun, tick: Tick) -> tuple[Options, Steps]:
+    def _more_accurate(self, run: FirstRun) -> tuple[Options, Steps]:
         """Return the options and the steps of a more accurate integration."""
         came_to: list[tuple[Options, Steps]] = []
 
         def once(attempt: Attempt) -> tuple[Any, Any]:
             try:
-                came_to.append((attempt.alone, self._steps(run, attempt.alone, tick)))
+                came_to.append((attempt.alone, self._steps(run, attempt.alone)))
             except NumericalError as error:
                 if error.details.get("status") != "max_steps":
                     raise
@@ -173,11 +272,11 @@ class RecordedMotion:
             raise NumericalError("no second integration came to the end")
         return came_to[-1]
 
-    def _steps(self, run: FirstRun, options: Options, tick: Tick) -> Steps:
+    def _steps(self, run: FirstRun, options: Options) -> Steps:
         """Integrate, and return the steps."""
         driver, start, watch = driver_again(self.motion, run, options)
         noted = driver.supervisor = StepTimes(driver.supervisor, max(1, int(run.steps[0]) // STRETCHES))
-        driver.tick, driver.met = tick, []
+        driver.met = []
         start()
         driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
         begin, end = run.beginning.time, run.end
@@ -211,44 +310,21 @@ class RecordedMotion:
             times.append(time)
         return sorted(times)
 
-    def _peaks(
-        self, run: FirstRun, options: Options, columns: Sequence[ChosenColumn], steps: Steps, tick: Tick
-    ) -> ColumnPeaks:
-        """Integrate with samples between the knots of the steps, and return the peaks of columns."""
+    def _close_samples(self, run: FirstRun, options: Options, steps: Steps) -> CloseSamples:
+        """Integrate with samples between the knots of the steps."""
         driver, start, watch = driver_again(self.motion, run, options)
-        stretches = max(len(steps.knots) - 1, 1)
-        in_step = min(max(MANY / steps.count, 2 * FEWEST_IN_STEP), IN_STEP) * max(
-            1.0, steps.count / stretches
-        )
+        stretches, count = max(len(steps.knots) - 1, 1), max(steps.count, 1)
+        in_step = min(max(MANY / count, 2 * FEWEST_IN_STEP), IN_STEP) * max(1.0, count / stretches)
         inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))
         blocks: list[Block] = []
         met: list[Met] = []
-        driver.tick, driver.met = tick, met
+        driver.met = met
         start()
         grid = Grid.between(steps.knots, inside)
         driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
-        observer = self.recorder.observer
-        values = values_of(observer, columns, blocks)
-        sides = [
-            values_of(observer, columns, [(np.array([time]), x[None], p) for time, x, p in side])
-            if met
-            else np.zeros((0, len(columns)))
-            for side in (
-                [one[:3] for one in met], [(one[0], *one[3:]) for one in met],
-            )
-        ]  # fmt: skip
-        times = np.concatenate([t for t, _, _ in blocks])
-        known = [(one[0], *pair) for one, *pair in zip(met, *sides)]
-        cuts = sorted([*known, *((time, None, None) for time in self._cuts(run))], key=lambda cut: cut[0])
-        end, final = run.end, values[-1]
-        if (
-            met and met[-1][0] == driver.time
-        ):  # an event ended the run: of a sample there it is not known of which side
-            end, final = driver.time, sides[1][-1]
-            before = times < end - SLACK * max(abs(end), abs(run.beginning.time))
-            times, values = times[before], values[before]
-        windows = Windows.of(pieces(times, values, cuts, (run.beginning.time, end)))
-        return ColumnPeaks(columns, windows.peaks(-1.0), windows.peaks(1.0), final)
+        stopped = bool(met) and met[-1][0] == driver.time
+        ends = run.beginning.time, driver.time if stopped else run.end
+        return CloseSamples(self.recorder.observer, blocks, met, self._cuts(run), ends, stopped, steps.count)
 
 
 Cut = tuple[float, Any, Any]  # a time [s], values (n,) before and behind it, None where they are not known
@@ -259,7 +335,7 @@ def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, 
     bounds = [(ends[0], None, None), *cuts, (ends[1], None, None)]
     rounding = ROUNDED * max(map(abs, ends))
     for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
-        inside = slice(*np.searchsorted(times, (begin, end + rounding)))
+        inside = slice(np.searchsorted(times, begin), np.searchsorted(times, end + rounding, side="right"))
         t, y = times[inside], values[inside]
         near = NEAR * float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 2 else rounding
         # of a sample at a cut it is not known of which side it is
@@ -276,9 +352,7 @@ def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, 
             yield t, y, begin, end
 
 
-def extremes_over(
-    motions: Sequence[RecordedMotion], names: Sequence[str], tick: Tick = None
-) -> dict[str, Extremes]:
+def extremes_over(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[str, Extremes]:
     """Return the extremes of columns over motions that follow one another, by name.
 
     Raises
@@ -286,12 +360,18 @@ def extremes_over(
     SceneError : no motion has a column of a name. NumericalError, SingularConfigurationError : a motion does not come
         to its end again.
     """
-    found: dict[str, Extremes] = {}
-    for one in motions:
-        for name, later in one.extremes(names, tick).items():
-            found[name] = over_both(found[name], later) if name in found else later
+    found = over_all(motions, names)
     refuse_missing(names, found, motions[0].recorder.blocks)
     return {name: found[name] for name in names}
+
+
+def over_all(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[str, Extremes]:
+    """Return the extremes of those columns that motions have which follow one another, by name."""
+    found: dict[str, Extremes] = {}
+    for one in motions:
+        for name, later in one.extremes(names).items():
+            found[name] = over_both(found[name], later) if name in found else later
+    return found
 
 
 def _plus(error: float | None, more: float) -> float | None:

@@ -1,17 +1,21 @@
-"""Figures over a whole run that its scene asks for: extremes of columns, drives, margins of motorisation."""
+"""Figures over a whole run: loads of its parts, and those that its scene asks for: extremes of columns, drives, margins
+of motorisation."""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+from robodyn_cli.errors import NumericalError, SingularConfigurationError
 from robodyn_cli.motion.second_run import Estimate, FirstRun, grid_of
-from robodyn_cli.motion.self_check import Run, with_margins
+from robodyn_cli.motion.self_check import Run
 from robodyn_cli.results.result import Result
-from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.facts import ABSENT, PeakLoad
 from robodyn_cli.tools.progress import Stopwatch
 
 if TYPE_CHECKING:
+    from robodyn_cli.motion.extremes import RecordedMotion
     from robodyn_cli.summaries.extremes import RunExtremes
     from robodyn_cli.summaries.motion import MotionSummary
 
@@ -19,14 +23,34 @@ BEYOND = 1e-9  # of the time at which an event ended a run: so much later it has
 
 
 def with_figures(
-    records: list[Any], result: Result, run: Run, estimate: Estimate | None, watch: Stopwatch
+    records: list[Any],
+    result: Result,
+    run: Run,
+    estimate: Estimate | None,
+    watch: Stopwatch,
+    motions: Sequence[RecordedMotion] = (),
 ) -> list[Any]:
-    """Return the records of a run with those of the figures that its scene asks for behind them."""
-    scene = run.motion.scene
+    """Return the records of a run with those of its figures behind them.
+
+    motions : what ``recorded`` gives of the run, and what follows it; by default nothing does.
+    """
+    scene, reactions = run.motion.scene, run.recorder.observer.reactions
+    if reactions is not None or scene.outputs.extremes or scene.motorisation is not None:
+        motions = motions or [recorded(run, estimate)]
+    summary, *others = records
+    if reactions is not None:
+        with watch.stage("reactions"):
+            loads = reactions.described(loads_of(motions[0]))
+            summary = dataclasses.replace(summary, reactions=loads)
     if scene.outputs.extremes:
+        from robodyn_cli.motion.extremes import extremes_over
+        from robodyn_cli.summaries.extremes import RunExtremes
+
         with watch.stage("extremes"):
-            found = _extremes(run, estimate)
-            records = [_with_loads_of_latches(records[0], found), *records[1:], found]
+            extremes = extremes_over(motions, scene.outputs.extremes)
+            found = RunExtremes.of(extremes, scene.simulate.fluctuation)
+            summary, others = _with_loads_of_latches(summary, found), [*others, found]
+    records = [summary, *others]
     if scene.drives:
         from robodyn_cli.drives.report import with_drives
 
@@ -38,7 +62,7 @@ def with_figures(
             records = with_drives(records, result, problem, instants=instants, again=again)
     if scene.motorisation is not None:
         with watch.stage("motorisation"):
-            records = with_margins(records, result, run, estimate)
+            records = _with_margins(records, result, run, motions[0])
     return records
 
 
@@ -57,10 +81,47 @@ def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | N
     return dataclasses.replace(summary, **beside(*facts, estimate.factor))
 
 
-def _extremes(run: Run, estimate: Estimate | None) -> RunExtremes:
-    """Return the extremes of columns over a run; the second run goes on to its own end."""
-    from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
-    from robodyn_cli.summaries.extremes import RunExtremes
+def _with_margins(records: list[Any], result: Result, run: Run, motion: RecordedMotion) -> list[Any]:
+    """Return the records of a run with the margins of motorisation that its scene asks for behind them."""
+    from robodyn_cli.drives.motorisation import with_motorisation
+    from robodyn_cli.drives.report import Moved
+
+    at_samples = Moved.of(
+        run.recorder.array, tuple(run.recorder.breaks(run.recorder.array("time"), run.driver.instants))
+    )
+    looked, again = motion.moved()
+    return with_motorisation(records, result, run.motion.problem, at_samples, looked, again)
+
+
+def loads_of(motion: RecordedMotion) -> dict[str, PeakLoad]:
+    """Return the largest loads of joints, closures and the base by name; where no further integration comes to the end,
+    those at the samples, with errors that are not known."""
+    reactions = motion.recorder.observer.reactions
+    assert reactions is not None
+    paths = {path.split("/")[-1]: path for path in reactions.of_parts}
+    try:
+        found = motion.extremes([f"{path}.{size}" for path in paths.values() for size in ("force", "moment")])
+    except (NumericalError, SingularConfigurationError):
+        loads = motion.recorder.largest_loads()
+        return {
+            name: dataclasses.replace(load, force_error=None, moment_error=None)
+            for name, load in loads.items()
+        }
+
+    def most(column: str) -> tuple[float, float | None]:
+        one = found.get(column)  # components that the data leave open have none
+        return (0.0, 0.0) if one is None else (one.largest, one.errors.largest)
+
+    loads = {}
+    for name, path in paths.items():
+        (force, force_error), (moment, moment_error) = most(f"{path}.force"), most(f"{path}.moment")
+        loads[name] = PeakLoad(force, moment, force_error, moment_error)
+    return loads
+
+
+def recorded(run: Run, estimate: Estimate | None) -> RecordedMotion:
+    """Return a run that has been recorded; the second one goes on to its own end."""
+    from robodyn_cli.motion.extremes import RecordedMotion
 
     scene = run.motion.scene
     duration = scene.simulate.duration
@@ -75,7 +136,7 @@ def _extremes(run: Run, estimate: Estimate | None) -> RunExtremes:
     if estimate is not None:
         again = to(estimate.end) if estimate.watchers else first
         motion = dataclasses.replace(motion, again=again, errors=estimate.errors)
-    return RunExtremes.of(extremes_over([motion], scene.outputs.extremes), scene.simulate.fluctuation)
+    return motion
 
 
 def _with_loads_of_latches(summary: MotionSummary, found: RunExtremes) -> MotionSummary:

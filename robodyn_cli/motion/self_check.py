@@ -18,7 +18,6 @@ from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closing.assembly import Assembled
 from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array
@@ -272,8 +271,9 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
         assembly=_assembly(motion) if constrained else ABSENT,
         repartitions=driver.repartitions if independent else ABSENT,
         multipliers=describe_dependence(problem, driver.repartitions) if constrained else ABSENT,
+        # those of a run that came to its end are located between its steps (``with_figures``)
         reactions=observer.reactions.described(recorder.largest_loads(driver.instants))
-        if observer.reactions
+        if observer.reactions and failure is not None
         else ABSENT,
         counters=driver.counters,
         warnings=[*judgement.warnings, *estimate_warnings(errors)] or ABSENT,
@@ -283,14 +283,12 @@ def motion_records(run: Run, judgement: Judgement, estimate: Estimate | None) ->
     )
     for watcher in driver.watchers:
         summary = dataclasses.replace(summary, **watcher.facts(driver.time))
-    if estimate is not None and (estimate.facts or estimate.recorder is not None):
+    if estimate is not None and estimate.facts:
         from robodyn_cli.summaries.apart import with_second
 
-        other = dataclasses.replace(summary, **(estimate.facts or {}))
-        if observer.reactions is not None and estimate.recorder is not None:
-            loads = observer.reactions.described(estimate.recorder.largest_loads(driver.instants))
-            other = dataclasses.replace(other, reactions=loads)
-        summary = with_second(summary, other, estimate.factor)
+        summary = with_second(
+            summary, dataclasses.replace(summary, **(estimate.facts or {})), estimate.factor
+        )
     if problem.control is None:
         return [summary]
     return [summary, _control_keys(run, problem.control, estimate)]
@@ -335,18 +333,3 @@ def describe_dependence(problem: Problem, repartitions: int) -> MultiplierChoice
         for g in problem.dependent
     ]
     return MultiplierChoice(False, "least norm", groups, repartitions)
-
-
-def with_margins(records: list[Any], result: Result, run: Run, estimate: Estimate | None) -> list[Any]:
-    """Return the records of a run with the margins of motorisation that its scene asks for behind them."""
-    from robodyn_cli.drives.motorisation import with_motorisation
-    from robodyn_cli.drives.report import Moved
-
-    def moved(recorder: Recorder) -> Moved:
-        jumps = [float(event["time"]) for event in run.driver.log]
-        return Moved.of(recorder.array, tuple(recorder.breaks(recorder.array("time"), jumps)))
-
-    again = None
-    if estimate is not None and estimate.recorder is not None:
-        again = moved(estimate.recorder), estimate.factor
-    return with_motorisation(records, result, run.motion.problem, moved(run.recorder), again=again)

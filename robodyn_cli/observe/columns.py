@@ -25,6 +25,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.extremes import ExtremeErrors, Extremes
 
 Found = tuple[float, float, float, float]  # an extreme value, its error, its time [s], the error of that
+AT_ONCE = 2**14  # samples that are observed
 # how names of the columns begin of which one is the length: all of a vector, force and moment of a wrench
 LENGTHS = {"length": "xyz", "force": "f", "moment": "m"}
 
@@ -56,6 +57,10 @@ class ChosenColumn:
     def doubt(self, value: float, error: float) -> float:
         """Return what an error of a value is of what ``of`` gives."""
         return (2.0 * value + error) * error if self.is_length else error
+
+    def stored(self, value: float) -> float:
+        """Return what ``of`` gives for a value that is not negative."""
+        return value**2 if self.is_length else value
 
     def of(self, data: Mapping[str, Array]) -> Array:
         """Return its values (T,) from datasets by path; of a length the square."""
@@ -109,8 +114,9 @@ def values_of(observer: Observer, columns: Sequence[ChosenColumn], blocks: Itera
         own = list(group)
         t, x = (np.concatenate([block[k] for block in own]) for k in (0, 1))
         observer.parameters = own[0][2]
-        data = observer.observe(t, x)
-        parts.append(np.column_stack([column.of(data) for column in columns]))
+        for first in range(0, len(t), AT_ONCE):
+            data = observer.observe(t[first : first + AT_ONCE], x[first : first + AT_ONCE])
+            parts.append(np.column_stack([column.of(data) for column in columns]))
     return np.concatenate(parts)
 
 

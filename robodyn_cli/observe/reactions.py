@@ -119,10 +119,14 @@ class ReactionSamples:
         for path, array in data.items():
             result.add(path, array, long_name=self.meanings[path], names=self.names[path])
 
+    @property
+    def of_parts(self) -> list[str]:
+        """The paths of joints, closures and the base."""
+        return [path for path in self.names if not path.startswith(FORCE_WRENCHES)]
+
     def largest(self, times: Array, data: Mapping[str, Array], breaks: Breaks) -> dict[str, PeakLoad]:
         """Return the largest load of each joint and closure along samples at times (T,), by name."""
-        paths = [path for path in self.names if not path.startswith(FORCE_WRENCHES)]
-        return figures(times, {path: data[path] for path in paths}, self.names, breaks)
+        return figures(times, {path: data[path] for path in self.of_parts}, self.names, breaks)
 
     def described(self, largest: dict[str, PeakLoad]) -> PeakLoads:
         """Return what the summary says: the axes, components that the data do not determine, and the largest loads."""

@@ -189,10 +189,10 @@ class LockKeys:
 class LatchErrors:
     """Errors of the loads of a latch, that of the motion and of what lies between the samples."""
 
-    peak_force: float = fact("of the largest force", "N")
-    peak_force_time: float = fact("of its time", "s")
-    peak_moment: float = fact("of the largest moment", "N m")
-    peak_moment_time: float = fact("of its time", "s")
+    peak_force: float | None = fact("of the largest force", "N")
+    peak_force_time: float | None = fact("of its time", "s")
+    peak_moment: float | None = fact("of the largest moment", "N m")
+    peak_moment_time: float | None = fact("of its time", "s")
     force_at_end: float | Absent | None = fact("of the force at the end", "N", default=ABSENT)
     moment_at_end: float | Absent | None = fact("of the moment at the end", "N m", default=ABSENT)
 
@@ -240,10 +240,10 @@ class Overload:
     name: str = fact("the joint or closure")
     quantity: str = fact("`force` or `moment`")
     limit: float = fact("what it may bear", "N or N m")
-    time: float = fact("of the first sample at which it bore more", "s", errors=(".time_error",))
-    time_error: float = fact("time since the sample before", "s")
+    time: float = fact("when it first bore more", "s", errors=(".time_error",))
+    time_error: float | None = fact("error of this time", "s")
     largest: float = fact("the largest that it bore", "N or N m", errors=(".largest_error",))
-    largest_error: float = fact("error of the largest load", "N or N m")
+    largest_error: float | None = fact("error of the largest load", "N or N m")
 
 
 @record

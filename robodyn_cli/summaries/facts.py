@@ -150,15 +150,15 @@ class PeakLoad:
 
     peak_force: float = fact("largest magnitude of the force", "N", errors=(".force_error",))
     peak_moment: float = fact("largest magnitude of the moment", "N m", errors=(".moment_error",))
-    force_error: float = fact("error of the largest force", "N")
-    moment_error: float = fact("error of the largest moment", "N m")
+    force_error: float | None = fact("error of the largest force; `null` where no second run tells it", "N")
+    moment_error: float | None = fact("error of the largest moment, likewise", "N m")
 
     def or_larger(self, other: PeakLoad) -> PeakLoad:
         """Return the larger force and the larger moment of two."""
         force, moment = (max(self.peak_force, other.peak_force), max(self.peak_moment, other.peak_moment))
         off = (
-            max(load.peak_force + load.force_error for load in (self, other)) - force,
-            max(load.peak_moment + load.moment_error for load in (self, other)) - moment,
+            max(load.peak_force + (load.force_error or 0.0) for load in (self, other)) - force,
+            max(load.peak_moment + (load.moment_error or 0.0) for load in (self, other)) - moment,
         )
         return PeakLoad(force, moment, *off)
 

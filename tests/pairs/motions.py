@@ -358,7 +358,7 @@ def _at_limit(draft: Draft) -> None:
     draft.tree["deploy"] = {"criterion": "latch", "latch": latch}
 
 
-def _latches(until: str = "end", **keys: Any) -> Feature:
+def _latches(until: str = "end", loads: Any = None, **keys: Any) -> Feature:
     """Return the feature that writes two latches: of joint b at a position, and of the links at a time."""
 
     def write(draft: Draft) -> None:
@@ -371,7 +371,11 @@ def _latches(until: str = "end", **keys: Any) -> Feature:
             "side": "up",
             "release": "t - 0.04",
         }
-        draft.tree["deploy"] = {"latches": [first, second], "until": until}
+        draft.tree["deploy"] = {
+            "latches": [first, second],
+            "until": until,
+            **({"loads": loads} if loads else {}),
+        }
 
     return write
 
@@ -384,7 +388,7 @@ def _latch_at_limit(draft: Draft) -> None:
 
 ASKED = {
     "latches": _latches(),
-    "sprung": _latches("one", hold={"stiffness": 50, "damping": 0.2}),
+    "sprung": _latches("one", {"b": {"force": 1e-3}}, hold={"stiffness": 50, "damping": 0.2}),
     "latch_at_limit": _latch_at_limit,
     "latch_dead_point": _keys(
         deploy={"latches": [{"name": "one", "between": ["upper", "fore"], "at_dead_point": True}]}

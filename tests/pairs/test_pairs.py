@@ -26,7 +26,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 from tests.pairs import apart
 from tests.pairs.covering import Case, Part, covering, sets_of
 from tests.pairs.draft import Draft
-from tests.pairs.judge import built, by_other_commands, call, disagreements, judge, judged
+from tests.pairs.judge import built, by_other_commands, call, disagreements, judge, judged, write
 from tests.pairs.known import KNOWN
 from tests.pairs.motions import FAMILIES, MADE, MOST, ROWS, families, scene
 from tests.pairs.reasons import REASONS, reason_of
@@ -195,3 +195,20 @@ def test_the_docs_print_the_reasons() -> None:
 def test_reasons_are_told_apart() -> None:
     assert reason_of("'trajectory' is missing") == "`inverse` needs a motion"
     assert reason_of("internal error") is None
+
+
+# -- figures that are asked for ------------------------------------------------------------------------------------
+GIVES = {"extremes": "extremes", "reactions": "reactions", "design": "fluctuation", "spring": "motorisation"}
+
+
+@pytest.mark.parametrize("asked", ["latches", "sprung", "latch", "after", "multipliers"])
+@pytest.mark.parametrize("name", GIVES)
+def test_every_deployment_has_the_figures_that_are_asked_for(asked: str, name: str, tmp_path: Path) -> None:
+    family = "margin" if name == "spring" else "output"
+    path = write(scene({"asked": asked, family: name, "loop": "revolute"}), tmp_path / "scene", "deploy")
+    outcome = call(["deploy", str(path), "--no-plots", "--out", str(tmp_path / "out")], tmp_path)
+    assert not outcome.finding and outcome.code in (0, 1), outcome.message
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert summary[GIVES[name]]
+    if name == "reactions":
+        assert all(x is not None for load in summary["reactions"]["largest"].values() for x in load.values())

@@ -224,7 +224,8 @@ def test_a_controller_drives_with_what_it_gives() -> None:
 def test_a_deployment_that_locks_with_too_small_a_margin_is_undersized() -> None:
     friction = "robot.joints.phi1.friction={coulomb: 0.01, transition_speed: 1e-3}"
     for required, status in ((1e-3, "locked"), (1e9, "undersized")):
-        changes = ["expect={}", friction, f"motorisation={{required: {required}}}"]
+        latch = ["deploy.criterion=latch", "deploy.latch={between: [coupler, follower], at: {theta1: 2.5}}"]
+        changes = ["expect={}", friction, f"motorisation={{required: {required}}}", *latch]
         result = deploy(load_scene(CONFIGS / "four_bar_deploy.yaml", changes))
         figures = result.summary["motorisation"]["theta1"]
         assert figures["decides"] == "phi1.friction"
@@ -245,6 +246,19 @@ def test_a_second_run_that_locks_before_the_last_sample_of_the_first() -> None:
     assert np.diff(result.time).min() > 0.0 and result.time[-1] == lock["time"]
     assert 0.0 < figures["errors"]["ratio"] < figures["ratio"] and figures["errors"]["time"] < 0.1
     assert 0.0 < lock["multipliers"]["errors"]["at_lock"] < 0.1 * lock["multipliers"]["at_lock"]
+
+
+def test_the_margin_of_a_joint_is_nothing_at_its_dead_point() -> None:
+    friction = "robot.joints.phi1.friction={coulomb: 0.01, transition_speed: 1e-3}"
+    changes = ["expect={}", friction, "motorisation={required: 0.5}"]
+    for samples in (21, 2001):
+        result = deploy(
+            load_scene(CONFIGS / "four_bar_deploy.yaml", [*changes, f"simulate.samples={samples}"])
+        )
+        figures, lock = result.summary["motorisation"]["theta1"], result.summary["lock"]
+        assert abs(figures["ratio"]) <= figures["errors"]["ratio"] < 0.1
+        assert abs(figures["time"] - lock["time"]) <= figures["errors"]["time"] < 1e-3
+        assert result.status == "undersized"
 
 
 def test_torques_with_a_role_are_those_of_their_formula() -> None:

@@ -35,10 +35,8 @@ def describe(summary: Mapping[str, Any]) -> str:
         lengths = [f"{n} {x:.6g}" for n, x in lock["angles"].items() if n not in lock["angles_deg"]]
         lines.append(f"  configuration      {', '.join([*angles, *lengths])}")
         if m := lock["multipliers"]:
-            lines.append(
-                f"  multipliers        {m['start']:.5g} N at the start, {m['at_lock']:.6g} N at the last sample"
-                + (", diverging" if m["diverge"] else ", finite")
-            )
+            last = "diverging" if m["diverge"] else f"{m['at_lock']:.6g} N at the last sample, finite"
+            lines.append(f"  multipliers        {m['start']:.5g} N at the start, {last}")
         latch = lock.get("latch")
         if latch:
             lines.append(

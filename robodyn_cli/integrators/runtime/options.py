@@ -64,7 +64,9 @@ class Grid:
 
     @staticmethod
     def between(knots: Array, inside: int) -> Grid:
-        """Return times that are uniform between knots (P + 1,), so many from each to the next one."""
+        """Return times that are uniform between knots (P + 1,), so many from each to the next; of one knot itself."""
+        if len(knots) == 1:
+            return Grid(float(knots[0]), 0.0, 1)
         return Grid(float(knots[0]), 0.0, inside * (len(knots) - 1) + 1, float(knots[-1]), knots)
 
     @staticmethod

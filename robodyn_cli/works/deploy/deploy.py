@@ -9,7 +9,8 @@ import numpy as np
 
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.motion.build import build_motion, follow_latches
-from robodyn_cli.motion.extremes import RecordedMotion, extremes_over
+from robodyn_cli.motion.extremes import RecordedMotion
+from robodyn_cli.motion.figures import recorded, with_figures
 from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
 from robodyn_cli.motion.self_check import (
@@ -18,7 +19,6 @@ from robodyn_cli.motion.self_check import (
     motion_records,
     motion_warnings,
     redundant_rows,
-    with_margins,
 )
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import add_joint_limits
@@ -31,7 +31,6 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, DeploySummary, LockKeys, Overload
-from robodyn_cli.summaries.extremes import RunExtremes
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import FinalState
 from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
@@ -58,6 +57,7 @@ from robodyn_cli.works.deploy.recording import (
     add_followed,
     first_overload,
     follow_locked,
+    overload_text,
     record_motion,
 )
 from robodyn_cli.works.deploy.scan import (
@@ -276,17 +276,16 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
     done.recorder.fill(result)
     add_joint_limits(result, done.motion.scene, done.motion.problem.model)
     overload: Overload | None = None
-    jumps = [float(event["time"]) for event in result.events]
     if failure is None:
         if done.followed is not None:
             assert done.lock is not None and done.latch is not None
             add_followed(result, done.lock, done.latch, done.recorder, done.followed.recorder)
-        overload = first_overload(result, limits, done.recorder.breaks(result.time, jumps))
+        motions = _motions(done)
+        with watch.stage("reactions"):
+            overload = first_overload(motions, limits)
         result.status, termination = verdict(done, overload)
         summary = dataclasses.replace(summary, termination=termination, samples=len(result.time))
-        if done.motion.scene.outputs.extremes:
-            with watch.stage("extremes"):
-                others.append(_extremes(done))
+        summary, *others = with_figures([summary, *others], result, done, done.estimate, watch, motions)
     if done.found.driven and done.lock is not None:  # at the dead point itself, where rates have no bound
         q = done.motion.system.split(done.lock.state)[0]
         names = done.motion.problem.model.q_names
@@ -303,24 +302,23 @@ def report(done: Deployment, judgement: Judgement, watch: Stopwatch) -> Result:
         overload=overload if limits and failure is None else ABSENT,
     )
     records = [summary, *others, keys]
-    if done.motion.scene.motorisation is not None and failure is None:
-        records = with_margins(records, result, done, done.estimate)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)
 
 
-def _extremes(done: Deployment) -> RunExtremes:
-    """Return the extremes that the scene asks for, up to the lock and behind it."""
-    scene, relocated = done.motion.scene, done.relocated
-    first = FirstRun.of(done.driver, done.beginning, grid_of(scene, done.beginning), done.recorder)
-    again = None if done.estimate is None else first
-    if again is not None and relocated is not None and relocated.lock is not None:
-        again = dataclasses.replace(first, end=relocated.lock.time)
-    errors = None if done.estimate is None else done.estimate.errors
-    motions = [RecordedMotion(done.motion, first, done.recorder, again, errors)]
-    if done.followed is not None and done.followed.whole is not None:
-        motions.append(done.followed.whole)
-    return RunExtremes.of(extremes_over(motions, scene.outputs.extremes), scene.simulate.fluctuation)
+def _motions(done: Deployment) -> list[RecordedMotion]:
+    """Return the motion up to the lock, and that behind it."""
+    motion, relocated = recorded(done, done.estimate), done.relocated
+    motion = dataclasses.replace(
+        motion, first=FirstRun.of(done.driver, done.beginning, motion.first.grid, done.recorder)
+    )
+    if done.estimate is not None:
+        again = motion.first
+        if relocated is not None and relocated.lock is not None and not done.found.driven:
+            again = dataclasses.replace(again, end=relocated.lock.time)
+        motion = dataclasses.replace(motion, again=again)
+    followed = done.followed
+    return [motion, *([followed.whole] if followed is not None and followed.whole is not None else [])]
 
 
 def _lock_keys(done: Deployment) -> LockKeys | None:
@@ -368,11 +366,7 @@ def verdict(done: Deployment, overload: Overload | None) -> tuple[str, dict[str,
         termination["followed_until"] = done.followed.keys.until
     if overload is None:
         return status, termination
-    unit = "N" if overload.quantity == "force" else "N m"
-    termination["overload"] = (
-        f"{overload.name} bears a {overload.quantity} of more than its {overload.limit:.6g} {unit} from "
-        f"t = {overload.time:.6g} s on, {overload.largest:.6g} {unit} at most"
-    )
+    termination["overload"] = overload_text(overload)
     return "overload", termination
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from robodyn_cli.errors import RobodynError
 from robodyn_cli.motion.contact.latches import Latches
 from robodyn_cli.motion.driver import BLOCK, Driver
 from robodyn_cli.motion.failure import explained
-from robodyn_cli.motion.figures import with_figures, with_latches_beside
+from robodyn_cli.motion.figures import recorded, with_figures, with_latches_beside
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion, Watcher
 from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error, grid_of
@@ -31,7 +32,7 @@ from robodyn_cli.summaries.deploy import (
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.motion import FinalState, LatchLock, LatchLockErrors, MotionSummary
 from robodyn_cli.tools.progress import Progress, Stopwatch
-from robodyn_cli.works.deploy.recording import first_overload
+from robodyn_cli.works.deploy.recording import first_overload, overload_text
 
 
 def deploy_latched(
@@ -137,15 +138,18 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     if doubts := _doubts(run, estimate):
         told = [] if summary.warnings is ABSENT else summary.warnings
         summary = dataclasses.replace(summary, warnings=[*told, *doubts])
-    overload = None
+    overload, motions = None, [recorded(run, estimate)] if scene.deploy.loads else []
     if failure is None:
-        jumps = [float(event["time"]) for event in result.events]
-        overload = first_overload(result, scene.deploy.loads, run.recorder.breaks(result.time, jumps))
+        with watch.stage("reactions"):
+            overload = first_overload(motions, scene.deploy.loads)
         latches = watcher_of(run.driver.watchers)
         closed = [latches.names[k] for k in latches.closed]
         reason, is_locked = told_of(scene.deploy.until, latches.names, closed)
         result.status = "overload" if overload is not None else "locked" if is_locked else "no_lock"
-        summary = dataclasses.replace(summary, termination=Termination(reason, run.driver.time))
+        termination: Any = Termination(reason, run.driver.time)
+        if overload is not None:
+            termination = {**vars(termination), "overload": overload_text(overload)}
+        summary = dataclasses.replace(summary, termination=termination)
     if overload is not None:
         result.events.append({"time": overload.time, "name": overload.name, "kind": "overload"})
         result.events.sort(key=lambda event: float(event["time"]))
@@ -155,7 +159,7 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     )
     records = [summary, *others, keys]
     if failure is None:
-        records = with_figures(records, result, run, estimate, watch)
+        records = with_figures(records, result, run, estimate, watch, motions)
     result.summarise(*records, seconds=watch.report())
     return result.unless(failure)
 

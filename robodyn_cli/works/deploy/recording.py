@@ -16,20 +16,18 @@ from robodyn_cli.formulations.system import System
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.motion.build import contact_watchers, half_turns, watched_system
 from robodyn_cli.motion.driver import Driver, Repeat
-from robodyn_cli.motion.extremes import RecordedMotion
+from robodyn_cli.motion.extremes import RecordedMotion, over_all
+from robodyn_cli.motion.figures import loads_of
 from robodyn_cli.motion.joint_limits import LimitWatcher
 from robodyn_cli.motion.method import supervisor_for
 from robodyn_cli.motion.motion import Beginning, Motion
-from robodyn_cli.motion.second_run import Estimate, FirstRun, estimate_error
+from robodyn_cli.motion.second_run import FirstRun, estimate_error
 from robodyn_cli.motion.self_check import residual_of
 from robodyn_cli.observe.observe import Column, Observer
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.record import record
-from robodyn_cli.results.result import Result, magnitude
-from robodyn_cli.solve.extremes import largest
-from robodyn_cli.solve.quadrature import Breaks
+from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
-from robodyn_cli.summaries.apart import with_second
 from robodyn_cli.summaries.deploy import AfterLock, LatchErrors, LatchLoad, Overload
 from robodyn_cli.tools.progress import Progress, Stopwatch
 from robodyn_cli.works.deploy.lock import ClosedLatch, Lock, Relocated
@@ -192,13 +190,8 @@ def follow_locked(
     """
     s = motion.scene.simulate
     with watch.stage("equations"):
-        problem = latch.locked.problem
-        watchers = (*contact_watchers(problem), *half_turns(problem))
-        system = watched_system(problem, s.stabilisation, watchers)
-        locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
-        for watcher in watchers:
-            watcher.follow(locked)
-        observer = LockedObserver(problem, locked.system, before.observer)
+        locked = _locked(motion, latch.locked.problem)
+        observer = LockedObserver(locked.problem, locked.system, before.observer)
     grid = Grid.over(s.duration, s.samples)
     first = grid.first_at(lock.time)
     first += grid.times(first, first + 1)[:1].tolist() == [lock.time]
@@ -237,25 +230,10 @@ def follow_locked(
         twice = (again.lock, again.latch) if again is not None else (None, None)
         other = _from_lock(motion, locked, whole.first, *twice)
         whole = dataclasses.replace(whole, again=other, errors=estimate.errors)
-    return FollowedLock(_with_loads(keys, driver, recorder, estimate), recorder, whole)
-
-
-def _with_loads(keys: AfterLock, driver: Driver, recorder: Recorder, estimate: Estimate | None) -> AfterLock:
-    """Return the keys of the locked mechanism with its loads, and what the second run says of all of them."""
-    jumps = driver.instants
-
-    def loaded(run: Recorder) -> AfterLock:
-        return dataclasses.replace(
-            keys,
-            error_estimate=None if estimate is None else estimate.errors,
-            latch=_latch_load(run, keys.closure, jumps),
-            largest=run.largest_loads(jumps),
-        )
-
-    own = loaded(recorder)
-    if estimate is None or estimate.recorder is None:
-        return own
-    return with_second(own, loaded(estimate.recorder), estimate.factor, ("after_lock",))
+        keys = dataclasses.replace(keys, error_estimate=estimate.errors)
+    with watch.stage("reactions"):
+        keys = dataclasses.replace(keys, latch=_latch_load(whole, keys.closure), largest=loads_of(whole))
+    return FollowedLock(keys, recorder, whole)
 
 
 def _first_sample(motion: Motion, locked: Motion, lock: Lock, latch: ClosedLatch, time: float) -> Array:
@@ -298,45 +276,65 @@ def join(before: Recorder, after: Recorder) -> dict[str, Array]:
     return samples
 
 
-def _latch_load(recorder: Recorder, name: str, events: Sequence[float]) -> LatchLoad:
-    """Return the largest force and moment in the latch, when, and those at the end, with jumps at events."""
-    path = f"loop_reactions/{name}"
-    assert recorder.observer.reactions is not None
-    data, times = recorder.array(path), recorder.array("time")
-    names = recorder.observer.reactions.names[path]
-    sizes = np.column_stack([magnitude(data, names, letter) for letter in "fm"])
-    peak = largest(times, sizes, recorder.breaks(times, events))
-    (force, moment), (force_time, moment_time), errors, time_errors = (
-        x.tolist() for x in (peak.value, peak.time, peak.error, peak.time_error)
+def _locked(motion: Motion, problem: Problem) -> Motion:
+    """Return the motion of the locked structure, with watchers of its own."""
+    watchers = (*contact_watchers(problem), *half_turns(problem))
+    system = watched_system(problem, motion.scene.simulate.stabilisation, watchers)
+    locked = dataclasses.replace(motion, problem=problem, system=system, watchers=watchers)
+    for watcher in watchers:
+        watcher.follow(locked)
+    return locked
+
+
+def _latch_load(motion: RecordedMotion, name: str) -> LatchLoad:
+    """Return the largest force and moment in the latch, when, and those at the end."""
+    force, moment = motion.extremes([f"loop_reactions/{name}.{x}" for x in ("force", "moment")]).values()
+    off, turned = force.errors, moment.errors
+    errors = LatchErrors(
+        off.largest, off.largest_time, turned.largest, turned.largest_time, off.final, turned.final
     )
-    force_at_end, moment_at_end = sizes[-1].tolist()
     return LatchLoad(
-        force, force_time, force_at_end, moment, moment_time, moment_at_end,
-        LatchErrors(errors[0], time_errors[0], errors[1], time_errors[1]),
-    )  # fmt: skip
+        force.largest,
+        force.largest_time,
+        force.final,
+        moment.largest,
+        moment.largest_time,
+        moment.final,
+        errors,
+    )
 
 
-def first_overload(result: Result, limits: Mapping[str, Any], breaks: Breaks) -> Overload | None:
-    """Return the first sample at which a joint or closure bears more than its limit; None if none does; breaks : see
-    ``quadrature``."""
+def first_overload(motions: Sequence[RecordedMotion], limits: Mapping[str, Any]) -> Overload | None:
+    """Return the first load of a joint or closure beyond its limit, over motions that follow one another; None if there
+    is none."""
     worst: Overload | None = None
     for name, limit in limits.items():
-        path = next((p for p in (f"reactions/{name}", f"loop_reactions/{name}") if p in result), None)
-        if path is None:
-            continue
-        variable = result.variables[path]
-        for quantity, letter in (("force", "f"), ("moment", "m")):
+        for quantity in ("force", "moment"):
             most = getattr(limit, quantity)
             if most is None:
                 continue
-            size, times = magnitude(variable.data, variable.names, letter), result.time
-            over = np.flatnonzero(size > most)
-            if len(over) and (worst is None or times[over[0]] < worst.time):
-                at, peak = int(over[0]), largest(times, size[:, None], breaks)
-                since = float(times[at] - times[max(at - 1, 0)])
-                largest_load = float(peak.value[0]), float(peak.error[0])
-                worst = Overload(name, quantity, most, float(times[at]), since, *largest_load)
+            for path in ("reactions", "loop_reactions"):
+                found = over_all(motions, [f"{path}/{name}.{quantity}"])
+                for column, peak in found.items():
+                    if peak.largest > most:
+                        passed = (one.first_beyond(column, most) for one in motions)
+                        # a peak between two close samples
+                        time, off = next(
+                            (x for x in passed if x is not None),
+                            (peak.largest_time, peak.errors.largest_time),
+                        )
+                        one = Overload(name, quantity, most, time, off, peak.largest, peak.errors.largest)
+                        worst = one if worst is None or time < worst.time else worst
     return worst
+
+
+def overload_text(overload: Overload) -> str:
+    """Return what is told of an overload."""
+    unit = "N" if overload.quantity == "force" else "N m"
+    return (
+        f"{overload.name} bears a {overload.quantity} of more than its {overload.limit:.6g} {unit} from "
+        f"t = {overload.time:.6g} s on, {overload.largest:.6g} {unit} at most"
+    )
 
 
 def add_followed(
