@@ -345,13 +345,9 @@ class Problem:
     def _solved(self) -> tuple[Multipliers, list[Scalar]]:
         return self.solution(self.independent_rows.gamma)
 
-    def solution(
-        self, gamma: Sequence[Scalar], applied: Vector | None = None
-    ) -> tuple[Multipliers, list[Scalar]]:
-        """Return accelerations and multipliers for ``gamma`` of the independent rows, and those of held joints.
-
-        applied : generalised forces (nv,), by default those of the scene.
-        """
+    def solution(self, gamma: Sequence[Scalar], applied: Any = None) -> tuple[Multipliers, list[Scalar]]:
+        """Return accelerations and multipliers for ``gamma`` of the independent rows and ``applied`` forces (nv,), those of the
+        scene by default, and those of held joints."""
         from robodyn_cli.algorithms.constraints import Multipliers, solve_with_multipliers
 
         f = (self.applied if applied is None else applied) - self.bias

@@ -68,6 +68,8 @@ def with_figures(
 
 def with_latches_beside(summary: MotionSummary, run: Run, estimate: Estimate | None) -> MotionSummary:
     """Return the summary of a motion with what its latches did, with errors by those of its second run."""
+    if not run.motion.problem.latches:
+        return summary
     from robodyn_cli.motion.contact.latch_states import beside
     from robodyn_cli.motion.contact.latches import Latches
 

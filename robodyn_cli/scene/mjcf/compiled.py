@@ -11,6 +11,7 @@ import contextlib
 import importlib.util
 import os
 import re
+import threading
 import warnings
 from collections.abc import Iterator
 from importlib.metadata import version
@@ -25,6 +26,7 @@ from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 PACKAGE = "mujoco"
+_ALONE = threading.Lock()  # warnings of Python and of MuJoCo go to one place of the process
 EXTRA = "a robot in MJCF needs the package mujoco{}: pip install 'robodyn[mjcf]'"
 OLDEST = "3.3.7"
 COMPILER = "MuJoCo's compiler"
@@ -113,18 +115,18 @@ class _Compiler:
     def telling(self) -> Iterator[None]:
         """Raise what the compiler refuses as the error of the element that it names; what it warns of is kept."""
         mujoco = self.mujoco
-        mujoco.set_mju_user_warning(self.warnings.append)  # else it writes a file
-        try:
-            with warnings.catch_warnings(record=True) as said:
-                warnings.simplefilter("always")
+        with _ALONE, warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            mujoco.set_mju_user_warning(self.warnings.append)  # else it writes a file
+            try:
                 yield
-            self.warnings += [str(warning.message) for warning in said]
-        except (ValueError, RuntimeError, mujoco.FatalError) as error:
-            if isinstance(error, SceneError):
-                raise
-            raise self.error(str(error)) from None
-        finally:
-            mujoco.set_mju_user_warning(None)
+            except (ValueError, RuntimeError, mujoco.FatalError) as error:
+                if isinstance(error, SceneError):
+                    raise
+                raise self.error(str(error)) from None
+            finally:
+                mujoco.set_mju_user_warning(None)
+        self.warnings += [str(warning.message) for warning in said]
 
     def error(self, said: str) -> SceneError:
         lines = [line for line in said.splitlines() if line.strip()]
