@@ -346,8 +346,8 @@ class Problem:
         return self.solution(self.independent_rows.gamma)
 
     def solution(self, gamma: Sequence[Scalar], applied: Any = None) -> tuple[Multipliers, list[Scalar]]:
-        """Return accelerations and multipliers for ``gamma`` of the independent rows and ``applied`` forces (nv,), those
-        of the scene by default, and those of held joints."""
+        """Return accelerations and multipliers for ``gamma`` of the independent rows and ``applied`` forces (nv,),
+        those of the scene by default, and those of held joints."""
         from robodyn_cli.algorithms.constraints import Multipliers, solve_with_multipliers
 
         f = (self.applied if applied is None else applied) - self.bias
