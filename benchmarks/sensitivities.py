@@ -62,13 +62,13 @@ class Lock:
     def once(self) -> np.ndarray:
         """Return the derivatives from one motion."""
         self.time()
-        self.slopes.follow()
+        self.slopes.until(self.slopes.ending)
         return self.slopes.once(self.motion.options, BLOCKS).values[0]
 
     def twice(self) -> np.ndarray:
         """Return the derivatives whose errors are known."""
         self.time()
-        self.slopes.follow()
+        self.slopes.until(self.slopes.ending)
         return self.slopes.found()[0].time
 
     def differences(self) -> np.ndarray:

@@ -177,6 +177,9 @@ def _heated(
 
 
 # -- limits ------------------------------------------------------------------------------------------------
+ALIKE = 1e-3  # part of a use, within which another one counts as large
+
+
 @record
 class Use:
     """How much of a limit a cycle uses (...,), 1 : all of it; at : the time that decides [s], None for a mean;
@@ -201,7 +204,18 @@ class Use:
             return 0.0, 0.0
         top = largest(self.samples.times, self.used[:, None], self.samples.breaks)
         part, at = abs(top.value[0] - self.part), abs(top.time[0] - self.at)
-        return float(top.error[0] + part), float(top.time_error[0] + at)
+        return float(top.error[0] + part), float(top.time_error[0] + at + self._rivals())
+
+    def _rivals(self) -> float:
+        """Return how far from its time another peak is about as large: a motion that is integrated is known to some
+        digits only, and either may be the largest."""
+        assert self.samples is not None and self.used is not None and self.at is not None
+        times, alike = self.samples.times, self.used >= (1.0 - ALIKE) * self.part
+        peaks = np.split(np.arange(len(times)), np.flatnonzero(np.diff(alike.astype(int))) + 1)
+        near = int(np.argmin(np.abs(times - self.at)))
+        others = [x for x in peaks if alike[x[0]] and not x[0] - 1 <= near <= x[-1] + 1]
+        apart = [float(np.abs(times[x] - self.at).max()) for x in others]
+        return float(max(apart, default=0.0))
 
 
 def peak_use(curves: Curves, cycle: MotorCycle) -> Array:

@@ -79,7 +79,7 @@ class Loaded:
 
 AGREE = 1e-2  # of a step, by which two polynomials of a smooth rate put its root apart at most
 APART = 1e-3  # of the mean time between samples, by which times that are told apart differ
-LEAST = 1e-100  # rad/s or m/s: a rate of which only the sign counts
+LEAST = 1e-100  # of the largest rate: one of which only the sign counts
 ROUNDED = 256 * np.finfo(float).eps  # of the fastest joint's rate, up to which rates may be rounding alone
 STEPS = 2  # of Newton's method to when a joint turns back, from a place that polynomials tell
 
@@ -127,10 +127,10 @@ def settled(v: Array) -> Array:
     rounded = (v != 0.0) & (np.abs(v) <= ROUNDED * np.abs(v).max(initial=0.0))
     if not rounded.any():
         return v
-    found = np.where(rounded, 0.0, v)
+    found, least = np.where(rounded, 0.0, v), LEAST * np.abs(v).max(initial=0.0)
     if len(v) > 1:
         for end, beside in ((0, 1), (-1, -2)):
-            found[end] = np.where(rounded[end], LEAST * np.sign(found[beside]), found[end])
+            found[end] = np.where(rounded[end], least * np.sign(found[beside]), found[end])
     return found
 
 

@@ -88,7 +88,9 @@ def test_figures_of_latched_motions_stay_within_their_errors(scene: Any, seed: i
     found = moves(runs)
     kinds = {x.kind.split(".")[0] for x in found}
     assert {"extremes", "motorisation", "reactions", "locks", "overload", "fluctuation"} <= kinds
-    assert not [str(x) for x in found if x.ratio > TIMES]
+    # where next to nothing resists, a ratio has no bound, and says so by an error of null
+    told = [x for x in found if not (x.kind.startswith("motorisation") and None in x.errors)]
+    assert len(told) > 0.9 * len(found) and not [str(x) for x in told if x.ratio > TIMES]
     beyond = [str(x) for x in found if x.ratio > 1.0]
     assert len(beyond) <= OFTEN * len(found), beyond
     for x in found:  # samples do not matter

@@ -217,6 +217,28 @@ def test_damper_that_bears_most_where_it_is_met_ends_the_run_there() -> None:
     assert summary["termination"]["time"] == summary["locks"]["catch"]["time"]
 
 
+def test_largest_load_of_a_spring_is_that_of_all_its_closings() -> None:
+    """The latch opens while the panel is on its way back; the second time it is met at a lower speed."""
+    latch = {"name": "catch", "joint": "hinge", "at": AT, "hold": {"stiffness": 80.0, "damping": 4.0}}
+    once = deployed(panel(deploy={"latches": [latch], "until": "catch"})).summary["locks"]["catch"]
+    again = latch | {"release": "t - 3.5"}
+    both = deployed(panel(deploy={"latches": [again], "until": "end"})).summary["locks"]["catch"]
+    assert (once["closings"], both["closings"]) == (1, 2) and both["speed"] < 0.9 * once["speed"]
+    for key in ("peak_moment", "peak_time"):
+        assert both[key] == pytest.approx(once[key], abs=1e-9)
+
+
+@pytest.mark.parametrize("samples", [3, 200])
+def test_nearest_of_a_latch_counts_the_way_to_the_first_peak_of_another(samples: int) -> None:
+    latch = {"name": "catch", "joint": "hinge", "at": AT, "hold": {"stiffness": 80.0}}
+    far = {"name": "far", "joint": "hinge", "at": 1.9}
+    summary = deployed(
+        panel(deploy={"latches": [latch, far], "until": "catch"}, simulate={"samples": samples})
+    ).summary
+    missed, end = summary["missed"]["far"], summary["final"]["q"]["hinge"]
+    assert abs(missed["nearest"] - (1.9 - end)) <= 1e-12 and missed["time"] == summary["termination"]["time"]
+
+
 def test_load_that_still_grows_at_the_end_is_no_largest_load() -> None:
     latch = {"name": "catch", "joint": "hinge", "at": AT, "hold": {"stiffness": 5.0}}
     result = deployed(panel(deploy={"latches": [latch]}, simulate={"duration": float(CLOSES + 0.05)}))
@@ -534,3 +556,14 @@ def test_what_does_not_go_with_latches_is_refused() -> None:
     latch = {"name": "catch", "joint": "hinge", "at_dead_point": True}
     with pytest.raises(RobodynError, match="at_dead_point"):
         deployed(panel(deploy={"latches": [latch]}))
+
+
+def test_arrays_in_step_go_on_from_their_locks(tmp_path: Path) -> None:
+    """Latches share the one freedom that couplers leave, and what some of them hold others hold already."""
+    from robodyn_cli.results.hdf5 import write
+
+    path = Path(__file__).resolve().parents[2] / "configs/mechanisms/solar_array_in_step.yaml"
+    write(deploy(load_scene(path, ["expect={}"])), tmp_path / "result.h5")
+    on = [f"initial.from={tmp_path}", "deploy.until=end", "expect={}", "simulate.duration=20"]
+    result = deploy(load_scene(path, on))
+    assert result.status == "locked" and float(np.abs(result["qd"]).max()) < 1e-9

@@ -20,7 +20,7 @@ from robodyn_cli.scene.types import Link, Scene
 CONFIGS = Path(__file__).parents[2] / "configs"
 SCENES = sorted(
     path
-    for folder in (".", "benchmarks", "mechanisms", "search", "trajectories")
+    for folder in (".", "benchmarks", "mechanisms", "published", "search", "trajectories")
     for path in (CONFIGS / folder).glob("*.yaml")
 )
 

@@ -78,9 +78,10 @@ def check(text: str, command: Callable[[Any], Result]) -> None:
     for path, variable in one.variables.items():
         units = units_of(variable)
         factors = [2.0 ** power(unit) for unit in units]
-        np.testing.assert_array_equal(
-            variable.data * (factors if len(factors) > 1 else factors[0]), other[path], f"{path} {units}"
-        )
+        scaled = variable.data * (factors if len(factors) > 1 else factors[0])
+        # rates at rest of which only the sign counts have no size
+        found, expected = (np.where(np.abs(x) < 1e-90, 0.0, x) for x in (scaled, other[path]))
+        np.testing.assert_array_equal(found, expected, f"{path} {units}")
     joints = {"a": "rad", "s": "m"}
     told, again = (
         {steps: x for steps, x in numbers(one.summary) if steps[0] != "wall_time_s"} for one in (one, other)

@@ -120,7 +120,8 @@ class LatchClosing:
 
     order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
     impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. has_peaked : whether the load has been
-    at a peak, so that this says something. opened : when, if it has.
+    at a peak, so that this says something. past : largest load of earlier closings, with its time, where that is known.
+    opened : when, if it has.
     """
 
     order: int
@@ -132,14 +133,23 @@ class LatchClosing:
     peak: float = 0.0
     peak_time: float = 0.0
     has_peaked: bool = False
+    past: tuple[float, float] | None = None
     rebounds: int = 0
     opened: float | Absent = ABSENT
     closings: int = 1
 
+    @property
+    def largest(self) -> tuple[float, float] | None:
+        """The largest load in the spring over all closings, with its time; None where it is not known."""
+        here, past = (self.peak, self.peak_time), self.past
+        if self.has_peaked:
+            return here if past is None else max(here, past)
+        return past if past is not None and past[0] >= self.peak else None
+
     def described(self, rigid: bool) -> LatchLock:
         """Return what the summary says of it."""
-        known = not rigid and self.has_peaked
-        peak, when = (self.peak, self.peak_time) if known else (ABSENT, ABSENT)
+        known = None if rigid else self.largest
+        peak, when = (ABSENT, ABSENT) if known is None else known
         return LatchLock(
             self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.rebounds,
             self.closings, self.opened, LatchLockErrors(),

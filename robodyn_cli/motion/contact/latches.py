@@ -43,12 +43,19 @@ class Latches(LatchStates):
         x = super().begin(t, x, options)
         self._look(t, x)
         self._since[np.abs(self._values) <= TORN] = t
-        for k, name in enumerate(self.names):
-            if name in self.given:
-                self._take_up(x, k, self.given[name])
+        given = [(k, self.given[name]) for k, name in enumerate(self.names) if name in self.given]
+        if given:
+            self._note_brisk(t, x)
+        for k, event in given:
+            self._take_up(x, k, event)
         if self.closed:
             self._rearrange(t, x)
         return x
+
+    def _note_brisk(self, t: float, x: Array) -> None:
+        """Note accelerations before latches close, beside which those that closed ones leave are rounding."""
+        if self.problem.constraints.rows:
+            self._brisk = max(self._brisk, float(np.abs(self.rates(t, x)[0]).max()))
 
     def _take_up(self, x: Array, k: int, event: Mapping[str, Any]) -> None:
         """Close a latch as an earlier run has closed it, at this event."""
@@ -146,8 +153,7 @@ class Latches(LatchStates):
             if classify(self.problem, q, self.passive).kind != "dead_point":
                 return GO_ON
         before = x.copy()
-        if self.problem.constraints.rows:
-            self._brisk = max(self._brisk, float(np.abs(self.rates(t, x)[0]).max()))
+        self._note_brisk(t, x)
         places = list(self.system.v_places)
         together = [k, *self._others(t, x, k)] if latch.rigid else [k]
         self.last = (t, before, min(together))
@@ -204,7 +210,8 @@ class Latches(LatchStates):
         angle = ABSENT if place is None else float(x[place])
         self._direction[k] = 1.0 if speed >= 0.0 else -1.0
         count = 1 if before is None else before.closings + 1
-        self.closings[k] = LatchClosing(order, t, angle, speed, closings=count)
+        past = None if before is None else before.largest
+        self.closings[k] = LatchClosing(order, t, angle, speed, closings=count, past=past)
         if not latch.rigid:
             self.closings[k].peak, self.closings[k].peak_time = abs(latch.law(0.0, abs(speed))), t
 
@@ -297,6 +304,7 @@ class Latches(LatchStates):
     def _bear(self, t: float, x: Array, k: int, change: LatchChange) -> Outcome:
         """Note the load of a compliant latch, and whether it has been left; end a run that went on for its peak."""
         it, waited = self.closings.get(k), not self._has_peaked(k)
+        self._look(t, x)
         if it is None:
             return GO_ON
         inwards = self._direction[k] * self._rate(k, x) > 0.0
