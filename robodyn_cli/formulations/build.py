@@ -72,7 +72,7 @@ def build_system(
         from robodyn_cli.formulations.quasi import with_layout
 
         system = with_layout(problem, system, layout)
-    if problem.latches:
+    if problem.latches and not expanded:
         from robodyn_cli.formulations.closings import Closings
 
         system = dataclasses.replace(system, closings=Closings.of(problem, layout))

@@ -72,14 +72,19 @@ class Built:
     def _written(system: System, method: str) -> set[str]:
         """Return the digests of the programs that the code of a method for a system evaluates."""
         found: set[str] = set()
-        write = Writer.evaluate
+        write, call = Writer.evaluate, Programs.evaluate
 
         def note(w: Writer, program: Program, *args: Any, **named: Any) -> Any:
             found.add(program.digest[:12])
             return write(w, program, *args, **named)
 
+        def note_call(p: Programs, f: Any, program: Program, *args: Any, **named: Any) -> Any:
+            found.add(program.digest[:12])
+            return call(p, f, program, *args, **named)
+
         with pytest.MonkeyPatch.context() as patch:
             patch.setattr(Writer, "evaluate", note)
+            patch.setattr(Programs, "evaluate", note_call)
             write_run(system, methods[method], Programs(True))
         return found
 
