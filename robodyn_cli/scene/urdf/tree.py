@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import os
 from collections.abc import Iterable
@@ -10,7 +11,7 @@ from typing import Any
 
 from robodyn_cli.scene.dialects import RobotTree
 from robodyn_cli.scene.text.nodes import Mapping, Node, plain, sequence
-from robodyn_cli.scene.urdf.closures import Coupling, Ties, loop_of
+from robodyn_cli.scene.urdf.closures import Coupling, Ties, tie_entries
 from robodyn_cli.scene.urdf.drake import Rotor
 from robodyn_cli.scene.urdf.elements import (
     ACCELERATION,
@@ -72,25 +73,16 @@ class _Tree:
         ]
         links = [self.written.link(link) for link in self.robot.links]
         entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
-        couplers = [
+        mimics = [
             self.coupler(joint, relation)
             for joint in self.robot.joints
             if (relation := self.relations.get(joint.name)) is not None and relation.joint
         ]
-        names = scene_names(ties.names, self.joints.values())
-        couplers += [self.coupling(x, names[x.name]) for x in ties.couplings]
-        if couplers:
+        ties = dataclasses.replace(ties, couplings=tuple(map(self.coupling, ties.couplings)))
+        closing = tie_entries(ties, self.joints.values(), self.links)
+        if couplers := [*mimics, *closing.pop("couplers", ())]:
             entries["couplers"] = sequence(place, couplers)
-        loops: list[Mapping] = []
-        points: dict[str, Mapping] = {}
-        for closure in ties.closures:
-            loop, joined = loop_of(closure, names[closure.name], self.links)
-            loops.append(plain(closure.place, loop))
-            points |= {name: plain(closure.place, point) for name, point in joined.items()}
-        if points:
-            entries["points"] = plain(place, points)
-        if loops:
-            entries["loops"] = sequence(place, loops)
+        entries |= closing
         return RobotTree(plain(place, entries), self.joint_remarks, self.written.remarks)
 
     # -- joints ---------------------------------------------------------------------------------------
@@ -171,13 +163,12 @@ class _Tree:
             entries["value"] = relation.offset
         return plain(place, entries)
 
-    def coupling(self, coupling: Coupling, name: str) -> Mapping:
-        """Return the sum of coefficient times q = 0; joints that are held count by where they are."""
+    def coupling(self, coupling: Coupling) -> Coupling:
+        """Return a coupling of joints by their names in the scene; those that are held count by where they are."""
         held = {joint: x.offset for joint, x in self.relations.items() if x.joint is None}
         terms = {self.joints[joint]: x for joint, x in coupling.terms.items() if joint not in held}
-        value = -sum(x * held[joint] for joint, x in coupling.terms.items() if joint in held)
-        entries: dict[str, Any] = {"name": name, "terms": terms}
-        return plain(coupling.place, entries | ({"value": value} if value else {}))
+        value = coupling.value - sum(x * held[joint] for joint, x in coupling.terms.items() if joint in held)
+        return dataclasses.replace(coupling, terms=terms, value=value)
 
 
 def rotor_entries(rotor: Rotor) -> dict[str, Any]:
