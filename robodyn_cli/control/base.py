@@ -139,7 +139,7 @@ class Controller(ControlLaw):
     """
 
     joints: tuple[str, ...] | None = key(
-        ListOf(Name(of="joint"), minimum=1),
+        ListOf(Name(of="joint")),
         default=None,
         doc="Joints that it drives; by default `actuated`, or else all that are not prescribed.",
     )

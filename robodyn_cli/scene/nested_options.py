@@ -201,13 +201,13 @@ class Latch:
         ListOf(Name(of="link"), minimum=2, maximum=2), doc="The two links it fixes."
     )
     at: dict[str, float] = key(
-        JointMap(Number()),
+        JointMap(Number(), minimum=1),
         default=None,
         unit="rad or m",
         doc="Position of one joint at which it closes, for `criterion: latch`.",
     )
     at_limit: dict[str, str] = key(
-        JointMap(Choice(("lower", "upper"))),
+        JointMap(Choice(("lower", "upper")), minimum=1),
         default=None,
         doc="Or: the limit of one joint at which it closes, such as a stop.",
     )
@@ -241,13 +241,13 @@ class DeployLatch:
         "joins.",
     )
     at: Any = key(
-        Either((Number(), JointMap(Number()))),
+        Either((Number(), JointMap(Number(), minimum=1))),
         default=None,
         unit="rad or m",
         doc="Position at which it closes: of its own `joint`, or {JOINT: POSITION} of another.",
     )
     at_limit: dict[str, str] = key(
-        JointMap(Choice(("lower", "upper"))), default=None, doc="Or the limit of a joint at which it closes."
+        JointMap(Choice(("lower", "upper")), minimum=1), default=None, doc="Or the limit of a joint at which it closes."
     )
     at_dead_point: bool = key(Boolean(), default=False, doc="Or: it closes in a dead point of the input.")
     when: FormulaTree | None = key(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import dataclasses
 import math
-from collections.abc import Iterable
 from collections.abc import Mapping as MappingOf
 from functools import partial
 from typing import Any
@@ -15,7 +14,7 @@ from robodyn_cli.expr.statements import Expectation, Variation, parse_expectatio
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.record import record
 from robodyn_cli.scene.read_joints import coordinate_of, joint_map
-from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader, units_of_entries
+from robodyn_cli.scene.read_scalars import BROKEN, Names, ScalarReader, entries, units_of_entries
 from robodyn_cli.scene.robot_types import Joint
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import concrete
@@ -26,10 +25,6 @@ _MAX_LISTED = 20
 _LONGEST = 1e100
 # keys of summaries whose figures are in degrees
 IN_DEGREES = frozenset({"angles_deg", "smallest_deg", "largest_deg"})
-
-
-def _entries(node: nodes.Sequence) -> str:
-    return f"has {len(node.items)} {'entry' if len(node.items) == 1 else 'entries'}"
 
 
 @record
@@ -113,7 +108,7 @@ class Reader(ScalarReader):
         if not isinstance(node, nodes.Sequence):
             raise self.wrong(kind, node, path, unit)
         if kind.size and len(node.items) != kind.size:
-            raise self.wrong(kind, node, path, unit, _entries(node))
+            raise self.wrong(kind, node, path, unit, entries(len(node.items)))
         units = units_of_entries(kind, unit, len(node.items))
         return tuple(
             self.plain_number(kinds.Number(), item, (*path, k), units[k]) for k, item in enumerate(node.items)
@@ -135,19 +130,9 @@ class Reader(ScalarReader):
         if not isinstance(node, nodes.Sequence):
             raise self.wrong(kind, node, path, unit)
         if len(node.items) < kind.minimum or (kind.maximum is not None and len(node.items) > kind.maximum):
-            raise self.wrong(kind, node, path, unit, _entries(node))
+            raise self.wrong(kind, node, path, unit, entries(len(node.items)))
         items = tuple(self.value(kind.item, item, (*path, k), unit) for k, item in enumerate(node.items))
         return BROKEN if any(x is BROKEN for x in items) else items
-
-    def entries_of(
-        self, kind: kinds.Kind, node: nodes.Node, path: nodes.Path, unit: str
-    ) -> Iterable[tuple[nodes.Scalar, nodes.Node]]:
-        """Return the entries of a map; one whose value is left empty has none."""
-        if isinstance(node, nodes.Scalar) and node.value is None:
-            return ()
-        if not isinstance(node, nodes.Mapping):
-            raise self.wrong(kind, node, path, unit)
-        return node.entries
 
     def map_of(self, kind: kinds.MapOf, node: nodes.Node, path: nodes.Path, unit: str) -> dict[str, Any]:
         result = {}

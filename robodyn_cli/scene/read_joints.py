@@ -33,12 +33,8 @@ LENGTH = 1e-3  # tolerance of a quaternion's length 1: three digits
 
 def joint_map(reader: ScalarReader, kind: JointMap, node: Node, path: Path, unit: str) -> dict[str, Any]:
     """Return values by column of q or v."""
-    if isinstance(node, Scalar) and node.value is None:
-        return {}
-    if not isinstance(node, Mapping):
-        raise reader.wrong(kind, node, path, unit)
     result: dict[str, Any] = {}
-    for key, item in node.entries:
+    for key, item in reader.entries_of(kind, node, path, unit):
         here = (*path, key.text)
         with reader.faults:
             reader.check_name(kind.of, key, here)

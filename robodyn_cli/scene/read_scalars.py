@@ -6,7 +6,7 @@ import contextlib
 import dataclasses
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from robodyn_cli.errors import SceneError, did_you_mean, shown
@@ -14,6 +14,7 @@ from robodyn_cli.expr import formula as fm
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import (
     Faults,
+    Mapping,
     Node,
     Path,
     Scalar,
@@ -25,6 +26,7 @@ from robodyn_cli.scene.text.nodes import (
 from robodyn_cli.schema.fields import (
     Boolean,
     Choice,
+    Collection,
     CsvFile,
     Formula,
     Integer,
@@ -165,6 +167,18 @@ class ScalarReader:
         if high is not None and (value > high or (strict and value == high)):
             raise self.wrong(kind, node, path, unit, "is too large")
 
+    def entries_of(
+        self, kind: Collection, node: Node, path: Path, unit: str
+    ) -> Sequence[tuple[Scalar, Node]]:
+        """Return the entries of a map; one whose value is left empty has none."""
+        if isinstance(node, Scalar) and node.value is None and not kind.minimum:
+            return ()
+        if not isinstance(node, Mapping):
+            raise self.wrong(kind, node, path, unit)
+        if len(node.entries) < kind.minimum:
+            raise self.wrong(kind, node, path, unit, entries(len(node.entries)))
+        return node.entries
+
     def integer(self, kind: Integer, node: Node, path: Path, unit: str) -> int:
         value = self.plain_number(kind, node, path, unit or "1")
         if not value.is_integer():
@@ -274,6 +288,11 @@ class ScalarReader:
             return fm.parse(node.text)
         except SceneError as error:
             raise located(node, dotted(path), f"{error.message}; allowed: {describe(kind, unit)}") from None
+
+
+def entries(count: int) -> str:
+    """Return in words how many entries there are."""
+    return f"has {count} {'entry' if count == 1 else 'entries'}" if count else "has no entry"
 
 
 def units_of_entries(kind: Vector, unit: str, count: int) -> list[str]:

@@ -143,7 +143,7 @@ class Link:
         Section(Inertia), default=Inertia(), doc="About the centre of mass, in the axes of `com_frame`."
     )
     visual: tuple[Shape, ...] = key(
-        ListOf(LaterSection("scene.robot_parts:Shape")),
+        ListOf(LaterSection("scene.robot_parts:Shape"), minimum=0),
         default=(),
         doc="Shapes that it is drawn with; the equations ignore them.",
     )
@@ -213,9 +213,9 @@ class Robot:
     """The tree of joints and links."""
 
     joints: tuple[Joint, ...] = key(
-        ListOf(Section(Joint), minimum=1), doc="Joints; their order is that of q."
+        ListOf(Section(Joint)), doc="Joints; their order is that of q."
     )
-    links: tuple[Link, ...] = key(ListOf(Section(Link), minimum=1), doc="Links.")
+    links: tuple[Link, ...] = key(ListOf(Section(Link)), doc="Links.")
     convention: str | None = key(
         Choice(("standard", "modified")),
         default=None,
@@ -226,20 +226,20 @@ class Robot:
         default=Placement(),
         doc="Placement of the base in the world (gravity is a world vector).",
     )
-    points: dict[str, Point] = key(MapOf(Section(Point), of="point"), default=None, doc="Named points.")
-    frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame"), default=None, doc="Named frames.")
+    points: dict[str, Point] = key(MapOf(Section(Point), of="point", minimum=0), default=None, doc="Named points.")
+    frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame", minimum=0), default=None, doc="Named frames.")
     couplers: tuple[Coupler, ...] = key(
-        ListOf(LaterSection("scene.robot_parts:Coupler")),
+        ListOf(LaterSection("scene.robot_parts:Coupler"), minimum=0),
         default=(),
         doc="Relations between joint coordinates that belong to the robot, as those of the scene.",
     )
     loops: tuple[Any, ...] = key(
-        ListOf(Tagged(lambda: loop_types)),
+        ListOf(Tagged(lambda: loop_types), minimum=0),
         default=(),
         doc="Loop closures that belong to the robot, as those of the scene.",
     )
     attach: tuple[Attachment, ...] = key(
-        ListOf(Section(Attachment)),
+        ListOf(Section(Attachment), minimum=0),
         default=(),
         doc="Links and robots to add, behind the joints and links that are there; they become part of these lists.",
     )

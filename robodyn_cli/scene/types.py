@@ -85,7 +85,7 @@ class Initial:
         doc="Rates; 0 where not given.",
     )
     hold: tuple[str, ...] = key(
-        ListOf(Name(of="joint")), default=(), doc="Joints kept at their value when the loops are closed."
+        ListOf(Name(of="joint"), minimum=0), default=(), doc="Joints kept at their value when the loops are closed."
     )
     source: str | None = key(
         Text(),
@@ -185,24 +185,24 @@ class Scene:
         Choice(SCENE_COMMANDS), default=None, doc="What `robodyn run` does with this file."
     )
     parameters: dict[str, float] = key(
-        MapOf(Number(), of="parameter"), default=None, doc="Named constants for formulas."
+        MapOf(Number(), of="parameter", minimum=0), default=None, doc="Named constants for formulas."
     )
-    loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types)), default=(), doc="Loop closures.")
+    loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types), minimum=0), default=(), doc="Loop closures.")
     forces: tuple[Any, ...] = key(
-        ListOf(Tagged(lambda: force_types)), default=(), doc="Forces on points and between bodies."
+        ListOf(Tagged(lambda: force_types), minimum=0), default=(), doc="Forces on points and between bodies."
     )
     payloads: tuple[nested.Payload, ...] = key(
-        ListOf(LaterSection("scene.nested_options:Payload")),
+        ListOf(LaterSection("scene.nested_options:Payload"), minimum=0),
         default=(),
         doc="Masses that links pick up and release.",
     )
     couplers: tuple[Coupler, ...] = key(
-        ListOf(LaterSection("scene.robot_parts:Coupler")),
+        ListOf(LaterSection("scene.robot_parts:Coupler"), minimum=0),
         default=(),
         doc="Gears, racks, belts: relations between joint coordinates.",
     )
     actuated: tuple[str, ...] | None = key(
-        ListOf(Name(of="joint")),
+        ListOf(Name(of="joint"), minimum=0),
         default=None,
         doc="Actuated joints; default: all in open chains, those in `torques` in loops.",
     )
@@ -213,7 +213,7 @@ class Scene:
         doc="Actuator torques: a number, a formula in t, q and qd, or a table; with a role by their section.",
     )
     drives: dict[str, Any] = key(
-        MapOf(LaterSection("motors.drive:Drive"), of="joint"),
+        MapOf(LaterSection("motors.drive:Drive"), of="joint", minimum=0),
         default=None,
         doc="Motors, gears and brakes of joints, whose torques, heat and limits `inverse` and `simulate` report.",
     )
@@ -267,7 +267,7 @@ class Scene:
     )
     outputs: Outputs = key(Section(Outputs), default=Outputs(), doc="Further quantities to record.")
     expect: dict[str, Expectation] = key(
-        Criteria(), default=None, doc="What `robodyn run` and `check` expect of the summary."
+        Criteria(minimum=0), default=None, doc="What `robodyn run` and `check` expect of the summary."
     )
     study: StudyOptions = key(
         Section(StudyOptions), default=StudyOptions(), doc="What `sweep` varies, and how."

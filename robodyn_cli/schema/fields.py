@@ -86,18 +86,30 @@ class Formula(Kind):
 
 
 @record
-class ListOf(Kind):
+class Collection(Kind):
+    """Base of lists and maps, of at least ``minimum`` entries.
+
+    An empty one that asks for something would be read as if it were absent, so it is refused. The minimum is 0 where it
+    says what there is: no forces, no parameters.
+    """
+
+    minimum = 0
+
+
+@record
+class ListOf(Collection):
     item: Kind
-    minimum: int = 0
+    minimum: int = 1
     maximum: int | None = None
 
 
 @record
-class MapOf(Kind):
+class MapOf(Collection):
     """A map from names (``of`` says of what: joint, link, ...) to values."""
 
     item: Kind
     of: str = ""
+    minimum: int = 1
 
 
 @record
@@ -109,23 +121,30 @@ class JointMap(MapOf):
     """
 
     of: str = "joint"
+    minimum: int = 0  # there may be no joint that moves
     coordinates: str = "q"
     word: str = ""
 
 
 @record
-class Criteria(Kind):
+class Criteria(Collection):
     """A map from key paths of a run's summary (``lock.time``) to what is expected there (``12.28 +- 0.01``)."""
 
+    minimum: int = 1
+
 
 @record
-class Variations(Kind):
+class Variations(Collection):
     """A map from key paths of the scene to what they vary over in a study (``normal(13, 5 %)``)."""
 
+    minimum: int = 1
+
 
 @record
-class Settings(Kind):
+class Settings(Collection):
     """A map from key paths of the scene to values, each of which is read as the text of ``--set`` (``0.8``)."""
+
+    minimum: int = 1
 
 
 @record
@@ -245,8 +264,7 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    maps = (MapOf, Criteria, Variations, Settings)
-    if default is None and any(isinstance(k, maps) for k in getattr(kind, "kinds", (kind,))):
+    if default is None and any(isinstance(k, Collection) and not isinstance(k, ListOf) for k in getattr(kind, "kinds", (kind,))):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 
@@ -397,4 +415,4 @@ def _collection(kind: ListOf | MapOf) -> str:
         return f"a list of {kind.minimum} {item}"
     if kind.maximum is not None:
         return f"a list of {kind.minimum} to {kind.maximum} {item}"
-    return f"a list of {item}" + (f", at least {kind.minimum}" if kind.minimum else "")
+    return f"a list of {item}" + (f", at least {kind.minimum}" if kind.minimum > 1 else "")

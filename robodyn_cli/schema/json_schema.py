@@ -131,11 +131,11 @@ class _Maker:
             return {"type": ["number", "string"]}
         if isinstance(kind, kinds.Criteria):
             value = {"type": ["number", "string", "boolean", "null", "object"]}
-            return {"type": ["object", "null"], "additionalProperties": value}
+            return {**_few(kind), "additionalProperties": value}
         if isinstance(kind, kinds.Variations):
-            return {"type": "object", "additionalProperties": {"type": ["string", "array"]}}
+            return {**_few(kind), "additionalProperties": {"type": ["string", "array"]}}
         if isinstance(kind, kinds.Settings):
-            return {"type": ["object", "null"]}
+            return _few(kind)
         return self.composite(kind)
 
     def composite(self, kind: kinds.Kind) -> Schema:
@@ -152,13 +152,13 @@ class _Maker:
                 "additionalProperties": {"anyOf": [item, several]},
             }
             return {
-                "type": ["object", "null"],
+                **_few(kind),
                 "propertyNames": {"pattern": _name_pattern(kind.of)},
                 "additionalProperties": {"anyOf": [item, several, by_name]},
             }
         if isinstance(kind, kinds.MapOf):
             return {
-                "type": ["object", "null"],
+                **_few(kind),
                 "propertyNames": {"pattern": _name_pattern(kind.of)},
                 "additionalProperties": self.kind(kind.item),
             }
@@ -209,6 +209,13 @@ class _Maker:
             "properties": {kinds.INCLUDE: {"type": "string"}},
             "required": [kinds.INCLUDE],
         }
+
+
+def _few(kind: kinds.Collection) -> Schema:
+    """Return the type of a map, which may be left empty or null where no entry is needed."""
+    if kind.minimum:
+        return {"type": "object", "minProperties": kind.minimum}
+    return {"type": ["object", "null"]}
 
 
 def _name_pattern(of: str) -> str:

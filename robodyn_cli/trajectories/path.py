@@ -77,7 +77,7 @@ class PathTrajectory(TaskSpaceTrajectory):
     )
     start: PathStart = key(Section(PathStart), doc="Where the path begins.")
     segments: tuple[Any, ...] = key(
-        ListOf(Tagged(lambda: segment_types), minimum=1), doc="The segments, in their order."
+        ListOf(Tagged(lambda: segment_types)), doc="The segments, in their order."
     )
     relative_to: str | None = relative_key()
     facing: PathFacing | None = key(

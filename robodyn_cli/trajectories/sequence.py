@@ -34,7 +34,7 @@ class SequenceTrajectory(JointSpaceTrajectory):
 
     type: str = key(Choice(("sequence",)), doc="Kind of trajectory.")
     segments: tuple[Any, ...] = key(
-        ListOf(OrFile(Tagged(lambda: trajectory_types)), minimum=1),
+        ListOf(OrFile(Tagged(lambda: trajectory_types))),
         doc="Trajectories of any kind, in their order; each has times of its own.",
     )
     repeat: int = key(Integer(minimum=1, maximum=10_000), default=1, doc="How many times all of it is done.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import dataclasses
 import json
 import re
 from collections.abc import Iterator
@@ -17,9 +18,12 @@ from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.scene.text.includes import Includer
-from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.read import Reader
+from robodyn_cli.scene.read_scalars import Names
+from robodyn_cli.scene.text.nodes import Faults, Scalar, Source, mapping, sequence
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.schema.json_schema import json_schema
+from robodyn_cli.schema import fields as kinds
+from robodyn_cli.schema.json_schema import _Maker, json_schema
 from tests.unit.scene_text import plain
 
 ROOT = Path(__file__).parents[2]
@@ -60,6 +64,54 @@ def test_every_key_has_words_and_numbers_their_unit() -> None:
     mass = SCHEMA["$defs"]["Link"]["properties"]["mass"]
     assert mass["description"] == "Mass. A number >= 0 [kg]."
     assert {"type": "number", "minimum": 0.0} in mass["anyOf"][0]["anyOf"]
+
+
+# lists and maps that say what there is, which may be nothing; all others ask for something
+MAY_BE_EMPTY = {
+    "Scene.loops", "Scene.forces", "Scene.payloads", "Scene.couplers", "Scene.actuated", "Scene.drives", "Scene.parameters",
+    "Scene.expect", "Initial.hold", "Robot.points", "Robot.frames", "Robot.loops", "Robot.couplers", "Robot.attach",
+    "Link.visual", "Attachment.visual", "Catalogue.motors", "Catalogue.gears", "Catalogue.brakes", "ByFormulas.state",
+}  # fmt: skip
+
+
+def collections(kind: Any, key: str, seen: set[type]) -> Iterator[tuple[str, kinds.Collection]]:
+    """Yield the lists and maps that keys of a scene may hold."""
+    if isinstance(kind, kinds.Collection):
+        yield key, kind
+    inner = [getattr(kind, "item", None), *getattr(kind, "kinds", ())]
+    classes = [kind.cls] if isinstance(kind, kinds.Section) else []
+    if isinstance(kind, (kinds.Tagged, kinds.Inline)):
+        classes += kind.registry().values()
+    for cls in classes:
+        if cls not in seen:
+            seen.add(cls)
+            for field in dataclasses.fields(cls):
+                yield from collections(
+                    field.metadata.get("kind"), f"{cls.__name__}.{kinds.key_name(field)}", seen
+                )
+    for one in inner:
+        if one is not None:
+            yield from collections(one, key, seen)
+
+
+COLLECTIONS = dict(collections(kinds.Section(Scene), "", set()))
+
+
+@pytest.mark.parametrize("key", COLLECTIONS)
+def test_what_asks_for_something_is_not_empty(key: str) -> None:
+    kind = COLLECTIONS[key]
+    assert (kind.minimum == 0) == (key in MAY_BE_EMPTY or type(kind) is kinds.JointMap and not kind.minimum)
+    is_list = isinstance(kind, kinds.ListOf)
+    place = Scalar(Source("scene.yaml", "."), 3, 7, "", None)
+    empty = sequence(place, []) if is_list else mapping(place, [])
+    validator = jsonschema.Draft202012Validator(_Maker().kind(kind))
+    faults = Faults()
+    value = Reader(Names(), faults, {}).value(kind, empty, (key,))
+    assert validator.is_valid([] if is_list else {}) == (kind.minimum == 0)
+    if kind.minimum:
+        assert faults.found[0].message.startswith(f"scene.yaml:3:7: {key}: has no entry (value an empty ")
+    else:
+        assert not faults.found and not value
 
 
 def arm() -> dict[str, Any]:

@@ -237,8 +237,8 @@ def describe_node(node: Node) -> str:
             return shown(node.value)
         return node.text if len(node.text) <= 60 else node.text[:57] + "..."
     if isinstance(node, Sequence):
-        return f"a list of {len(node.items)}"
-    return "a map"
+        return f"a list of {len(node.items)}" if node.items else "an empty list"
+    return "a map" if isinstance(node, Mapping) and node.entries else "an empty map"
 
 
 # reading ends after so many
