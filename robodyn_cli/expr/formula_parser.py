@@ -122,7 +122,7 @@ class Parser:
         if not math.isfinite(number):
             self.fail(token, f"{token.text!r} gives {number}; allowed: finite numbers")
         kind = self.checked(token, lambda: quantity_of(node, {}))
-        return tree.Num(number, kind.dims if kind.stated else None)
+        return tree.Num(number, kind.kinds[0] if kind.stated and kind.kinds else None)
 
     def checked(self, token: Token, kind: Callable[[], FormulaQuantity]) -> FormulaQuantity:
         """Return what a number is of; what has no unit is refused at a place of the formula."""

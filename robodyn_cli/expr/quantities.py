@@ -16,6 +16,8 @@ from robodyn_cli.expr import units
 from robodyn_cli.record import record
 
 _KEEPING = ("abs", "min", "max")  # functions whose values are of the kind of their arguments
+_ANY = ("sign", "step")  # functions of values of any kind; those of angles and plain numbers are all others
+_MOST_KINDS = 16  # that a product of many times may be of
 _TIME = units.table()["s"].dims
 
 
@@ -23,11 +25,12 @@ _TIME = units.table()["s"].dims
 class FormulaQuantity:
     """The kind of a value, as powers of the bases.
 
-    dims : None where it is not known. stated : whether a unit in the formula tells it. scaled : whether a number with a
-    unit is a factor of it, so that other factors need none. named : whether names are part of it.
+    kinds : those that it may be of, its own first; none where it is not known. stated : whether a unit in the formula
+    tells it. scaled : whether a number with a unit is a factor of it, so that other factors need none. named : whether
+    names are part of it.
     """
 
-    dims: units.Dims | None = None
+    kinds: tuple[units.Dims, ...] = ()
     stated: bool = False
     scaled: bool = False
     named: bool = True
@@ -35,7 +38,12 @@ class FormulaQuantity:
     @property
     def is_free(self) -> bool:
         """Whether it may stand beside any other: a plain number, or one of which nothing is known."""
-        return self.dims is None or (not self.stated and self.dims == units.PLAIN)
+        return not self.kinds or (not self.stated and self.kinds == (units.PLAIN,))
+
+    def fits(self, dims: units.Dims) -> bool:
+        """Tell whether it may be of a kind; the angle in the length of an arc, r theta, is written nowhere."""
+        is_number = not self.scaled and units.PLAIN in self.kinds
+        return not self.stated or is_number or any(units.alike(kind, dims) for kind in self.kinds)
 
     def plus(self, other: FormulaQuantity) -> FormulaQuantity:
         """Return the kind of a sum; of values that are compared, too.
@@ -47,41 +55,54 @@ class FormulaQuantity:
         named = self.named or other.named
         if self.is_free or other.is_free:
             return dataclasses.replace(other if self.is_free else self, named=named)
-        assert self.dims is not None and other.dims is not None
-        if self.dims == other.dims:
-            return FormulaQuantity(
-                self.dims, self.stated or other.stated, self.scaled and other.scaled, named
-            )
-        # the angle in the length of an arc, r theta, is written nowhere
-        if (named and units.alike(self.dims, other.dims)) or not (self.stated or other.stated):
-            return FormulaQuantity()
-        return FormulaQuantity(units.combined("+", self.dims, other.dims))
+        stated, scaled = self.stated or other.stated, self.scaled and other.scaled
+        mine, theirs = (x.kinds if x.scaled else x.kinds[:1] for x in (self, other))
+        common = [kind for kind in mine if kind in theirs]
+        if common:
+            # t - 2 s may be meant as a plain number where t may
+            common += [kind for kind in (*self.kinds, *other.kinds) if kind == units.PLAIN and not scaled]
+            return FormulaQuantity(tuple(dict.fromkeys(common)), stated, scaled, named)
+        if stated and not (named and any(units.alike(a, b) for a in mine for b in theirs)):
+            units.combined("+", mine[0], theirs[0])
+        return FormulaQuantity()
 
     def times(self, other: FormulaQuantity, op: str = "*") -> FormulaQuantity:
         """Return the kind of a product or quotient.
 
-        ``5 N m * t`` and ``30 deg * tip.x`` are meant a second and a metre, as ``2*tip.x`` may be: unknown.
+        ``30 deg * tip.x`` may be meant a metre, and ``2*tip.x`` may be anything.
         """
         named, scaled = self.named or other.named, self.scaled or other.scaled
-        if self.dims is None or other.dims is None or (named and not scaled):
+        if not self.kinds or not other.kinds or (named and not scaled):
             return FormulaQuantity()
+        products = [units.combined(op, a, b) or units.PLAIN for a in self.kinds for b in other.kinds]
         for one, beside in ((self, other), (other, self)):
-            assert beside.dims is not None
-            is_angle = units.alike(beside.dims, units.PLAIN)
-            if not one.stated and one.dims != units.PLAIN and (is_angle or one.dims == _TIME):
-                return FormulaQuantity()
-        return FormulaQuantity(units.combined(op, self.dims, other.dims), scaled, scaled, named)
+            if not one.stated and all(units.alike(kind, units.PLAIN) for kind in beside.kinds):
+                products += beside.kinds
+        kinds = tuple(dict.fromkeys(products))
+        return FormulaQuantity(kinds if len(kinds) < _MOST_KINDS else (), scaled, scaled, named)
 
     def to_the(self, power: float, of_what: str) -> FormulaQuantity:
         """Return the kind of a power; SceneError where a stated one has none, as sqrt(2 m)."""
-        try:
-            return FormulaQuantity(
-                units.raised(self.dims, power, of_what), self.stated, self.scaled, self.named
-            )
-        except SceneError:
-            if self.stated and not self.named:
-                raise
-            return FormulaQuantity()
+        kinds = []
+        for kind in self.kinds:
+            try:
+                kinds.append(units.raised(kind, power, of_what) or units.PLAIN)
+            except SceneError:
+                if self.stated and not self.named:
+                    raise
+        return dataclasses.replace(self, kinds=tuple(kinds))
+
+    def of_function(self, name: str) -> FormulaQuantity:
+        """Return the kind of a function such as the sine.
+
+        Raises
+        ------
+        SceneError : it is asked of a length.
+        """
+        needs_number = name not in _ANY and self.scaled and bool(self.kinds)
+        if needs_number and not any(units.alike(kind, units.PLAIN) for kind in self.kinds):
+            raise SceneError(f"{name} takes a number or an angle, not a quantity in {units.written(self.kinds[0])}")
+        return FormulaQuantity((units.PLAIN,), named=self.named)
 
 
 _BY_GROUP = {"q": "", "ref": "", "qd": "/s", "refd": "/s", "refdd": "/s^2"}
@@ -113,10 +134,12 @@ def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> Form
     inner = functools.partial(quantity_of, names=names)
     if isinstance(node, tree.Num):
         return FormulaQuantity(
-            node.unit or units.PLAIN, node.unit is not None, node.unit is not None, named=False
+            (node.unit or units.PLAIN,), node.unit is not None, node.unit is not None, named=False
         )
     if isinstance(node, tree.Identifier):
-        return FormulaQuantity(names.get(node.name))
+        dims = names.get(node.name)
+        # 5 N m * t is meant a second
+        return FormulaQuantity(() if dims is None else (dims, units.PLAIN) if dims == _TIME else (dims,))
     if isinstance(node, tree.Negative):
         return inner(node.operand)
     if isinstance(node, tree.Chain):
@@ -126,7 +149,7 @@ def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> Form
         return kind
     if isinstance(node, tree.Power):
         base, exponent = inner(node.base), node.exponent
-        inner(exponent)
+        inner(exponent).of_function("^")
         if isinstance(exponent, tree.Num):
             return base.to_the(exponent.number, "^")
         return base if base.is_free else FormulaQuantity()
@@ -139,4 +162,6 @@ def quantity_of(node: tree.FormulaNode, names: Mapping[str, units.Dims]) -> Form
         return kinds[0].to_the(0.5, "sqrt")
     if node.function in _KEEPING:
         return functools.reduce(FormulaQuantity.plus, kinds)
-    return FormulaQuantity(units.PLAIN, named=any(kind.named for kind in kinds))
+    if node.function == "atan2":
+        return kinds[0].plus(kinds[1]).of_function("sign")
+    return kinds[0].of_function(node.function)

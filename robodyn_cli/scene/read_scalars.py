@@ -264,12 +264,12 @@ class ScalarReader:
             quantity = quantity_of(tree.root, {name: x.dims for name, x in known.items() if x is not None})
         except SceneError as error:
             raise located(node, dotted(path), f"formula {shown(tree.text)}: {error.message}") from None
-        if not unit or not quantity.stated or quantity.dims is None:
+        if not unit or not quantity.kinds:
             return
         forms = [form for form in map(units.of, units.forms(unit)) if form is not None]
-        fault = units.fault(quantity.dims, unit, f"the formula {shown(tree.text)}")
-        if fault and not any(units.alike(quantity.dims, form.dims) for form in forms):
-            raise self.wrong(kind, node, path, unit, fault)
+        faults = [units.fault(dims, unit, f"the formula {shown(tree.text)}") for dims in quantity.kinds]
+        if all(faults) and not any(quantity.fits(form.dims) for form in forms):
+            raise self.wrong(kind, node, path, unit, faults[0])
 
     def check_moving(self, tree: fm.FormulaTree, node: Node, path: Path) -> None:
         """Refuse the names of joints without a coordinate."""

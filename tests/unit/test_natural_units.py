@@ -292,10 +292,13 @@ robot:
 torques: {swing: "SWING", slide: "SLIDE"}
 """
 FITTING = [
-    "-5 N m/rad * swing - 20 N mm s * qd.swing", "5 N * tip.z", "3 N m * sin(2 Hz * t) * cos(swing)", "30 deg * t",
+    "-5 N m/rad * swing - 20 N mm s * qd.swing", "5 N * tip.z", "3 N m * sin(2 Hz * t) * cos(swing)", "3 N m * t",
     "-10*(qd.swing - 5 rpm)", "2*tip.z - 5 N m", "5 N*(tip.x - 3 mm)", "if(t < 500 ms, 1, 2)", "3 N m/s*t",
     "0.1 m*swing*5 N + 2 N m", "5 N/m*length(tip, base.origin)^2", "max(5 N m, 2*tip.x)", "p.free*tip.x - 3 N m",
     "20*(angle(tip, base.origin, a.com) - 5 deg)", "tip.x + tip.vx", "3 N*sqrt(tip.x^2 + (2 mm)^2)",
+    "sin(t - 2 s)", "t - 2 s", "3 N m*t^2", "3 N m*(t - 2 s)^2", "sin(t/(3 s))", "exp(-(t - 500 ms)/(20 ms))",
+    "3 N m*sin(90 deg/s*t)", "3 N m*sin(90 deg*t)", "step(t - 500 ms)", "sign(tip.x - 3 mm)", "3 N m*t/(2 s)",
+    "5 N m*tip.x/(3 mm)", "3*atan2(tip.y, 3 mm)", "5 N m - 3 N m*t", "sin(tip.x - 3 mm)", "2^(t/(3 s))", "free*3 m*t",
 ]  # fmt: skip
 UNFIT = {
     "tip.z - 5 s": "m and s do not add up",
@@ -308,9 +311,21 @@ UNFIT = {
     "swing - 3 mm": "rad and m do not add up",
     "qd.slide*2 + (slide - 3 mm/s)": "m and m/s do not add up",
     "min(tip.x, 5 kg)": "m and kg do not add up",
+    "t - 5 deg": "s and rad do not add up",
+    "atan2(tip.y, 5 s)": "m and s do not add up",
+    "10 m*t + swing": "m s and rad do not add up",
     "5 N m * tip.z": "torque in N m expected, the formula '5 N m * tip.z' is",
     "2*tip.z - 5 kg": "torque in N m expected, the formula '2*tip.z - 5 kg' is a mass",
     "3 N m/s*qd.slide": "torque in N m expected",
+    "2 m * t": "torque in N m expected, the formula '2 m * t' is in m s",
+    "30 deg * t": "torque in N m expected",
+    "3 kg * t^2": "torque in N m expected",
+    "2 N * sin(t)": "torque in N m expected, the formula '2 N * sin(t)' is a force",
+    "3 kg / t": "torque in N m expected",
+    "sin(3 m)": "sin takes a number or an angle, not a quantity in m",
+    "3 N m*cos(3 m * t)": "cos takes a number or an angle, not a quantity in m s",
+    "exp(2 kg*tip.x)": "exp takes a number or an angle, not a quantity in kg m",
+    "2^(3 s)": "^ takes a number or an angle, not a quantity in s",
 }
 
 
@@ -325,6 +340,35 @@ def test_formulas_whose_units_do_not_go_together_are_refused(formula: str) -> No
     with pytest.raises(SceneError, match="torques.swing") as caught:
         load_scene_text(POINTED.replace("SWING", formula).replace("SLIDE", "0"))
     assert UNFIT[formula] in caught.value.message
+
+
+@pytest.mark.parametrize(
+    "joint, formula, words",
+    [
+        ("swing", "10 m * t", "angle in rad expected, the formula '10 m * t' is in m s"),
+        ("swing", "3 kg * t", "angle in rad expected"),
+        ("slide", "30 deg * t", "length in m expected"),
+        ("slide", "3 m/s^2 * t", "length in m expected"),
+        ("swing", "30 deg * t", ""),
+        ("swing", "30 deg/s * t + 5 deg * sin(t)", ""),
+        ("swing", "2 Hz * t", ""),
+        ("slide", "10 m * t", ""),
+        ("slide", "3 m/s^2 * t^2", ""),
+        ("slide", "t - 2 s", ""),
+    ],
+)
+def test_formulas_of_positions_are_of_their_joint(joint: str, formula: str, words: str) -> None:
+    text = POINTED[: POINTED.index("torques")] + f"prescribed: {{{joint}: '{formula}'}}\n"
+    if not words:
+        load_scene_text(text)
+        return
+    with pytest.raises(SceneError) as caught:
+        load_scene_text(text)
+    assert words in caught.value.message
+
+
+def test_a_formula_of_very_many_times_is_read_at_once() -> None:
+    load_scene_text(POINTED.replace("SWING", "2 s" + "*t" * 2000).replace("SLIDE", "2 N*sin(t)"))
 
 
 def test_a_formula_is_of_the_kind_of_its_own_joint() -> None:
@@ -367,4 +411,5 @@ def test_a_formula_without_units_fits_every_key(formula: str) -> None:
         try:
             load_scene_text(POINTED.replace("SWING", text).replace("SLIDE", "0") + "parameters: {free: 2}\n")
         except SceneError as error:
-            assert text != bare and ("add up" in error.message or "expected" in error.message)
+            assert text != bare and ("add up" in error.message or "expected" in error.message
+                or "takes a number" in error.message)
