@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 import re
 from collections.abc import Callable, Sequence
@@ -14,6 +15,9 @@ from robodyn_cli.record import record
 FORMS = (
     "allowed: a value, 'a +- b', 'a +- b %', 'a .. b', '< a', '<= a', '> a', '>= a' (the last two in quotes)"
 )
+# keys of summaries whose figures are in degrees
+IN_DEGREES = frozenset({"angles_deg", "smallest_deg", "largest_deg"})
+_MOST_DIGITS = 17  # of a float
 _BOUND = re.compile(r"(<=|>=|<|>)(.*)", re.DOTALL)
 
 
@@ -21,7 +25,8 @@ _BOUND = re.compile(r"(<=|>=|<|>)(.*)", re.DOTALL)
 class Expectation:
     """The value that is expected: between ``low`` and ``high`` (excluded where ``strict``), or exactly ``value``.
 
-    unit : in which its numbers are written, as SI unit; empty where they have none. They are in SI units here.
+    unit : of its numbers here, the SI unit of that in which they are written (``deg`` of figures in degrees); empty
+    where they are written without one.
     """
 
     text: str
@@ -42,14 +47,46 @@ class Expectation:
             return self.low < actual < self.high
         return self.low <= actual <= self.high
 
+    def shown(self, actual: Any) -> str:
+        """Return a value in words: in the unit of its bounds, with as many digits as tell whether it is as expected."""
+        if actual is None or isinstance(actual, bool):
+            return "null" if actual is None else str(actual).lower()
+        unit, factor = self._written()
+        if not isinstance(actual, (int, float)) or (isinstance(actual, int) and not unit):
+            return str(actual)
+        for digits in range(9, _MOST_DIGITS + 1):
+            text = f"{actual / factor:.{digits}g}"
+            if self.holds(float(text) * factor) == self.holds(actual):
+                break
+        return f"{text} {unit}".rstrip()
 
-def parse_expectation(value: bool | int | float | str | None) -> Expectation:
-    """Return the expectation that a YAML scalar means.
+    def _written(self) -> tuple[str, float]:
+        """Return the unit in which its numbers are written, and how many of ``unit`` it is."""
+        from robodyn_cli.expr import units
+
+        own = units.of(self.unit) if self.unit else None
+        for match in re.finditer(r"(?<=[0-9.)])\s*(?=[A-Za-z])", self.text if own else ""):
+            read = units.match(self.text, match.end())
+            if own and read and read[0].dims == own.dims:
+                return self.text[match.end() : read[1]], read[0].factor / own.factor
+        return self.unit, 1.0
+
+
+def parse_expectation(value: bool | int | float | str | None, key: str = "") -> Expectation:
+    """Return the expectation that a YAML scalar means of a key of the summary.
 
     Raises
     ------
     SceneError : it is none.
     """
+    expected = _expectation(value)
+    if expected.unit != "rad" or not IN_DEGREES.intersection(key.split(".")):
+        return expected
+    low, high = math.degrees(expected.low), math.degrees(expected.high)
+    return dataclasses.replace(expected, low=low, high=high, unit="deg")
+
+
+def _expectation(value: bool | int | float | str | None) -> Expectation:
     if value is None or isinstance(value, bool):
         return Expectation("null" if value is None else str(value).lower(), value=value)
     if not isinstance(value, str):

@@ -23,8 +23,6 @@ from robodyn_cli.schema import fields as kinds
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
 _LONGEST = 1e100
-# keys of summaries whose figures are in degrees
-IN_DEGREES = frozenset({"angles_deg", "smallest_deg", "largest_deg"})
 
 
 @record
@@ -59,13 +57,6 @@ class _Keys:
     def needed(self) -> list[str]:
         """The keys without a default."""
         return [name for name, field in self.fields.items() if _is_needed(field)]
-
-
-def _in_unit_of(key: str, path: nodes.Path, expected: Expectation) -> Expectation:
-    """Return what is expected of a figure in the unit of the figure, where that is no SI unit."""
-    if expected.unit != "rad" or not IN_DEGREES.intersection(".".join((*map(str, path), key)).split(".")):
-        return expected
-    return dataclasses.replace(expected, low=math.degrees(expected.low), high=math.degrees(expected.high))
 
 
 def _is_needed(field: dataclasses.Field[Any]) -> bool:
@@ -158,7 +149,7 @@ class Reader(ScalarReader):
                 result.update({f"{key.text}.{name}": expected for name, expected in inner.items()})
             elif isinstance(item, nodes.Scalar):
                 try:
-                    result[key.text] = _in_unit_of(key.text, path, parse_expectation(item.value))
+                    result[key.text] = parse_expectation(item.value, nodes.dotted(here))
                 except SceneError as error:
                     self.faults.report(nodes.located(item, nodes.dotted(here), error.message))
             else:

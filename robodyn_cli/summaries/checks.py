@@ -174,15 +174,7 @@ class JudgedCriterion:
     expected: str = fact("as the scene says it")
     found: float | int | bool | str | None = fact("value of the run", "unit of the key")
     holds: bool = fact("whether it is as expected")
-
-    @property
-    def shown(self) -> str:
-        """What was found, for reading."""
-        if self.found is None:
-            return "null"
-        if isinstance(self.found, bool):
-            return str(self.found).lower()
-        return f"{self.found:.9g}" if isinstance(self.found, float) else str(self.found)
+    shown: str = fact("the value for reading, in the unit of what is expected")
 
     def __str__(self) -> str:
         return f"{self.key}: {self.shown} (expected {self.expected})"

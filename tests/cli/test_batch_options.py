@@ -164,7 +164,7 @@ JUNIT: dict[str, tuple[set[str], set[str], set[str]]] = {
 
 def test_junit_is_what_its_readers_know() -> None:
     """Elements, attributes and children are those of the strictest schema; the sums add up."""
-    failed = JudgedCriterion("lock.time", "1 +- 0.1", 2.0, False)
+    failed = JudgedCriterion("lock.time", "1 +- 0.1", 2.0, False, "2")
     done = [
         BatchEntry(Path("a.yaml"), "a", seconds=1.5),
         BatchEntry(Path("b.yaml"), "b", exit_code=1, criteria=[failed], unchanged=True),

@@ -42,6 +42,38 @@ def test_expectations(text: Any, good: list[Any], bad: list[Any]) -> None:
     assert not any(expected.holds(value) for value in bad)
 
 
+SHOWN = [
+    (9, 9.000000000000002, "9.000000000000002"), ("<= 1", 1.0 + 1e-12, "1.000000000001"), ("< 0.8", 0.81, "0.81"),
+    ("> 1000 rpm", 23.98, "228.992132 rpm"), ("<= 12 N cm", 0.120000000000001, "12.0000000000001 N cm"),
+    ("1 mm .. 2 cm", 0.0305, "30.5 mm"), ("12.28 s +- 10 ms", 12.5, "12.5 s"), ("< 1e-3 m", 0.25, "0.25 m"),
+    ("9.81 m/s^2 * 80 gram", 0.9, "0.9 N"), ("< (30 + 15) deg", math.pi / 3, "60 deg"), (3, 3, "3"), (3, 4, "4"),
+    ("ok", 1.0 / 3.0, "0.333333333"), ("ok", None, "null"), (None, True, "true"), (True, False, "false"), (1, "ok", "ok"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("text", "value", "words"), SHOWN)
+def test_what_was_judged_in_words(text: Any, value: Any, words: str) -> None:
+    """In the unit of the bounds, and with so many digits that value and bound differ where it does not hold."""
+    assert parse_expectation(text).shown(value) == words
+
+
+def test_figures_in_degrees_are_shown_in_the_unit_of_their_bounds() -> None:
+    for text, words in (("30 deg", "45 deg"), ("500 mrad", "785.398163 mrad"), ("30", "45")):
+        expected = parse_expectation(text, "lock.angles_deg.swing")
+        assert not expected.holds(45.0) and expected.shown(45.0) == words
+    assert parse_expectation("45 deg", "lock.angles_deg.swing").holds(45.0)
+
+
+def test_a_number_that_misses_by_rounding_says_so() -> None:
+    (missed,) = judge({"lock.time": parse_expectation(9)}, {"status": "ok", "lock": {"time": 9.000000000000002}})
+    assert str(missed) == (
+        "lock.time: 9.000000000000002, off by rounding: '9' has no tolerance, '9 +- 1e-6 %' has (expected 9)"
+    )
+    assert parse_expectation("9 +- 1e-6 %").holds(9.000000000000002)
+    (text,) = judge({"lock.kind": parse_expectation(9)}, {"status": "ok", "lock": {"kind": "dead_point"}})
+    assert str(text) == "lock.kind: dead_point (expected 9)"
+
+
 @pytest.mark.parametrize(
     "text", ["< ", "< abc", "a +- b", "1 +- -1", "2 .. 1", "1 ..", "> t", math.inf, "1 +- 2 +- 3"]
 )

@@ -18,9 +18,9 @@ from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr import units
 from robodyn_cli.expr.formula import parse
-from robodyn_cli.expr.statements import parse_expectation, parse_variation
+from robodyn_cli.expr.statements import IN_DEGREES, parse_expectation, parse_variation
 from robodyn_cli.scene.load import load_scene_text
-from robodyn_cli.scene.read import IN_DEGREES, Reader
+from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import Names
 from robodyn_cli.scene.text.nodes import Faults, Scalar, Source
 from robodyn_cli.scene.types import Scene

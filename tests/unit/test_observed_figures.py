@@ -379,11 +379,6 @@ def test_the_larger_of_two_loads() -> None:
         assert (found.force_error, found.moment_error) == pytest.approx((0.5, 0.1))
 
 
-def test_what_was_judged_in_words() -> None:
-    shown = [JudgedCriterion("key", "any", x, True).shown for x in (None, True, False, 1.0 / 3.0, 3, "ok")]
-    assert shown == ["null", "true", "false", "0.333333333", "3", "ok"]
-
-
 def test_definitions_are_those_of_what_there_is() -> None:
     assert "virtual_work_residual" in definitions_of(True) and "virtual_work_residual" not in definitions_of(
         False

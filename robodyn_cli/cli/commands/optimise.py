@@ -132,7 +132,8 @@ def _targets(texts: Sequence[str]) -> dict[str, Expectation]:
     from robodyn_cli.expr.statements import parse_expectation
 
     allowed = "allowed: OUTPUT=VALUE, 'OUTPUT=VALUE +- TOLERANCE'"
-    return pairs("--reach", texts, "OUTPUT=VALUE", allowed, parse_expectation)
+    given = pairs("--reach", texts, "OUTPUT=VALUE", allowed, parse_expectation)
+    return {name: parse_expectation(target.text, name) for name, target in given.items()}
 
 
 def _limits(texts: Sequence[str]) -> dict[str, Expectation]:
@@ -157,7 +158,7 @@ def _limits(texts: Sequence[str]) -> dict[str, Expectation]:
                 f"--keep {name}: is given twice; allowed: once, with both bounds: '{name} = a .. b'"
             )
         try:
-            limits[name] = parse_expectation(value)
+            limits[name] = parse_expectation(value, name)
         except SceneError as error:
             raise SceneError(f"--keep {name}: {error.message}") from error
     return limits

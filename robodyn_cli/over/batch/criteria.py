@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -11,14 +12,6 @@ from robodyn_cli.summaries.checks import JudgedCriterion
 
 EXIT_CODE = "exit_code"  # the key of the exit code, which every run has
 _ABSENT: Any = object()
-
-
-class NotReached(JudgedCriterion):
-    """A criterion about something that a run which failed did not come to."""
-
-    @property
-    def shown(self) -> str:
-        return "not there, since the run failed"
 
 
 def exit_code(summary: Mapping[str, Any]) -> int:
@@ -45,7 +38,7 @@ def judge(
         if value is _ABSENT:
             if summary.get("status") != "failed":
                 raise _unknown(key, facts, place, f"expect.{key}")
-            outcomes.append(NotReached(key, expected.text, None, False))
+            outcomes.append(JudgedCriterion(key, expected.text, None, False, "not there, since the run failed"))
             continue
         if isinstance(value, (Mapping, list)):
             inner = ", ".join(
@@ -54,7 +47,11 @@ def judge(
             raise SceneError(
                 f"{place}expect.{key}: holds several values; name one: {inner}", key=f"expect.{key}"
             )
-        outcomes.append(JudgedCriterion(key, expected.text, value, expected.holds(value)))
+        holds, shown = expected.holds(value), expected.shown(value)
+        is_exact = expected.low == expected.high
+        if not holds and is_exact and isinstance(value, float) and math.isclose(value, expected.low):
+            shown += f", off by rounding: {expected.text!r} has no tolerance, '{expected.text} +- 1e-6 %' has"
+        outcomes.append(JudgedCriterion(key, expected.text, value, holds, shown))
     return outcomes
 
 

@@ -93,14 +93,14 @@ def broken(ended: EndedSearch) -> list[str]:
     if not own.is_good:
         return [own.reason or "the run lacks an output"]
     texts = [
-        f"{search.task.outputs[k]} is {own.y[k]:.9g}, not {target.text}"
+        f"{search.task.outputs[k]} is {target.shown(float(own.y[k]))}, not {target.text}"
         for k, target, miss in zip(
             search.goal.outputs, search.goal.targets, scaled.misses(own) if search.goal.is_reach else ()
         )
         if miss > 1.0
     ]
     texts += [
-        f"{limit.name} is {own.y[limit.output]:.9g}, not {limit.expected.text}"
+        f"{limit.name} is {limit.expected.shown(float(own.y[limit.output]))}, not {limit.expected.text}"
         for limit in search.limits
         if not limit.expected.holds(float(own.y[limit.output]))
     ]
@@ -108,7 +108,7 @@ def broken(ended: EndedSearch) -> list[str]:
         expected = search.family.own.expect[name]
         value = lookup(ended.summary, name)
         if not ("+-" in expected.text or expected.low == expected.high) and not expected.holds(value):
-            texts.append(f"{name} is {value}, not {expected.text}")
+            texts.append(f"{name} is {expected.shown(value)}, not {expected.text}")
     return texts
 
 
@@ -313,7 +313,7 @@ def optimise(
     family = Family.of(scene)
     given: dict[str, Any] = {**search, "vary": {key: parse_variation(x) for key, x in (vary or {}).items()}}
     for name in ("reach", "keep"):
-        given[name] = {key: parse_expectation(x) for key, x in search.get(name, {}).items()}
+        given[name] = {key: parse_expectation(x, key) for key, x in search.get(name, {}).items()}
     asked = prepare(family, options_of(family.own.search, given))
     maker = PointMaker(asked, jobs, SearchJournal(), lambda runs: None)
     return report(run_search(asked, maker), maker, time.perf_counter() - start)
