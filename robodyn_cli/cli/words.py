@@ -127,6 +127,11 @@ def error_text(error: float) -> str:
     return f"{rounded_up(error):.1e}"
 
 
+def bound_text(error: float | None) -> str:
+    """Return an error behind its figure, where it is known."""
+    return "" if error is None else f" +- {error_text(error)}"
+
+
 def error_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about the errors of an integration."""
     estimate = summary.get("error_estimate")

@@ -70,9 +70,17 @@ class LatchRow:
         """Whether the position at which it closes is that of the coordinate that it holds."""
         return self.closing is not None and self.closing == self.v
 
+    def unit(self, model: Model) -> str:
+        """Return the unit of what it holds: an angle between links."""
+        return "rad" if self.v is None else model.v_units[self.v]
+
     def load_unit(self, model: Model) -> str:
         """Return the unit of what it exerts."""
-        return "N m" if self.v is None else TORQUE[model.v_units[self.v]]
+        return TORQUE[self.unit(model)]
+
+    def closing_unit(self, model: Model) -> str:
+        """Return the unit of the position at which it closes; empty where it closes at none."""
+        return "" if self.closing is None else model.v_units[self.closing]
 
     # -- a compliant one ------------------------------------------------------------------------------
     def position(self, q: Any) -> Any:

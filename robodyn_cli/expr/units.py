@@ -42,7 +42,8 @@ KINDS = {
     "N/m": "stiffness", "N m/rad": "angular stiffness", "N s/m": "damping", "N m s/rad": "angular damping",
     "kg m^2": "moment of inertia", "W": "power", "Pa": "pressure", "m^2": "area", "m/rad": "pitch",
     "A": "current", "V": "voltage", "ohm": "resistance", "H": "inductance", "K": "temperature difference",
-    "degC": "temperature", "N m/A": "torque constant", "K/W": "thermal resistance",
+    "degC": "temperature", "N m/A": "torque constant", "K/W": "thermal resistance", "J": "energy", "N s": "impulse",
+    "N m s": "angular impulse",
 }  # fmt: skip
 
 _STEP = re.compile(

@@ -54,6 +54,7 @@ OWN = UnitOf("rad", "m", "1")
 RATE = UnitOf("rad/s", "m/s", "1/s")
 ACCELERATION = UnitOf("rad/s^2", "m/s^2", "1/s^2")
 LOAD = UnitOf("N m", "N")
+IMPULSE = UnitOf("N m s", "N s")
 TURNS = UnitOf("1", "rad/m")
 
 # what the keys of a map may be, beside words of our own: names in the scene, by what they name

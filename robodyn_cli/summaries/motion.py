@@ -8,6 +8,7 @@ from robodyn_cli.record import mutable_record, record
 from robodyn_cli.summaries.facts import (
     ABSENT,
     ANY,
+    IMPULSE,
     LATCH,
     LOAD,
     OWN,
@@ -214,7 +215,7 @@ class LatchLockErrors:
     angle: float | Absent | None = fact("of the position", OWN, default=ABSENT)
     speed: float | Absent | None = fact("of the rate", RATE, default=ABSENT)
     energy_lost: float | Absent | None = fact("of the energy", "J", default=ABSENT)
-    angular_impulse: float | Absent | None = fact("of the impulse", "N m s or N s", default=ABSENT)
+    angular_impulse: float | Absent | None = fact("of the impulse", IMPULSE, default=ABSENT)
     peak_moment: float | Absent | None = fact("of the largest load", LOAD, default=ABSENT)
     peak_time: float | Absent | None = fact("of its time", "s", default=ABSENT)
     opened: float | Absent | None = fact("of the time when it opened", "s", default=ABSENT)
@@ -238,7 +239,7 @@ class LatchLock:
     angular_impulse: float | Absent = fact(
         "of a rigid one: its impulse, along a sliding joint in N s; of latches that close together and hold the same, "
         "those of least norm",
-        "N m s or N s", errors=(".errors.angular_impulse",), default=ABSENT,
+        IMPULSE, errors=(".errors.angular_impulse",), default=ABSENT,
     )  # fmt: skip
     peak_moment: float | Absent = fact(
         "its largest load; of one with a spring absent where the run ends before the load's first peak; of a rigid "
@@ -254,6 +255,7 @@ class LatchLock:
         "when it opened again; absent while it is closed", "s", errors=(".errors.opened",), default=ABSENT
     )
     errors: LatchLockErrors | Absent = fact("errors of these figures", default=ABSENT)
+    unit: str = fact("of the coordinate that it holds: `rad` or `m`", default="rad")
 
 
 @record
@@ -275,6 +277,7 @@ class MissedLatch:
     )  # fmt: skip
     time: float = fact("when it was nearest", "s", errors=(".errors.time",))
     errors: MissedLatchErrors = fact("errors of these figures")
+    unit: str = fact("of `nearest`: `rad` or `m`; of a formula and of a dead point empty")
 
 
 @record

@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from robodyn_cli.cli.latch_words import latch_lines, payload_lines
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
     balance_lines,
+    bound_text,
     cost_line,
     error_lines,
-    error_text,
     extreme_lines,
     motorisation_lines,
     number,
@@ -26,8 +27,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     if "locks" in summary:
         lines += _latches(summary)
     elif lock:
-        error = lock.get("time_error")
-        bound = f" +- {error_text(error)}" if error is not None else ""
+        bound = bound_text(lock.get("time_error"))
         verb = "overload" if lock["kind"] == "overload" else "locked"
         lines.append(f"  {verb:<18} t = {lock['time']:.9g}{bound} s  ({lock['kind'].replace('_', ' ')})")
         lines.append(f"  why                {summary['termination']['reason']}")
@@ -49,11 +49,11 @@ def describe(summary: Mapping[str, Any]) -> str:
     if growth := criteria.get("growth_times", {}):
         fired = ", ".join(f"{k}x at {v:.3f} s" if v is not None else f"{k}x never" for k, v in growth.items())
         dead = criteria.get("dead_point")
-        off = criteria["errors"].get("dead_point")
-        bound = f" +- {error_text(off)}" if off is not None else ""
+        bound = bound_text(criteria["errors"].get("dead_point"))
         where = f"dead point at {dead:.9g}{bound} s" if dead is not None else "no dead point"
         lines.append(f"  criteria           {where}; multipliers over their running median {fired}")
     lines += [
+        *payload_lines(summary),
         *extreme_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),
@@ -68,23 +68,7 @@ def _latches(summary: Mapping[str, Any]) -> list[str]:
     status, termination = summary.get("status"), summary["termination"]
     verb = "locked" if status == "locked" else "no lock" if status == "no_lock" else str(status)
     lines = [f"  {verb:<18} t = {number(termination.get('time'), 9)} s  ({termination['reason']})"]
-    for name, own in sorted(summary["locks"].items(), key=lambda item: float(item[1]["time"])):
-        error = own.get("errors", {}).get("time")
-        bound = f" +- {error_text(error)}" if error is not None else ""
-        load = f"impulse {number(own['angular_impulse'])} N m s" if "angular_impulse" in own else ""
-        load = f"bears up to {number(own['peak_moment'])} N m" if "peak_moment" in own else load
-        parts = [f"energy lost {number(own['energy_lost'])} J", load]
-        parts.append(f"open again from t = {number(own['opened'])} s on" if "opened" in own else "")
-        told = ", ".join(part for part in parts if part)
-        lines.append(f"  {name:<18} t = {own['time']:.9g}{bound} s, {told}")
-    for name, own in summary.get("missed", {}).items():
-        near = (
-            f", nearest at t = {number(own['time'])} s: {number(own['nearest'])} off"
-            if own["time"] is not None
-            else ""
-        )
-        lines.append(f"  {name:<18} open{near}")
-    return lines + _after_lock(summary)
+    return [*lines, *latch_lines(summary), *_after_lock(summary)]
 
 
 def _after_lock(summary: Mapping[str, Any]) -> list[str]:

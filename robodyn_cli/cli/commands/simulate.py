@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from robodyn_cli.cli.latch_words import latch_lines, payload_lines
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
@@ -33,6 +34,8 @@ def describe(summary: Mapping[str, Any]) -> str:
         *error_lines(summary),
         *(_control_lines(summary["control"]) if "control" in summary else ()),
         *drive_lines(summary),
+        *latch_lines(summary),
+        *payload_lines(summary),
         *extreme_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),

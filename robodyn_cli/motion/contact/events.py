@@ -12,6 +12,7 @@ from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import directional
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
+from robodyn_cli.model.model import Model
 from robodyn_cli.record import mutable_record, record
 from robodyn_cli.summaries.facts import ABSENT, Absent
 from robodyn_cli.summaries.motion import LatchLock, LatchLockErrors
@@ -146,13 +147,13 @@ class LatchClosing:
             return here if past is None else max(here, past)
         return past if past is not None and past[0] >= self.peak else None
 
-    def described(self, rigid: bool) -> LatchLock:
+    def described(self, latch: LatchRow, model: Model) -> LatchLock:
         """Return what the summary says of it."""
-        known = None if rigid else self.largest
+        known = None if latch.rigid else self.largest
         peak, when = (ABSENT, ABSENT) if known is None else known
         return LatchLock(
             self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.rebounds,
-            self.closings, self.opened, LatchLockErrors(),
+            self.closings, self.opened, LatchLockErrors(), latch.unit(model),
         )  # fmt: skip
 
 

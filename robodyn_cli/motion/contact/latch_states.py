@@ -87,7 +87,8 @@ class LatchStates(ContactStates):
     def facts(self, end: float) -> dict[str, Any]:
         own = super().facts(end) if self.joints else {}
         missed = [k for k in range(len(self.names)) if k not in self.closings and k not in self.closed]
-        locks = {self.names[k]: it.described(self.latches[k].rigid) for k, it in self.closings.items()}
+        model = self.problem.model
+        locks = {self.names[k]: it.described(self.latches[k], model) for k, it in self.closings.items()}
         return {**own, "locks": locks, "missed": {self.names[k]: self._nearest(k) for k in missed}}
 
     @property
@@ -102,7 +103,7 @@ class LatchStates(ContactStates):
     def _nearest(self, k: int) -> MissedLatch:
         """Return how near a latch came to its condition: at an event, or at the start or the end."""
         distance, time = min((float(values[k]), time) for time, values in self.turns)
-        return MissedLatch(distance, time, MissedLatchErrors())
+        return MissedLatch(distance, time, MissedLatchErrors(), self.latches[k].closing_unit(self.problem.model))
 
     def _look(self, t: float, x: Array) -> tuple[Array, Array]:
         """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""

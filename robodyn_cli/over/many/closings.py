@@ -67,18 +67,23 @@ class ClosedRuns:
 
     def facts(self, runs: Runs, k: int) -> LatchFacts:
         """Return what the latches did in run k, of the first or of the second runs."""
-        names = [row.name for row in self.batch.structure.motion.problem.latches]
+        problem = self.batch.structure.motion.problem
         rows = _notes(self.batch, runs)[k].tolist()
         times = [row[Note.TIME] for row in rows if not math.isnan(row[Note.TIME])]
         locks, missed = {}, {}
-        for name, row in zip(names, rows):
+        for latch, row in zip(problem.latches, rows):
+            name = latch.name
             time, *figures = row[: Note.IMPULSE + 1]
             if math.isnan(time):
-                missed[name] = MissedLatch(row[Note.NEAREST], row[Note.NEAREST_TIME], MissedLatchErrors())
+                unit = latch.closing_unit(problem.model)
+                missed[name] = MissedLatch(
+                    row[Note.NEAREST], row[Note.NEAREST_TIME], MissedLatchErrors(), unit
+                )
                 continue
             angle, speed, lost, impulse = figures
             order = 1 + sum(x < time for x in times)
-            locks[name] = LatchClosing(order, time, angle, speed, lost, impulse).described(rigid=True)
+            closing = LatchClosing(order, time, angle, speed, lost, impulse)
+            locks[name] = closing.described(latch, problem.model)
         if not locks:
             return LatchFacts(locks, missed, None)
         last = max(locks, key=lambda name: locks[name].time)

@@ -22,8 +22,8 @@ from robodyn_cli.over.study.rows import RowFile, RunRows, Task
 from robodyn_cli.over.study.runs import make_one
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import sha256
-from robodyn_cli.scene.checks.check import EXTREMES
-from robodyn_cli.scene.checks.keys import key_names, places_of
+from robodyn_cli.scene.checks.check import EXTREMES, LOCKS
+from robodyn_cli.scene.checks.keys import key_names, latch_units, places_of
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene, StudyOptions
 from robodyn_cli.scene.units import refuse_doubles
@@ -154,6 +154,8 @@ def units_of_keys(task: Task, model: Model) -> dict[str, str]:
     """Return the units of the outputs of a study."""
     leaves = ((key, leaf_of(task.command, key)) for key in task.outputs)
     units, scene = dict(model.coordinate_units), task.family.own
+    if any(key.startswith(LOCKS) for key in task.outputs):
+        units |= latch_units(scene)
     if any(key.startswith(EXTREMES) for key in task.outputs):
         from robodyn_cli.scene.checks.columns import units_of_columns
 

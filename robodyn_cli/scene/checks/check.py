@@ -10,6 +10,7 @@ from robodyn_cli.errors import unknown_name
 from robodyn_cli.scene.text import nodes
 
 EXTREMES = "extremes."  # begins keys of summaries that ask for a column over time
+LOCKS = "locks."  # those that tell what latches did
 
 
 class Check(nodes.Faults):

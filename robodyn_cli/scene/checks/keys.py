@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.expr.statements import Expectation
-from robodyn_cli.scene.checks.check import EXTREMES, Check, key_place
+from robodyn_cli.scene.checks.check import EXTREMES, LOCKS, Check, key_place
 from robodyn_cli.scene.checks.robot import column_units, columns
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
 from robodyn_cli.scene.text.nodes import Path, find
@@ -32,7 +32,7 @@ def check_figures(scene: Scene, check: Check) -> Scene:
         check_fluctuation(scene, check)
         # a coefficient of fluctuation is that of the extremes of a rate
         named += [f"{EXTREMES}qd.{name}.largest" for name in turning]
-    if scene.outputs.extremes or any(key.startswith((EXTREMES, "locks.")) for key in named):
+    if scene.outputs.extremes or any(key.startswith((EXTREMES, LOCKS)) for key in named):
         from robodyn_cli.scene.checks.columns import with_extremes
 
         scene = with_extremes(scene, places_of(scene), named, check)
@@ -110,7 +110,18 @@ def _units_of_names(scene: Scene, key: str) -> dict[str, str]:
         from robodyn_cli.scene.checks.columns import units_of_columns
 
         return units_of_columns(scene, places_of(scene))
-    return column_units(scene.robot, velocities=True) | column_units(scene.robot)
+    units = column_units(scene.robot, velocities=True) | column_units(scene.robot)
+    return units | (latch_units(scene) if key.startswith(LOCKS) else {})
+
+
+def latch_units(scene: Scene) -> dict[str, str]:
+    """Return the units of what latches hold, ``rad`` or ``m``, by their names."""
+    units = column_units(scene.robot, velocities=True)
+    joints = {frozenset((joint.parent, joint.link)): joint.name for joint in scene.robot.joints}
+    return {
+        latch.name: units.get(latch.joint or joints.get(frozenset(latch.between or ()), ""), "rad")
+        for latch in scene.deploy.latches
+    }
 
 
 def key_names(scene: Scene, of_columns: bool = True) -> Names:

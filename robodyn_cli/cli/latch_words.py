@@ -1,0 +1,44 @@
+"""Several latches and flying payloads in words: what each did in a run."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from robodyn_cli.cli.words import bound_text, number
+from robodyn_cli.summaries.facts import IMPULSE, LOAD
+
+
+def latch_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines about several latches: what each did, in the order in which they closed, and which stay open."""
+    lines = []
+    for name, own in sorted(summary.get("locks", {}).items(), key=lambda item: float(item[1]["time"])):
+        bound = bound_text(own.get("errors", {}).get("time"))
+        parts = [f"energy lost {number(own['energy_lost'])} J"]
+        if "peak_moment" in own:
+            parts.append(f"bears up to {number(own['peak_moment'])} {LOAD(own['unit'])}")
+        elif "angular_impulse" in own:
+            parts.append(f"impulse {number(own['angular_impulse'])} {IMPULSE(own['unit'])}")
+        if "opened" in own:
+            parts.append(f"open again from t = {number(own['opened'])} s on")
+        lines.append(f"  {name:<18} closes at t = {own['time']:.9g}{bound} s, {', '.join(parts)}")
+    for name, own in summary.get("missed", {}).items():
+        near = f"{number(own['nearest'])} {own['unit']}".rstrip()
+        told = "" if own["time"] is None else f", nearest at t = {number(own['time'])} s: {near} off"
+        lines.append(f"  {name:<18} open{told}")
+    return lines
+
+
+def payload_lines(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines about what was released and came down: how far it flew, and how high."""
+    return [
+        f"  {name:<18} comes down at t = {_within(own['landing'], 'time')} s: range {_within(own['landing'], 'range')} m, "
+        f"up to {_within(own['landing'], 'highest')} m above the plane, released with {number(own['release']['energy'])} J"
+        for name, own in summary.get("payloads", {}).items()
+        if "landing" in own
+    ]
+
+
+def _within(facts: Mapping[str, Any], key: str) -> str:
+    """Return a figure with the error that stands beside it, where one is known."""
+    return number(facts[key], 9) + bound_text(facts.get(f"{key}_error"))
