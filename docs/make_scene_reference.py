@@ -16,6 +16,7 @@ from collections.abc import Collection, Iterator
 from pathlib import Path
 from typing import Any
 
+from robodyn_cli.errors import plural_of
 from robodyn_cli.expr import units
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema.fields import (
@@ -129,7 +130,7 @@ def _value(kind: Kind, anchors: dict[str, str]) -> str:
             bound = f"list of {kind.minimum}"
         return f"{bound}: {_value(kind.item, anchors)}"
     if isinstance(kind, MapOf) and isinstance(kind.item, (Section, Either)):
-        return f"map from names of {kind.of}s to: {_value(kind.item, anchors)}"
+        return f"map from names of {plural_of(kind.of)} to: {_value(kind.item, anchors)}"
     return describe(kind).removeprefix("a ")
 
 

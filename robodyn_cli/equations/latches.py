@@ -315,7 +315,8 @@ def refuse_company(problem: MechanismParts) -> None:
     CapabilityError
     """
     scene, model = problem.scene, problem.model
-    dead_points = any(row.spec.at_dead_point for row in problem.latches)
+    dead = [row.name for row in problem.latches if row.spec.at_dead_point]
+    dead_points, of_dead_points = bool(dead), f"deploy.latches.{''.join(dead[:1])}.at_dead_point"
     reasons = {
         "'at_dead_point' in an open chain, which has none": dead_points and not model.closures,
         "'at_dead_point' and prescribed motion together; allowed: criterion: dead_point": dead_points
@@ -329,6 +330,7 @@ def refuse_company(problem: MechanismParts) -> None:
     }
     for words, there in reasons.items():
         if there:
+            key = of_dead_points if words.startswith("'at_dead_point'") else "deploy.latches"
             raise CapabilityError(
-                f"{scene.path}: deploy.latches: does not go with {words}", key="deploy.latches"
+                f"{scene.path}: {key}: does not go with {words}", key=key
             )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.errors import NumericalError, SceneError, did_you_mean, shown
@@ -194,15 +194,23 @@ def parse(text: str, where: str = "") -> FormulaTree:
 
 def formulas_in(value: Any) -> Iterator[FormulaTree]:
     """Yield the formulas in records, maps and lists."""
+    return (formula for _, formula in formulas_at(value))
+
+
+def formulas_at(value: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], FormulaTree]]:
+    """Yield the formulas in records, maps and lists, with the keys that lead to them."""
     if isinstance(value, FormulaTree):
-        yield value
-    elif isinstance(value, Mapping):
-        yield from formulas_in(tuple(value.values()))
+        yield path, value
+        return
+    inner: Iterable[tuple[str | int, Any]] = ()
+    if isinstance(value, Mapping):
+        inner = value.items()
     elif isinstance(value, (list, tuple)):
-        for entry in value:
-            yield from formulas_in(entry)
+        inner = enumerate(value)
     elif dataclasses.is_dataclass(value):
-        yield from formulas_in([getattr(value, field.name) for field in dataclasses.fields(value)])
+        inner = ((f.metadata.get("name") or f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
+    for key, entry in inner:
+        yield from formulas_at(entry, (*path, key))
 
 
 def _listed(names: list[str]) -> str:

@@ -101,7 +101,7 @@ class ScalarReader:
 
     def wrong(self, kind: Kind, node: Node, path: Path, unit: str, fault: str = "") -> SceneError:
         """Return the error of a value that ``kind`` does not allow."""
-        allowed = describe(kind, unit)
+        allowed = describe(kind, for_coordinate(unit, self.coordinate))
         if isinstance(node, Scalar) and node.value is None and not fault:
             return located(node, dotted(path), f"has no value; allowed: {allowed}")
         if isinstance(node, Scalar) and type(node.value) in (int, float):
@@ -145,9 +145,11 @@ class ScalarReader:
 
         unit = for_coordinate(unit, self.coordinate)
         if fault := units.fault(tree.dims, unit, node.text):
-            words = ", ".join(repr(word) for word in tree.unit_words)
-            of = f" of joint {self.joint!r}" if self.joint else ""
-            raise self.wrong(kind, node, path, unit, f"{words} does not fit{of}: {fault}")
+            at = min(tree.unit_words.values()) - 1
+            read = units.match(node.text, at)
+            word = node.text[at : read[1]] if read is not None else node.text
+            of = f" joint {self.joint!r}" if self.joint else ""
+            raise self.wrong(kind, node, path, unit, f"{word!r} does not fit{of}: {fault}")
 
     def finite(self, node: Scalar, path: Path) -> float:
         value = float(node.value) if isinstance(node.value, (int, float)) else math.nan
@@ -282,12 +284,12 @@ class ScalarReader:
                 message = f"joint {joint!r} is fixed: it has no coordinate for a formula"
                 raise located(node, dotted(path), f"{message} (value {describe_node(node)})")
 
-    @staticmethod
-    def parse(kind: Kind, node: Scalar, path: Path, unit: str) -> fm.FormulaTree:
+    def parse(self, kind: Kind, node: Scalar, path: Path, unit: str) -> fm.FormulaTree:
         try:
             return fm.parse(node.text)
         except SceneError as error:
-            raise located(node, dotted(path), f"{error.message}; allowed: {describe(kind, unit)}") from None
+            allowed = describe(kind, for_coordinate(unit, self.coordinate))
+            raise located(node, dotted(path), f"{error.message}; allowed: {allowed}") from None
 
 
 def entries(count: int) -> str:

@@ -11,6 +11,7 @@ import importlib
 from collections.abc import Callable, Mapping
 from typing import Any
 
+from robodyn_cli.errors import plural_of
 from robodyn_cli.record import record
 
 REQUIRED: Any = dataclasses.MISSING
@@ -410,7 +411,7 @@ def _collection(kind: ListOf | MapOf) -> str:
     }
     item = next((noun for cls, noun in nouns.items() if isinstance(kind.item, cls)), "values")
     if isinstance(kind, MapOf):
-        return f"a map from names{f' of {kind.of}s' if kind.of else ''} to {item}"
+        return f"a map from names{f' of {plural_of(kind.of)}' if kind.of else ''} to {item}"
     if kind.minimum == kind.maximum and kind.minimum:
         return f"a list of {kind.minimum} {item}"
     if kind.maximum is not None:

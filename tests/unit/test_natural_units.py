@@ -233,10 +233,10 @@ def test_a_scene_with_units_is_that_in_si_and_so_is_its_text() -> None:
 @pytest.mark.parametrize(
     "key, value, words",
     [
-        ("low", "3 mm", "robot.joints.0.limits.lower: 'mm' does not fit of joint 'swing': angle in rad expected, 3 mm is a length"),
-        ("rest", "3 deg", "'deg' does not fit of joint 'slide': length in m expected, 3 deg is an angle"),
-        ("qd", "3 deg/s", "initial.qd.slide: 'deg', 's' does not fit of joint 'slide': speed in m/s expected"),
-        ("torque", "5 N", "torques.swing: 'N' does not fit of joint 'swing': torque in N m expected, 5 N is a force"),
+        ("low", "3 mm", "robot.joints.0.limits.lower: 'mm' does not fit joint 'swing': angle in rad expected, 3 mm is a length"),
+        ("rest", "3 deg", "'deg' does not fit joint 'slide': length in m expected, 3 deg is an angle"),
+        ("qd", "3 deg/s", "initial.qd.slide: 'deg/s' does not fit joint 'slide': speed in m/s expected"),
+        ("torque", "5 N", "torques.swing: 'N' does not fit joint 'swing': torque in N m expected, 5 N is a force"),
         ("mass", "5 mm", "mass in kg expected, 5 mm is a length"),
         ("slide", "< 5 kg", "expect.final.q.slide: '< 5 kg' does not fit: length in m expected"),
         ("torque", "30 deg/s * t", "'s' is a unit here, and the name of a parameter"),

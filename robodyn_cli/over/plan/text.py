@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import zip_longest
 from typing import Any
 
+from robodyn_cli.errors import plural_of
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.build import build_model
 from robodyn_cli.model.model import PARAMETER_GROUP, UNKNOWN_GROUP, Model, unknown_among
@@ -28,9 +29,7 @@ def listed(names: Iterable[str]) -> str:
 
 def plural(count: int, word: str) -> str:
     """Return ``2 joints``, ``1 joint``, ``no joint``; ``3 moving bodies``."""
-    if count > 1:
-        word = f"{word[:-1]}ies" if word.endswith("dy") else f"{word}s"
-    return f"{count or 'no'} {word}"
+    return f"{count or 'no'} {plural_of(word) if count > 1 else word}"
 
 
 def listed_data(names: Iterable[str]) -> str:

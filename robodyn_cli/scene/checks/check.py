@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 from collections.abc import Sequence as SequenceOf
 from typing import NoReturn
 
-from robodyn_cli.errors import unknown_name
+from robodyn_cli.errors import plural_of, unknown_name
 from robodyn_cli.scene.text import nodes
 
 EXTREMES = "extremes."  # begins keys of summaries that ask for a column over time
@@ -52,7 +52,7 @@ class Check(nodes.Faults):
         for k, name in enumerate(names):
             with self:
                 if name in seen:
-                    self.fail(paths[k], f"{kind} {name!r} appears twice; names of {kind}s must differ")
+                    self.fail(paths[k], f"{kind} {name!r} appears twice; names of {plural_of(kind)} must differ")
                 seen.add(name)
 
 

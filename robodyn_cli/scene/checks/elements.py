@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 from typing import TYPE_CHECKING, Any
 
-from robodyn_cli.expr.formula import formulas_in, points_of
+from robodyn_cli.expr.formula import formulas_at, points_of
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.checks.check import Check
 from robodyn_cli.scene.points import BASE, carrier, point_link, point_problem
@@ -106,12 +106,12 @@ def check_points_of_formulas(scene: Scene, check: Check) -> None:
     for key in ("law", "state") if scene.control is not None else ():
         places += [(("control", key, name), x) for name, x in getattr(scene.control, key).items()]
     for path, value in places:
-        for formula in formulas_in(value):
+        for place, formula in formulas_at(value, path):
             for reference in (point for name in formula.names for point in points_of(name)):
                 problem = _clash(scene.robot, reference) or point_problem(scene.robot, reference)
                 with check:
                     if problem:
-                        check.fail(path, f"formula {formula.text!r}: {problem}")
+                        check.fail(place, f"formula {formula.text!r}: {problem}")
 
 
 def _clash(robot: Robot, reference: str) -> str:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Iterable, Iterator, Mapping
 
-from robodyn_cli.errors import did_you_mean, listed, shown, unknown_name
+from robodyn_cli.errors import did_you_mean, listed, plural_of, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.drake import rotors_of
@@ -48,7 +48,7 @@ def _unique(kind: str, items: Iterable[UrdfLink | UrdfJoint], faults: Faults) ->
     for item in items:
         with faults:
             if item.name in seen:
-                raise item.element.error(f"{kind} {item.name!r} appears twice; names of {kind}s must differ")
+                raise item.element.error(f"{kind} {item.name!r} appears twice; names of {plural_of(kind)} must differ")
             seen.add(item.name)
 
 
