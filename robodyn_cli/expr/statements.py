@@ -159,6 +159,12 @@ class Variation:
         return self.values[0] if self.is_grid else self.arguments[MIDDLE[self.distribution]]
 
 
+def written_arguments(variation: Variation) -> list[str]:
+    """Return the parameters of a distribution as they are written: ``5 deg`` and ``10 deg``."""
+    match = _CALL.fullmatch(variation.text)
+    return [part.strip() for part in _split(match.group(2))] if match else []
+
+
 # the argument that lies inside each distribution
 MIDDLE = {"uniform": 0, "triangular": 1, "normal": 0}
 

@@ -100,7 +100,7 @@ def stability(scene: Scene) -> Missing:
 
 def kinematics(scene: Scene) -> Missing:
     """Find the motion, as far as it goes."""
-    from robodyn_cli.works.kinematics import plan, problem_of
+    from robodyn_cli.works.kinematics import evaluated, plan, problem_of, refuse_transmission
 
     def planned(samples: int) -> object:
         options = dataclasses.replace(scene.kinematics, samples=samples)
@@ -110,6 +110,8 @@ def kinematics(scene: Scene) -> Missing:
             from robodyn_cli.works.design import refuse_design
 
             refuse_design(problem, found)
+        if options.transmission is not None:
+            refuse_transmission(scene, evaluated(problem, found))
         return found
 
     _tried(planned, scene.kinematics.samples)

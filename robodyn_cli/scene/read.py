@@ -289,7 +289,7 @@ class Reader(ScalarReader):
             listed = ", ".join(repr(name) for name in missing)
             fault = f"key{'s' * (len(missing) > 1)} {listed} {'are' if len(missing) > 1 else 'is'} missing"
             docs = keys.fields[missing[0]].metadata
-            meaning = f" ({missing[0]}: {kinds.describe(docs['kind'], docs['unit'])})"
+            meaning = f" ({missing[0]}: {kinds.describe(docs['kind'], kinds.for_coordinate(docs['unit'], self.coordinate))})"
             needed = ", ".join(keys.needed)
             self.faults.report(
                 nodes.located(node, nodes.dotted(path), f"{fault}{meaning}; needed here: {needed}")

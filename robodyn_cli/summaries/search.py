@@ -22,6 +22,7 @@ class FoundKey:
     low: float | Absent = fact("lower bound", BESIDE, default=ABSENT)
     high: float | Absent = fact("upper bound", BESIDE, default=ABSENT)
     choices: str | Absent = fact("the values that it may take, where it has no bounds", default=ABSENT)
+    bounds: str | Absent = fact("its bounds as they are written, with their unit", default=ABSENT)
     at: str | Absent = fact("`lower bound` or `upper bound`, where it is at one", default=ABSENT)
     price: float | Absent = fact(
         "change of the goal as the bound that holds it moves by one unit of the key",

@@ -38,6 +38,7 @@ from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.design import DeadPointPassed, DesignFigures, DesignKeys, FourBarClass, Unbounded
 from robodyn_cli.summaries.extremes import Extremes
 from robodyn_cli.summaries.facts import ABSENT, Absent
+from robodyn_cli.works.kinematic_figures import refuse_meeting
 
 SLOW = 1e-3  # of the largest speed: a point that is slower than that comes to rest
 KEY = "kinematics.design"
@@ -216,9 +217,8 @@ class Designed:
     def _pressure(self, name: str, pair: tuple[str, ...]) -> DesignColumns:
         key = f"{KEY}.pressure.{name}"
         v, a = self._velocity(key, pair[1])
+        refuse_meeting(self.scene, self.arrays, pair, key)
         line = self.arrays[f"points/{pair[1]}"] - self.arrays[f"points/{pair[0]}"]
-        if not np.linalg.norm(line, axis=1).min() > 0.0:
-            raise CapabilityError(f"{self.scene.path}: {key}: its points are one and the same", key=key)
         return DesignColumns(*pressure_angle(line, v, a, self.normal))
 
     # -- what it becomes -----------------------------------------------------------------------------------

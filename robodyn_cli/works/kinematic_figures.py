@@ -7,6 +7,8 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from robodyn_cli.errors import CapabilityError
+from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.extremes import integral, largest, largest_magnitude, smallest
 from robodyn_cli.spatial.algebra import Array
 
@@ -15,6 +17,7 @@ PLACES = (
     "point_velocities",
     "point_accelerations",
 )  # datasets of a point's motion, from positions on
+MEETING = 1e-9  # part of their distance from the origin, within which points are at one place: loops close as well
 AT_SAMPLE = 1e-9  # part of an interval: a time so near to a sample is the sample's
 # values and errors (n,) of columns of one run, or of many, by figure
 Figures = dict[str, tuple[Array, Array]]
@@ -75,6 +78,24 @@ def of_one(figures: Figures) -> tuple[dict[str, float], dict[str, float]]:
     """Return the values and the errors of figures of one column."""
     own, off = ({name: float(x[part][0]) for name, x in figures.items()} for part in (0, 1))
     return own, off
+
+
+def refuse_meeting(scene: Scene, ways: Mapping[str, Array], pair: Sequence[str], key: str) -> None:
+    """Refuse two points between which a figure needs a line, where they are at one place; ways : as of the angle.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    a, b = (ways[f"points/{name}"] for name in pair)
+    size = max(float(np.linalg.norm(x, axis=-1).max()) for x in (a, b))
+    if not np.linalg.norm(b - a, axis=-1).min() > MEETING * size:
+        one, other = pair
+        raise CapabilityError(
+            f"{scene.path}: {key}: {one!r} and {other!r} are at one place, where no line leads from one to the other; "
+            "allowed: points that keep apart",
+            key=key,
+        )
 
 
 def transmission_angle(ways: Mapping[str, Array], points: Sequence[str]) -> Array:

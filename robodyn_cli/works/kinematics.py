@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -60,6 +61,7 @@ from robodyn_cli.works.kinematic_figures import (
     between_samples,
     of_one,
     path_figures,
+    refuse_meeting,
     range_figures,
     ratio_figures,
     transmission_angle,
@@ -237,8 +239,20 @@ def report(problem: Problem, planned: Planned, led: tuple[str, ...], arrays: Map
         for path, data in singular_values(psi_of(problem, arrays), passive if leads else ()).items():
             result.add(path, data)
     if scene.kinematics.transmission is not None:
+        refuse_transmission(scene, arrays)
         result.add("transmission_angle", transmission_angle(arrays, scene.kinematics.transmission))
     return result
+
+
+def refuse_transmission(scene: Scene, arrays: Mapping[str, Array]) -> None:
+    """Refuse a transmission angle of points that meet.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    for pair in itertools.pairwise(scene.kinematics.transmission or ()):
+        refuse_meeting(scene, arrays, pair, "kinematics.transmission")
 
 
 def psi_of(problem: Problem, arrays: Mapping[str, Array]) -> Array:

@@ -452,6 +452,7 @@ REFUSED = [
     ("{curves: [base.origin]}", SceneError, "fixed to the base"),
     ("{curves: [swing.origin]}", CapabilityError, "does not move"),
     ("{pressure: {x: [pin, base.origin]}}", SceneError, "fixed to the base"),
+    ("{pressure: {x: [tip, pin]}}", CapabilityError, "'tip' and 'pin' are at one place"),
 ]  # fmt: skip
 
 
@@ -464,6 +465,14 @@ def test_refusals(asked: str, kind: type[RobodynError], words: str) -> None:
         with pytest.raises(kind) as again:
             check(load_scene_text(text))
         assert str(again.value) == str(caught.value)
+
+
+def test_a_transmission_angle_of_points_that_a_loop_joins_is_refused() -> None:
+    text = scene_of(CRANK_ROCKER, *WHOLE, "{grashof: true}", samples=11)
+    scene = load_scene_text(text, overrides=["kinematics.transmission=[bar.origin, pin, tip]"])
+    for command in (kinematics, check):
+        with pytest.raises(CapabilityError, match="transmission: 'pin' and 'tip' are at one place"):
+            command(scene)
 
 
 def test_chains_in_space_have_no_class() -> None:

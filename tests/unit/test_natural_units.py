@@ -18,7 +18,7 @@ from robodyn_cli.commands import SCENE_COMMANDS
 from robodyn_cli.errors import SceneError
 from robodyn_cli.expr import units
 from robodyn_cli.expr.formula import parse
-from robodyn_cli.expr.statements import IN_DEGREES, parse_expectation, parse_variation
+from robodyn_cli.expr.statements import IN_DEGREES, parse_expectation, parse_variation, written_arguments
 from robodyn_cli.scene.load import load_scene_text
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import Names
@@ -267,6 +267,7 @@ def test_statements_are_stored_in_si() -> None:
         expected = parse_expectation(text)
         assert (expected.low, expected.high) == pytest.approx((low, high), rel=1e-15)
     assert parse_variation("uniform(80 gram, 0.1 kg)").arguments == (0.08, 0.1)
+    assert written_arguments(parse_variation("uniform(5 deg, (5 + 5) deg)")) == ["5 deg", "(5 + 5) deg"]
     assert parse_variation(["1 mm", 0.002]).values == (0.001, 0.002)
     assert parse_variation("normal(500 mm, 5 %)").arguments == (0.5, 0.025)
     for text in ("uniform(1 mm, 2 kg)", "linspace(1, 2, 3 m)"):

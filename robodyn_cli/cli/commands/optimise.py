@@ -176,7 +176,7 @@ def describe(summary: Mapping[str, Any]) -> str:
     )
     rows = [["key", "value", "+-", "unit", "bounds", "price of the bound"]]
     for name, key in summary["keys"].items():
-        bounds = key.get("choices") or f"{shown(key['low'])} .. {shown(key['high'])}"
+        bounds = key.get("choices") or key["bounds"]
         at = f" ({key['at']})" if "at" in key else ""
         rows.append([name, shown(key["value"], 12), _error(key["uncertainty"]), _unit(key["unit"]), bounds + at,
                      _priced(key)])  # fmt: skip

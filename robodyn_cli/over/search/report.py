@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.expr.statements import parse_expectation, parse_variation
+from robodyn_cli.expr.statements import parse_expectation, parse_variation, written_arguments
 from robodyn_cli.over.batch.criteria import lookup
 from robodyn_cli.over.search.asked import Constraint, options_of, prepare
 from robodyn_cli.over.search.journal import SearchJournal
@@ -156,8 +156,9 @@ def _key(ended: EndedSearch, k: int) -> FoundKey:
         return FoundKey(value, unit, 0.0, choices=variation.text)
     at = search.continuous.index(k)
     (low, high), span, size = search.bounds[at], float(ended.scaled.span[at]), _goal_size(ended)
+    words = " .. ".join(written_arguments(variation))
     if optimum is None:
-        return FoundKey(value, unit, None, float(low), float(high))
+        return FoundKey(value, unit, None, float(low), float(high), bounds=words)
     side = "lower bound" if optimum.at_low[at] else "upper bound" if optimum.at_high[at] else ABSENT
     own: dict[str, Any] = {}
     if not search.goal.is_reach:
@@ -167,7 +168,7 @@ def _key(ended: EndedSearch, k: int) -> FoundKey:
             own["price"] = size * float(optimum.sides.bound_prices[at]) / span
             own["price_error"] = abs(size) * _gradient_error(ended.scaled, optimum) / span
     off = _finite(optimum.off[at] * span) if optimum.sides.held[at] or _has_errors(ended, optimum) else None
-    return FoundKey(value, unit, off, float(low), float(high), at=side, **own)
+    return FoundKey(value, unit, off, float(low), float(high), bounds=words, at=side, **own)
 
 
 def _has_errors(ended: EndedSearch, optimum: Optimum) -> bool:

@@ -177,13 +177,13 @@ def plain(place: Node, value: Any) -> Any:
 
 
 def find(root: Node, path: Path) -> Node | None:
-    """Return the node at ``path``, if there is one."""
+    """Return the node at ``path``, if there is one; items of lists by their number or their name."""
     node: Node | None = root
     for step in path:
         if isinstance(node, Mapping):
             node = node.get(str(step))
-        elif isinstance(node, Sequence) and isinstance(step, int) and step < len(node.items):
-            node = node.items[step]
+        elif isinstance(node, Sequence) and (index := index_of(node, str(step))) is not None:
+            node = node.items[index]
         else:
             return None
     return node
