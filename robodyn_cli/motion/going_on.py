@@ -24,7 +24,7 @@ import numpy as np
 
 from robodyn_cli.commands import COMMANDS
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import ResultFileError, SceneError
+from robodyn_cli.errors import ResultFileError, SceneError, did_you_mean
 from robodyn_cli.foreign import opened
 from robodyn_cli.formulations.system import System
 from robodyn_cli.motion.contact.latches import Latches
@@ -194,11 +194,18 @@ class Stored:
         """Return the scene with the positions and rates of the first sample where it gives none at t = 0.
 
         The state at t = 0 still decides how the equations are set up (which rows are redundant, which method suits).
+
+        Raises
+        ------
+        SceneError : the stored run lacks a joint.
         """
-        initial = self.scene.initial
+        initial, robot = self.scene.initial, self.scene.robot
+        if new := [name for name in columns(robot) if name not in self.q_names]:
+            hint = did_you_mean(new[0], [name for name in self.q_names if name not in columns(robot)])
+            kind = "coordinate" if "." in new[0] else "joint"
+            raise self._refused(f"has no {kind} {new[0]!r}{hint}; it has {_listed(self.q_names)}")
         if initial.q:
             return self.scene
-        robot = self.scene.robot
         q, v = (
             {name: x for name, x in zip(names, row[0].tolist()) if name in own}
             for names, row, own in (

@@ -84,7 +84,11 @@ REFUSED = {
     "no sample at 0.123 s": ("configs/double_pendulum.yaml", ["initial.at=0.123"]),
     "the end on the same clock": ("configs/double_pendulum.yaml", ["simulate.duration=0.5"]),
     "`from` names none": ("configs/double_pendulum.yaml", ["initial.from=null", "initial.at=1"]),
-    "holds positions of": ("configs/tumbling_body.yaml", []),
+    "has no coordinate": ("configs/tumbling_body.yaml", []),
+    r"has no joint 'theta3' \(did you mean 'theta2'\?\); it has theta1, theta2": (
+        "configs/double_pendulum.yaml",
+        ["robot.joints.theta2.name=theta3", "initial.q=null", "expect={}"],
+    ),
 }
 
 
