@@ -87,7 +87,7 @@ REFUSED = {
     "has no coordinate": ("configs/tumbling_body.yaml", []),
     r"has no joint 'theta3' \(did you mean 'theta2'\?\); it has theta1, theta2": (
         "configs/double_pendulum.yaml",
-        ["robot.joints.theta2.name=theta3", "initial.q=null", "expect={}"],
+        ["robot.joints.theta2.name=theta3", "initial.q=null", "initial.qd=null", "expect={}"],
     ),
 }
 
