@@ -71,7 +71,7 @@ def command(
     shared: SharedOptions,
 ) -> int:  # fmt: skip
     """Run the study; return 0 even where runs failed, 1 below the yield."""
-    from robodyn_cli.over.study.runs import why_slow
+    from robodyn_cli.over.study.runs import cost_of, why_slow
     from robodyn_cli.over.study.study import AskedStudy, options_of, prepare
     from robodyn_cli.scene.load import Family
 
@@ -88,9 +88,9 @@ def command(
     with console.waiting(lambda: "a study"), output(target, scene, console) as directory:
         study = prepare(AskedStudy(family, options, indices))
         if slow := why_slow(study.task):
-            console.note(f"robodyn: {slow}")
+            console.note(f"robodyn: {slow}; {cost_of(study.seconds)}")
         with begun(directory, console):
-            maker = _maker(scheduler, jobs or cores(), console)
+            maker = _maker(scheduler, jobs or cores(), console, study.seconds)
             result = _run(study, directory, maker, console, shared.drawings)
     judged = options.least_yield is not None
     show(result, directory, console, lambda summary: describe(summary, judged))
@@ -98,12 +98,12 @@ def command(
 
 
 @contextlib.contextmanager
-def _maker(scheduler: str | None, jobs: int, console: Console) -> Iterator[Make]:
-    """Give what makes runs: a cluster, or this machine with so many jobs."""
+def _maker(scheduler: str | None, jobs: int, console: Console, seconds: float) -> Iterator[Make]:
+    """Give what makes runs: a cluster, or this machine with so many jobs. seconds : that the scene as it stands took."""
     if scheduler is None:
         from robodyn_cli.over.study.runs import run_here
 
-        yield lambda task, file: run_here(task, file, jobs, console.note)
+        yield lambda task, file: run_here(task, file, jobs, console.note, seconds)
         return
     from robodyn_cli.over.study.cluster import Cluster
 

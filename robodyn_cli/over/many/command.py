@@ -205,7 +205,7 @@ def error_of(summary: Mapping[str, Any], key: str) -> float:
     return max((x for x in errors if not math.isnan(x)), default=math.nan)
 
 
-OWN_EQUATIONS = "their numbers give equations of their own, or none"
+OWN_EQUATIONS = "their values make equations of their own, as one that is zero or cancels another is no part of them"
 OTHER_KEYS = "compiled code does not give all that is asked for"
 VERDICT = "limits of drives, or margins of motorisation, decide the exit code"
 DOUBTFUL = "they do not start or end as the others, or look doubtful in compiled code"
@@ -235,7 +235,8 @@ class Making:
         left: list[int] = []
         for structure, group in self.structures.groups(self.result.values[rows]):
             here = rows[group]
-            why = OWN_EQUATIONS if structure is None else structure.obstacle or beside
+            none = self.structures.unbuilt or OWN_EQUATIONS
+            why = none if structure is None else structure.obstacle or beside
             own = (
                 here.tolist() if why or structure is None else self.command.make(structure, here, self.asked)
             )

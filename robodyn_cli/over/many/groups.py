@@ -138,6 +138,7 @@ class Structures:
         for row, key in zip(self._special, keys):
             row[: len(key.special)] = key.special
         self._found: dict[tuple[float, ...], list[Built]] = {}
+        self.unbuilt = ""  # why nothing is built for rows of the last group without a structure
 
     def groups(self, values: Array) -> Iterator[tuple[Built | None, NDArray[np.int64]]]:
         """Yield rows of values (N, keys) in groups of one structure: it, and the numbers of its rows.
@@ -174,11 +175,12 @@ class Structures:
     ) -> list[tuple[Built | None, NDArray[np.int64]]]:
         groups: list[tuple[Built | None, NDArray[np.int64]]] = []
         alone: list[int] = []
-        untried = list(known)
+        untried, self.unbuilt = list(known), ""
         while len(rows):
             try:
                 structure = untried.pop(0) if untried else self._build(values[rows[0]])
-            except RobodynError:
+            except RobodynError as error:
+                self.unbuilt = f"equations for many runs cannot be built ({error.message})"
                 alone.append(int(rows[0]))
                 rows = rows[1:]
                 continue

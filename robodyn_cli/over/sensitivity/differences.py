@@ -50,8 +50,8 @@ def why_not(command: str, output: str) -> str:
     """Return why an output has no exact derivatives."""
     leaf = leaf_of(command, output)
     if leaf is not None and leaf.fact.about_run:
-        return "this output tells how the run went, not what the mechanism does"
-    return "this output has no exact derivatives"
+        return f"{output} tells how the run went, not what the mechanism does"
+    return f"{output} has no exact derivatives"
 
 
 WIDEST = 1e-2  # part of a key's value by which it is changed at most

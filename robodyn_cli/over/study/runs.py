@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import contextlib
 import dataclasses
+import math
 import multiprocessing
 import os
 import signal
@@ -46,7 +47,7 @@ commands: Registry[BatchCommand[Any]] = Registry("robodyn_cli", places("batch"),
 
 def suits(task: Task) -> bool:
     """Tell whether compiled code gives all that a study wants of its runs."""
-    return _command_of(task) is not None and not beyond(task)
+    return _command_of(task) is not None and not beyond(task) and task.family.own.initial.source is None
 
 
 def _command_of(task: Task) -> BatchCommand[Any] | None:
@@ -76,8 +77,10 @@ def why_slow(task: Task) -> str:
     if suits(task):
         return ""
     keys = beyond(task)
-    if task.command not in commands or not keys:
+    if task.command not in commands:
         return f"each run is a whole command: there is no compiled code of {task.command} for many runs"
+    if not keys:
+        return "each run is a whole command: it goes on from a stored one (initial.from)"
     more = f" and {len(keys) - MOST_KEYS} more" if len(keys) > MOST_KEYS else ""
     command = _command_of(task)
     slow = () if command is None else command.slow.items()
@@ -207,7 +210,11 @@ def _end_with_parent() -> None:
 
 
 def run_here(
-    task: Task, file: RowFile, jobs: int, tell: Callable[[str], None] = lambda text: None
+    task: Task,
+    file: RowFile,
+    jobs: int,
+    tell: Callable[[str], None] = lambda text: None,
+    seconds: float = math.nan,
 ) -> Iterator[RunRows]:
     """Yield the rows of all missing runs, some at a time, in the order in which they are done.
 
@@ -217,7 +224,8 @@ def run_here(
     ----------
     jobs : threads, or processes where compiled code does not do; with one process, or for a few points, this one runs
         them itself.
-    tell : is told how many runs were whole commands, how long they took, and why.
+    tell : is told how many runs compiled code leaves to whole commands, and why, and how long these took. seconds :
+        that the scene as it stands took, as a whole command.
     """
     reasons: Counter[str] = Counter()
     if suits(task):
@@ -226,15 +234,20 @@ def run_here(
         reasons = compiled.left
     missing = file.missing()
     count, start = missing.left, time.perf_counter()
-    yield from one_by_one(task, missing, jobs)
-    if count:
-        each = (time.perf_counter() - start) / count
+    if count and reasons:
         why = "; ".join(
             f"{number}: {reason}" if len(reasons) > 1 else reason for reason, number in reasons.items()
         )
-        tell(
-            f"robodyn: {count} of {len(file)} runs were whole commands, {each:.2g} s each{': ' if why else ''}{why}"
-        )
+        tell(f"robodyn: compiled code leaves {count} of {len(file)} runs to whole commands: {why}; {cost_of(seconds)}")
+    yield from one_by_one(task, missing, jobs)
+    if count:
+        each = (time.perf_counter() - start) / count
+        tell(f"robodyn: {count} of {len(file)} runs were whole commands, {each:.2g} s each")
+
+
+def cost_of(seconds: float) -> str:
+    """Return in words how long a whole command took."""
+    return f"that of the scene as it stands took {seconds:.2g} s"
 
 
 def run_points(task: Task, points: Points, jobs: int, compiled: Compiled | None = None) -> RunRows:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -51,7 +52,7 @@ class Study:
     """A study that makes sense, before it runs.
 
     scene : as it stands. units : by key that varies. output_units : by output. nominal : the row of the run
-    of the scene as it stands.
+    of the scene as it stands, which took so many seconds.
     """
 
     asked: AskedStudy
@@ -60,6 +61,7 @@ class Study:
     units: dict[str, str]
     output_units: dict[str, str]
     nominal: Any
+    seconds: float
 
     @property
     def scene(self) -> Scene:
@@ -127,11 +129,13 @@ def prepare(asked: AskedStudy) -> Study:
     wanted = options.of or tuple(key for key, e in scene.expect.items() if e.numeric and key != "exit_code")
     task = Task(family, scene.command, design.keys, wanted)
     source = "expect:" if not options.of else "study.of:" if options.of == scene.study.of else "--of"
+    start = time.perf_counter()
     nominal = run_nominal(task, source).rows[0]
+    seconds = time.perf_counter() - start
     model = build_model(scene)
     units = {key: key_unit(family, understand(family, key), model) for key in design.keys}
     output_units = units_of_keys(task, model)
-    return Study(asked, task, design, units, output_units, nominal)
+    return Study(asked, task, design, units, output_units, nominal, seconds)
 
 
 def check_key(family: Family, key: str, variation: Variation) -> None:
