@@ -10,7 +10,7 @@ from robodyn_cli.expr.fixed import Fixed, free, is_free, literal
 from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.expr.formula_tree import FormulaNode, Num
 from robodyn_cli.scene.types import Orientation, Scene
-from robodyn_cli.schema.fields import Direction, Vector, key_name
+from robodyn_cli.schema.fields import Direction, Inline, Vector, key_name
 
 # what enters the equations; durations, tolerances, starts and trajectories are read by programs that run once
 SECTIONS = (
@@ -77,7 +77,7 @@ def _freed(value: Any, place: str, places: frozenset[str]) -> Any:
     changed = {}
     for field in dataclasses.fields(value):
         own = getattr(value, field.name)
-        new = _freed(own, f"{place}.{key_name(field)}", places)
+        new = _freed(own, _below(place, field), places)
         if new is not own:
             changed[field.name] = new
     return dataclasses.replace(value, **changed) if changed else value
@@ -167,10 +167,15 @@ def _record(value: Any, place: str, number: Callable[[float, str], float]) -> An
             or (isinstance(own, float) and own == field.default)
         ):
             continue
-        new = _placed(own, f"{place}.{key_name(field)}", number)
+        new = _placed(own, _below(place, field), number)
         if new is not own:
             changed[field.name] = new
     return dataclasses.replace(value, **changed) if changed else value
+
+
+def _below(place: str, field: dataclasses.Field[Any]) -> str:
+    """Return the place of a field; its elements are keys of the record itself where it holds them by their kinds."""
+    return place if isinstance(field.metadata.get("kind"), Inline) else f"{place}.{key_name(field)}"
 
 
 def _is_attitude(field: dataclasses.Field[Any]) -> bool:

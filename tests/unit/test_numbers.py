@@ -25,16 +25,20 @@ from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.model.places import SECTIONS, numbers_at_places, with_places
 from robodyn_cli.over.commands import execute
 from robodyn_cli.ready.integrable import integrable
-from robodyn_cli.scene.types import Inertia, Scene
+from robodyn_cli.scene.load import Family
+from robodyn_cli.scene.types import Inertia, Orientation, Scene
 from robodyn_cli.tools.progress import Stopwatch, no_progress
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs"
+ATTITUDE = {field.name for field in dataclasses.fields(Orientation)}
 LONGER = 1.01  # factor of all lengths, so that loops still close
-# robots of others have links of next to no mass, and equal numbers by chance, which decide their structure
+# rods of Cassie do not reach where each length has a factor of its own, and numbers that are folded leave rounding of
+# its attitudes in rows that are none
+LEFT_OUT = "cassie_leg"
 SCENES = sorted(
     p
     for p in CONFIGS.rglob("*.yaml")
-    if "schema:" in p.read_text(encoding="utf-8") and p.parent.name != "published"
+    if "schema:" in p.read_text(encoding="utf-8") and p.stem != LEFT_OUT
 )
 RUNS = [p for p in SCENES if "command:" in p.read_text(encoding="utf-8")]
 
@@ -72,7 +76,9 @@ class Variation:
             fields = [
                 f
                 for f in fields
-                if "rad" not in f.metadata.get("unit", "") and f.name not in ("axis", "axis2")
+                if "rad" not in f.metadata.get("unit", "")
+                and f.name not in ("axis", "axis2")
+                and not (isinstance(x, Orientation) and f.name in ATTITUDE)  # structure, as directions are
             ]
             changed = {f.name: self.value(getattr(x, f.name), f.metadata.get("unit", "")) for f in fields}
             return dataclasses.replace(x, **changed)
@@ -80,6 +86,13 @@ class Variation:
 
     def leaf(self, node: FormulaNode, unit: str) -> FormulaNode:
         return Num(node.number * self.factor(unit)) if isinstance(node, Num) else node
+
+
+def generic(path: Path) -> Scene:
+    """Return a scene whose numbers cancel each other nowhere by chance, as those of the three equal arms of the delta
+    do, which decides the structure."""
+    scene = load_scene(str(path))
+    return Variation(7).scene(scene) if path.stem == "delta" else scene
 
 
 def run(scene: Scene) -> str:
@@ -98,7 +111,7 @@ def looked_up() -> tuple[int, int]:
 
 @pytest.mark.parametrize("path", RUNS, ids=lambda p: p.stem)
 def test_a_run_with_other_numbers_compiles_nothing(path: Path) -> None:
-    scene = load_scene(str(path))
+    scene = generic(path)
     # the model of a controller is read from the text of the scene
     other = Variation(3).scene(scene) if scene.control is None else reread(scene, path)
     error = run(scene)
@@ -146,7 +159,7 @@ def programs_of(scene: Scene) -> dict[str, list[Any]]:
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
 def test_shared_code_gives_what_folded_numbers_give(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    scene = load_scene(str(path))
+    scene = generic(path)
     groups = (*MOTION_GROUPS, "z", "unknown")
     try:
         nominal = programs_of(scene)
@@ -187,6 +200,20 @@ def test_setting_one_value_keeps_the_programs() -> None:
     weightless = make_program(programs_of(load_scene(path, ["gravity.1=0"])), MOTION_GROUPS)
     assert weightless.digest != plain.digest, "a zero is structure"
     assert weightless.operations < plain.operations
+
+
+@pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
+def test_places_are_keys_that_set_takes(path: Path) -> None:
+    family = Family(path)
+    own = tuple(f"couplers.{x.name}." for x in family.own.couplers if x not in family.own.robot.couplers)
+    found = {
+        key: value
+        for key, value in numbers_at_places(family.own).items()
+        # KEY#n is in the unit that is written; couplers of a robot are keys of it
+        if "#" not in key and (not key.startswith("couplers.") or key.startswith(own))
+    }
+    again = family.scene([f"{key}={value!r}" for key, value in found.items()])
+    assert numbers_at_places(again) == numbers_at_places(family.own)
 
 
 def test_places_are_the_keys_of_the_scene() -> None:
