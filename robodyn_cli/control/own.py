@@ -34,7 +34,9 @@ class ByFormulas(Follower):
 
     type: str = key(Choice(("formulas",)), doc="Kind of controller.")
     law: dict[str, Any] = key(MapOf(Formula(SEEN), of="joint"), unit="N m or N", doc="Torque of each joint.")
-    state: dict[str, State] = key(MapOf(Section(State), of="state", minimum=0), default=None, doc="States of its own.")
+    state: dict[str, State] = key(
+        MapOf(Section(State), of="state", minimum=0), default=None, doc="States of its own."
+    )
 
     def problems(self) -> Problems:
         for name, state in self.state.items():

@@ -331,6 +331,4 @@ def refuse_company(problem: MechanismParts) -> None:
     for words, there in reasons.items():
         if there:
             key = of_dead_points if words.startswith("'at_dead_point'") else "deploy.latches"
-            raise CapabilityError(
-                f"{scene.path}: {key}: does not go with {words}", key=key
-            )
+            raise CapabilityError(f"{scene.path}: {key}: does not go with {words}", key=key)

@@ -197,7 +197,9 @@ def formulas_in(value: Any) -> Iterator[FormulaTree]:
     return (formula for _, formula in formulas_at(value))
 
 
-def formulas_at(value: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[tuple[str | int, ...], FormulaTree]]:
+def formulas_at(
+    value: Any, path: tuple[str | int, ...] = ()
+) -> Iterator[tuple[tuple[str | int, ...], FormulaTree]]:
     """Yield the formulas in records, maps and lists, with the keys that lead to them."""
     if isinstance(value, FormulaTree):
         yield path, value
@@ -208,7 +210,9 @@ def formulas_at(value: Any, path: tuple[str | int, ...] = ()) -> Iterator[tuple[
     elif isinstance(value, (list, tuple)):
         inner = enumerate(value)
     elif dataclasses.is_dataclass(value):
-        inner = ((f.metadata.get("name") or f.name, getattr(value, f.name)) for f in dataclasses.fields(value))
+        inner = (
+            (f.metadata.get("name") or f.name, getattr(value, f.name)) for f in dataclasses.fields(value)
+        )
     for key, entry in inner:
         yield from formulas_at(entry, (*path, key))
 

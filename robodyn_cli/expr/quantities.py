@@ -101,7 +101,9 @@ class FormulaQuantity:
         """
         needs_number = name not in _ANY and self.scaled and bool(self.kinds)
         if needs_number and not any(units.alike(kind, units.PLAIN) for kind in self.kinds):
-            raise SceneError(f"{name} takes a number or an angle, not a quantity in {units.written(self.kinds[0])}")
+            raise SceneError(
+                f"{name} takes a number or an angle, not a quantity in {units.written(self.kinds[0])}"
+            )
         return FormulaQuantity((units.PLAIN,), named=self.named)
 
 

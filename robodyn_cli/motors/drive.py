@@ -35,8 +35,12 @@ class Catalogue:
     """Motors, gears and brakes by name."""
 
     title: str = key(Text(), default="", doc="Title of the catalogue, for reports.")
-    motors: dict[str, Any] = key(MapOf(Tagged(lambda: motor_types), of="motor", minimum=0), default=None, doc="Motors.")
-    gears: dict[str, Any] = key(MapOf(Tagged(lambda: gear_types), of="gear", minimum=0), default=None, doc="Gears.")
+    motors: dict[str, Any] = key(
+        MapOf(Tagged(lambda: motor_types), of="motor", minimum=0), default=None, doc="Motors."
+    )
+    gears: dict[str, Any] = key(
+        MapOf(Tagged(lambda: gear_types), of="gear", minimum=0), default=None, doc="Gears."
+    )
     brakes: dict[str, Brake] = key(MapOf(Section(Brake), of="brake", minimum=0), default=None, doc="Brakes.")
 
     def used_by(self, drives: Iterable[Drive]) -> Catalogue:

@@ -247,7 +247,9 @@ class DeployLatch:
         doc="Position at which it closes: of its own `joint`, or {JOINT: POSITION} of another.",
     )
     at_limit: dict[str, str] = key(
-        JointMap(Choice(("lower", "upper")), minimum=1), default=None, doc="Or the limit of a joint at which it closes."
+        JointMap(Choice(("lower", "upper")), minimum=1),
+        default=None,
+        doc="Or the limit of a joint at which it closes.",
     )
     at_dead_point: bool = key(Boolean(), default=False, doc="Or: it closes in a dead point of the input.")
     when: FormulaTree | None = key(

@@ -212,9 +212,7 @@ class Attachment:
 class Robot:
     """The tree of joints and links."""
 
-    joints: tuple[Joint, ...] = key(
-        ListOf(Section(Joint)), doc="Joints; their order is that of q."
-    )
+    joints: tuple[Joint, ...] = key(ListOf(Section(Joint)), doc="Joints; their order is that of q.")
     links: tuple[Link, ...] = key(ListOf(Section(Link)), doc="Links.")
     convention: str | None = key(
         Choice(("standard", "modified")),
@@ -226,8 +224,12 @@ class Robot:
         default=Placement(),
         doc="Placement of the base in the world (gravity is a world vector).",
     )
-    points: dict[str, Point] = key(MapOf(Section(Point), of="point", minimum=0), default=None, doc="Named points.")
-    frames: dict[str, Frame] = key(MapOf(Section(Frame), of="frame", minimum=0), default=None, doc="Named frames.")
+    points: dict[str, Point] = key(
+        MapOf(Section(Point), of="point", minimum=0), default=None, doc="Named points."
+    )
+    frames: dict[str, Frame] = key(
+        MapOf(Section(Frame), of="frame", minimum=0), default=None, doc="Named frames."
+    )
     couplers: tuple[Coupler, ...] = key(
         ListOf(LaterSection("scene.robot_parts:Coupler"), minimum=0),
         default=(),

@@ -85,7 +85,9 @@ class Initial:
         doc="Rates; 0 where not given.",
     )
     hold: tuple[str, ...] = key(
-        ListOf(Name(of="joint"), minimum=0), default=(), doc="Joints kept at their value when the loops are closed."
+        ListOf(Name(of="joint"), minimum=0),
+        default=(),
+        doc="Joints kept at their value when the loops are closed.",
     )
     source: str | None = key(
         Text(),
@@ -187,7 +189,9 @@ class Scene:
     parameters: dict[str, float] = key(
         MapOf(Number(), of="parameter", minimum=0), default=None, doc="Named constants for formulas."
     )
-    loops: tuple[Any, ...] = key(ListOf(Tagged(lambda: loop_types), minimum=0), default=(), doc="Loop closures.")
+    loops: tuple[Any, ...] = key(
+        ListOf(Tagged(lambda: loop_types), minimum=0), default=(), doc="Loop closures."
+    )
     forces: tuple[Any, ...] = key(
         ListOf(Tagged(lambda: force_types), minimum=0), default=(), doc="Forces on points and between bodies."
     )

@@ -265,7 +265,9 @@ def key(kind: Kind, *, default: Any = REQUIRED, unit: str = "", doc: str = "", n
     metadata = {"kind": kind, "unit": unit, "doc": doc, "name": name}
     if default is REQUIRED:
         return dataclasses.field(metadata=metadata)
-    if default is None and any(isinstance(k, Collection) and not isinstance(k, ListOf) for k in getattr(kind, "kinds", (kind,))):
+    if default is None and any(
+        isinstance(k, Collection) and not isinstance(k, ListOf) for k in getattr(kind, "kinds", (kind,))
+    ):
         return dataclasses.field(default_factory=dict, metadata=metadata)
     return dataclasses.field(default=default, metadata=metadata)
 

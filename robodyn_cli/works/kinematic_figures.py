@@ -17,7 +17,9 @@ PLACES = (
     "point_velocities",
     "point_accelerations",
 )  # datasets of a point's motion, from positions on
-MEETING = 1e-9  # part of their distance from the origin, within which points are at one place: loops close as well
+MEETING = (
+    1e-9  # part of their distance from the origin, within which points are at one place: loops close as well
+)
 AT_SAMPLE = 1e-9  # part of an interval: a time so near to a sample is the sample's
 # values and errors (n,) of columns of one run, or of many, by figure
 Figures = dict[str, tuple[Array, Array]]

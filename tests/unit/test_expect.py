@@ -65,7 +65,9 @@ def test_figures_in_degrees_are_shown_in_the_unit_of_their_bounds() -> None:
 
 
 def test_a_number_that_misses_by_rounding_says_so() -> None:
-    (missed,) = judge({"lock.time": parse_expectation(9)}, {"status": "ok", "lock": {"time": 9.000000000000002}})
+    (missed,) = judge(
+        {"lock.time": parse_expectation(9)}, {"status": "ok", "lock": {"time": 9.000000000000002}}
+    )
     assert str(missed) == (
         "lock.time: 9.000000000000002, off by rounding: '9' has no tolerance, '9 +- 1e-6 %' has (expected 9)"
     )

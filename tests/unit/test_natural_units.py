@@ -412,5 +412,6 @@ def test_a_formula_without_units_fits_every_key(formula: str) -> None:
         try:
             load_scene_text(POINTED.replace("SWING", text).replace("SLIDE", "0") + "parameters: {free: 2}\n")
         except SceneError as error:
-            assert text != bare and ("add up" in error.message or "expected" in error.message
-                or "takes a number" in error.message)
+            assert text != bare and (
+                "add up" in error.message or "expected" in error.message or "takes a number" in error.message
+            )

@@ -36,9 +36,7 @@ LONGER = 1.01  # factor of all lengths, so that loops still close
 # its attitudes in rows that are none
 LEFT_OUT = "cassie_leg"
 SCENES = sorted(
-    p
-    for p in CONFIGS.rglob("*.yaml")
-    if "schema:" in p.read_text(encoding="utf-8") and p.stem != LEFT_OUT
+    p for p in CONFIGS.rglob("*.yaml") if "schema:" in p.read_text(encoding="utf-8") and p.stem != LEFT_OUT
 )
 RUNS = [p for p in SCENES if "command:" in p.read_text(encoding="utf-8")]
 

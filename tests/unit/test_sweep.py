@@ -691,7 +691,10 @@ def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
     fast = sweep(*words, "--out", tmp_path / "fast")
     assert "whole command" not in fast.output
     other = sweep(*words, "--of", "error_estimate.q_max", "--set", "expect={}", "--out", tmp_path / "other")
-    assert "compiled code does not give error_estimate.q_max; that of the scene as it stands took" in other.output
+    assert (
+        "compiled code does not give error_estimate.q_max; that of the scene as it stands took"
+        in other.output
+    )
 
 
 @pytest.mark.parametrize(

@@ -103,7 +103,9 @@ class LatchStates(ContactStates):
     def _nearest(self, k: int) -> MissedLatch:
         """Return how near a latch came to its condition: at an event, or at the start or the end."""
         distance, time = min((float(values[k]), time) for time, values in self.turns)
-        return MissedLatch(distance, time, MissedLatchErrors(), self.latches[k].closing_unit(self.problem.model))
+        return MissedLatch(
+            distance, time, MissedLatchErrors(), self.latches[k].closing_unit(self.problem.model)
+        )
 
     def _look(self, t: float, x: Array) -> tuple[Array, Array]:
         """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""

@@ -38,7 +38,9 @@ def judge(
         if value is _ABSENT:
             if summary.get("status") != "failed":
                 raise _unknown(key, facts, place, f"expect.{key}")
-            outcomes.append(JudgedCriterion(key, expected.text, None, False, "not there, since the run failed"))
+            outcomes.append(
+                JudgedCriterion(key, expected.text, None, False, "not there, since the run failed")
+            )
             continue
         if isinstance(value, (Mapping, list)):
             inner = ", ".join(

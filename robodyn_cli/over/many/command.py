@@ -205,7 +205,9 @@ def error_of(summary: Mapping[str, Any], key: str) -> float:
     return max((x for x in errors if not math.isnan(x)), default=math.nan)
 
 
-OWN_EQUATIONS = "their values make equations of their own, as one that is zero or cancels another is no part of them"
+OWN_EQUATIONS = (
+    "their values make equations of their own, as one that is zero or cancels another is no part of them"
+)
 OTHER_KEYS = "compiled code does not give all that is asked for"
 VERDICT = "limits of drives, or margins of motorisation, decide the exit code"
 DOUBTFUL = "they do not start or end as the others, or look doubtful in compiled code"

@@ -60,7 +60,9 @@ class DeployLatches(Deploy):
             "joints stick or meet stops by numbers that the equations do not hold": bool(
                 motion.problem.contact_joints
             ),
-            "a latch closes in a dead point (at_dead_point), where a determinant of numbers passes zero": any(latch.spec.at_dead_point for latch in latches),
+            "a latch closes in a dead point (at_dead_point), where a determinant of numbers passes zero": any(
+                latch.spec.at_dead_point for latch in latches
+            ),
             "loads are judged on samples": bool(motion.scene.deploy.loads),
         }
         return first_of(reasons)

@@ -238,7 +238,9 @@ def run_here(
         why = "; ".join(
             f"{number}: {reason}" if len(reasons) > 1 else reason for reason, number in reasons.items()
         )
-        tell(f"robodyn: compiled code leaves {count} of {len(file)} runs to whole commands: {why}; {cost_of(seconds)}")
+        tell(
+            f"robodyn: compiled code leaves {count} of {len(file)} runs to whole commands: {why}; {cost_of(seconds)}"
+        )
     yield from one_by_one(task, missing, jobs)
     if count:
         each = (time.perf_counter() - start) / count

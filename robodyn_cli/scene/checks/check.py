@@ -52,7 +52,9 @@ class Check(nodes.Faults):
         for k, name in enumerate(names):
             with self:
                 if name in seen:
-                    self.fail(paths[k], f"{kind} {name!r} appears twice; names of {plural_of(kind)} must differ")
+                    self.fail(
+                        paths[k], f"{kind} {name!r} appears twice; names of {plural_of(kind)} must differ"
+                    )
                 seen.add(name)
 
 

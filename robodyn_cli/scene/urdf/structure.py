@@ -48,7 +48,9 @@ def _unique(kind: str, items: Iterable[UrdfLink | UrdfJoint], faults: Faults) ->
     for item in items:
         with faults:
             if item.name in seen:
-                raise item.element.error(f"{kind} {item.name!r} appears twice; names of {plural_of(kind)} must differ")
+                raise item.element.error(
+                    f"{kind} {item.name!r} appears twice; names of {plural_of(kind)} must differ"
+                )
             seen.add(item.name)
 
 
