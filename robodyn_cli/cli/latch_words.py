@@ -32,8 +32,9 @@ def latch_lines(summary: Mapping[str, Any]) -> list[str]:
 def payload_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about what was released and came down: how far it flew, and how high."""
     return [
-        f"  {name:<18} comes down at t = {_within(own['landing'], 'time')} s: range {_within(own['landing'], 'range')} m, "
-        f"up to {_within(own['landing'], 'highest')} m above the plane, released with {number(own['release']['energy'])} J"
+        f"  {name:<18} comes down at t = {_within(own['landing'], 'time')} s: range "
+        f"{_within(own['landing'], 'range')} m, up to {_within(own['landing'], 'highest')} m above the plane, "
+        f"released with {number(own['release']['energy'])} J"
         for name, own in summary.get("payloads", {}).items()
         if "landing" in own
     ]

@@ -19,6 +19,7 @@ from robodyn_cli.scene.robot_types import Joint
 from robodyn_cli.scene.text import nodes
 from robodyn_cli.scene.text.includes import concrete
 from robodyn_cli.schema import fields as kinds
+from robodyn_cli.summaries.facts import for_coordinate
 
 _MAX_LISTED = 20
 # squares of longer or shorter directions overflow or underflow
@@ -289,7 +290,8 @@ class Reader(ScalarReader):
             listed = ", ".join(repr(name) for name in missing)
             fault = f"key{'s' * (len(missing) > 1)} {listed} {'are' if len(missing) > 1 else 'is'} missing"
             docs = keys.fields[missing[0]].metadata
-            meaning = f" ({missing[0]}: {kinds.describe(docs['kind'], kinds.for_coordinate(docs['unit'], self.coordinate))})"
+            unit = for_coordinate(docs["unit"], self.coordinate)
+            meaning = f" ({missing[0]}: {kinds.describe(docs['kind'], unit)})"
             needed = ", ".join(keys.needed)
             self.faults.report(
                 nodes.located(node, nodes.dotted(path), f"{fault}{meaning}; needed here: {needed}")

@@ -37,9 +37,8 @@ from robodyn_cli.schema.fields import (
     Text,
     Vector,
     describe,
-    for_coordinate,
-    of_angle,
 )
+from robodyn_cli.summaries.facts import for_coordinate, of_angle
 
 _NAME = re.compile(r"[A-Za-z_][A-Za-z0-9_-]*")
 _IN_FORMULAS = ("joint", "parameter")

@@ -11,7 +11,8 @@ from robodyn_cli.scene.text.includes import child_kind, concrete
 from robodyn_cli.scene.text.nodes import Mapping, Node, Path, Sequence, dotted, index_of, name_of
 from robodyn_cli.scene.text.numbers import WrittenNumber, at_key, counted, number_at
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.schema.fields import Inline, Kind, Section, for_coordinate, key_name
+from robodyn_cli.schema.fields import Inline, Kind, Section, key_name
+from robodyn_cli.summaries.facts import for_coordinate
 
 
 def unit_of(root: Node, key: str) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 
 from robodyn_cli.errors import plural_of
 from robodyn_cli.record import record
+from robodyn_cli.summaries.facts import of_angle
 
 REQUIRED: Any = dataclasses.MISSING
 # keys that compose files (see ``OrFile``)
@@ -88,11 +89,7 @@ class Formula(Kind):
 
 @record
 class Collection(Kind):
-    """Base of lists and maps, of at least ``minimum`` entries.
-
-    An empty one that asks for something would be read as if it were absent, so it is refused. The minimum is 0 where it
-    says what there is: no forces, no parameters.
-    """
+    """Lists and maps of at least ``minimum`` entries: 0 where they say what there is, as an empty one asks for nothing."""
 
     minimum = 0
 
@@ -331,21 +328,6 @@ def describe(kind: Kind, unit: str = "") -> str:
     return _plain(kind, of_angle(unit)) + (f" [{unit}]" if unit and unit != "1" else "")
 
 
-def for_coordinate(unit: str, coordinate: str) -> str:
-    """Return the one of ``N m/rad or N/m`` that is for a coordinate in ``rad`` or ``m``; other units as they are."""
-    forms = unit.split(" or ")
-    if len(forms) != 2 or coordinate not in ("rad", "m"):
-        return unit
-    turning = [form for form in forms if "N m" in form or "rad" in form]
-    sliding = [form for form in forms if form not in turning]
-    return (turning if coordinate == "rad" else sliding or forms)[0]
-
-
-def of_angle(unit: str) -> bool:
-    """Tell whether a unit is that of an angle, or of one of its rates."""
-    return any(form.startswith("rad") for form in unit.split(" or "))
-
-
 def _plain(kind: Kind, turns: bool = False) -> str:
     if isinstance(kind, (Number, Integer)):
         strict = isinstance(kind, Number) and kind.exclusive
@@ -359,10 +341,6 @@ def _plain(kind: Kind, turns: bool = False) -> str:
             bounds.append(f"{'<' if strict else '<='} {_bound(kind.maximum)}")
         angle = " or an angle such as '45 deg'" if isinstance(kind, Number) and turns else ""
         return " ".join([noun, " and ".join(bounds)]).strip() + angle
-    if isinstance(kind, Boolean):
-        return "true or false"
-    if isinstance(kind, Text):
-        return "text"
     if isinstance(kind, Name):
         return f"the name of a {kind.of}" if kind.of else "a name"
     if isinstance(kind, Choice):
@@ -385,17 +363,18 @@ def _plain(kind: Kind, turns: bool = False) -> str:
         return "a map"
     if isinstance(kind, Inline):
         return f"the keys {', '.join(kind.registry())}"
-    if isinstance(kind, Criteria):
-        return "a map from keys of the summary to expected values"
-    if isinstance(kind, Variations):
-        return "a map from keys of the scene to values or distributions"
-    if isinstance(kind, Settings):
-        return "a map from keys of the scene to values"
-    if isinstance(kind, CsvFile):
-        return "the path of a CSV or HDF5 file"
-    if isinstance(kind, MeshFile):
-        return "the path of an STL, OBJ or DAE file"
-    return "a value"
+    return _SAID.get(type(kind), "a value")
+
+
+_SAID = {
+    Boolean: "true or false",
+    Text: "text",
+    Criteria: "a map from keys of the summary to expected values",
+    Variations: "a map from keys of the scene to values or distributions",
+    Settings: "a map from keys of the scene to values",
+    CsvFile: "the path of a CSV or HDF5 file",
+    MeshFile: "the path of an STL, OBJ or DAE file",
+}
 
 
 def _bound(x: float) -> str:

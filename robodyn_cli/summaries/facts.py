@@ -50,6 +50,21 @@ class UnitOf:
         return f"{self.turning} or {self.sliding}"
 
 
+def for_coordinate(unit: str, coordinate: str) -> str:
+    """Return the one of ``N m/rad or N/m`` that is for a coordinate in ``rad`` or ``m``; other units as they are."""
+    forms = unit.split(" or ")
+    if len(forms) != 2 or coordinate not in ("rad", "m"):
+        return unit
+    turning = [form for form in forms if "N m" in form or "rad" in form]
+    sliding = [form for form in forms if form not in turning]
+    return (turning if coordinate == "rad" else sliding or forms)[0]
+
+
+def of_angle(unit: str) -> bool:
+    """Tell whether a unit is that of an angle, or of one of its rates."""
+    return any(form.startswith("rad") for form in unit.split(" or "))
+
+
 OWN = UnitOf("rad", "m", "1")
 RATE = UnitOf("rad/s", "m/s", "1/s")
 ACCELERATION = UnitOf("rad/s^2", "m/s^2", "1/s^2")

@@ -61,9 +61,9 @@ from robodyn_cli.works.kinematic_figures import (
     between_samples,
     of_one,
     path_figures,
-    refuse_meeting,
     range_figures,
     ratio_figures,
+    refuse_meeting,
     transmission_angle,
     transmission_figures,
 )

@@ -22,7 +22,6 @@ from robodyn_cli.observe.singular_values import LeastNorm
 from robodyn_cli.over.many import simulate as many_simulate
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.scene.load import load_scene, load_scene_text
-from robodyn_cli.summaries.checks import JudgedCriterion
 from robodyn_cli.summaries.facts import PeakLoad, fact
 from robodyn_cli.summaries.inverse import definitions_of
 from robodyn_cli.summaries.motion import Counters

@@ -17,9 +17,9 @@ from typer.testing import CliRunner
 from robodyn_cli.cli.app import app
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.load import load_scene, load_scene_text
-from robodyn_cli.scene.text.includes import Includer
 from robodyn_cli.scene.read import Reader
 from robodyn_cli.scene.read_scalars import Names
+from robodyn_cli.scene.text.includes import Includer
 from robodyn_cli.scene.text.nodes import Faults, Scalar, Source, mapping, sequence
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.schema import fields as kinds
@@ -100,7 +100,7 @@ COLLECTIONS = dict(collections(kinds.Section(Scene), "", set()))
 @pytest.mark.parametrize("key", COLLECTIONS)
 def test_what_asks_for_something_is_not_empty(key: str) -> None:
     kind = COLLECTIONS[key]
-    assert (kind.minimum == 0) == (key in MAY_BE_EMPTY or type(kind) is kinds.JointMap and not kind.minimum)
+    assert (kind.minimum == 0) == (key in MAY_BE_EMPTY or (type(kind) is kinds.JointMap and not kind.minimum))
     is_list = isinstance(kind, kinds.ListOf)
     place = Scalar(Source("scene.yaml", "."), 3, 7, "", None)
     empty = sequence(place, []) if is_list else mapping(place, [])

@@ -7,7 +7,6 @@ from typing import Annotated, Any
 
 import typer
 
-from robodyn_cli.cli.latch_words import latch_lines, payload_lines
 from robodyn_cli.cli.options import NO_ERROR_ESTIMATE, NoErrorEstimate, SceneFile, SharedOptions, Strict
 from robodyn_cli.cli.runner import run_scene
 from robodyn_cli.cli.words import (
@@ -34,14 +33,22 @@ def describe(summary: Mapping[str, Any]) -> str:
         *error_lines(summary),
         *(_control_lines(summary["control"]) if "control" in summary else ()),
         *drive_lines(summary),
-        *latch_lines(summary),
-        *payload_lines(summary),
+        *_happenings(summary),
         *extreme_lines(summary),
         *balance_lines(summary),
         *motorisation_lines(summary),
         cost_line(summary),
     ]
     return "\n".join(lines)
+
+
+def _happenings(summary: Mapping[str, Any]) -> list[str]:
+    """Return lines about latches and payloads, where there are some."""
+    if "locks" not in summary and "payloads" not in summary:
+        return []
+    from robodyn_cli.cli.latch_words import latch_lines, payload_lines
+
+    return [*latch_lines(summary), *payload_lines(summary)]
 
 
 def _control_lines(control: Mapping[str, Any]) -> list[str]:

@@ -99,7 +99,7 @@ def command(
 
 @contextlib.contextmanager
 def _maker(scheduler: str | None, jobs: int, console: Console, seconds: float) -> Iterator[Make]:
-    """Give what makes runs: a cluster, or this machine with so many jobs. seconds : that the scene as it stands took."""
+    """Give what makes runs: a cluster, or this machine with so many jobs. seconds : of the scene as it stands."""
     if scheduler is None:
         from robodyn_cli.over.study.runs import run_here
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 import dataclasses
 import math
+import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
