@@ -89,7 +89,7 @@ class Formula(Kind):
 
 @record
 class Collection(Kind):
-    """Lists and maps of at least ``minimum`` entries: 0 where they say what there is, as an empty one asks for nothing."""
+    """Lists and maps of at least ``minimum`` entries: 0 where they say what there is; empty ones ask for nothing."""
 
     minimum = 0
 
