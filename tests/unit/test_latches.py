@@ -96,7 +96,9 @@ def test_points_of_latches_exist(key: str) -> None:
     latch = {"name": "catch", "joint": "hinge", "at": AT, key: "tap.y - 0.5"}
     if key == "when":
         del latch["at"]
-    with pytest.raises(SceneError, match="deploy.latches.0: formula 'tap.y - 0.5': unknown point 'tap'"):
+    with pytest.raises(
+        SceneError, match=f"deploy.latches.0.{key}: formula 'tap.y - 0.5': unknown point 'tap'"
+    ):
         load_scene_text(yaml.safe_dump(panel(deploy={"latches": [latch]})))
 
 
