@@ -238,6 +238,11 @@ class Robot:
         default=(),
         doc="Loop closures that belong to the robot, as those of the scene.",
     )
+    actuated: tuple[str, ...] | None = key(
+        ListOf(Name(of="joint")),
+        default=None,
+        doc="Its joints with motors; they are the scene's where that has no `actuated`.",
+    )
     attach: tuple[Attachment, ...] = key(
         ListOf(Section(Attachment)),
         default=(),

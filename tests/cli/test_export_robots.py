@@ -79,15 +79,21 @@ def test_a_description_is_exported_as_it_is_read(tmp_path: Path) -> None:
     assert 'gravity="0.0 0.0 -9.81"' in (out / "leg.xml").read_text(encoding="utf-8")
 
 
-def test_motors_of_the_extended_urdf_come_back(tmp_path: Path) -> None:
-    export(tmp_path, "extended-urdf")
-    scene = tmp_path / "again.yaml"
-    scene.write_text("schema: 1\ngravity: [0, 0, -9.81]\nrobot: out/leg.urdf\n", encoding="utf-8")
-    assert any("name_mot): hip" in note for note in load_scene(scene).notes)
-    urdf = tmp_path / "out" / "leg.urdf"
-    assert load_robot(urdf).actuated == ("hip",)
-    assert run(["export", str(urdf), "--to", "mjcf", "--out", str(tmp_path)]) == 0
-    assert 'motor name="hip_motor" joint="hip"' in (tmp_path / "leg.xml").read_text(encoding="utf-8")
+@pytest.mark.parametrize(("kind", "file"), [("urdf+", "leg.urdf"), ("extended-urdf", "leg.urdf"), ("mjcf", "leg.xml"), ("sdf", "leg.sdf")])  # fmt: skip
+def test_motors_come_back(kind: str, file: str, tmp_path: Path, capsys: Any) -> None:
+    """By name_mot, by motors, or by an effort of 0 where there is none; where all have some, nothing is said."""
+    if kind == "mjcf":
+        pytest.importorskip("mujoco")
+    for motors, read in (("[hip]", ("hip",)), ("[hip, knee]", None)):
+        export(tmp_path, kind, SCENE.replace("[hip]", motors))
+        scene = load_robot(tmp_path / "out" / file)
+        kept = kind in ("mjcf", "extended-urdf")
+        assert scene.actuated == scene.robot.actuated == (("hip", "knee") if kept and read is None else read)
+        assert any("joints with motors: hip" in note for note in scene.notes) == (scene.actuated is not None)
+    rotor = SCENE.replace("axis: [0, 1, 0], origin", "axis: [0, 1, 0], rotor_inertia: 0.1, origin")
+    capsys.readouterr()
+    export(tmp_path, kind, rotor)
+    assert ("left out, that they have no motor: knee" in capsys.readouterr().err) != kept
 
 
 LOOP = "loops: [{name: bar, type: distance, between: [foot, base.origin], length: 0.9}]\n"

@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from robodyn_cli import simulate
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.load import load_description, load_scene
+from robodyn_cli.scene.ties import rpy_of
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.urdf.closures import rpy_of
 
 MASS = (
     '<inertial><origin xyz="0.1 0.02 -0.03"/><mass value="1.5"/>'
@@ -165,7 +165,11 @@ def test_loops_of_the_extended_urdf(tmp_path: Path, tie: str) -> None:
     beside = f"closed_loop: [[A/1, B/1_joint]]\ntype: ['{tie}']\nname_mot: [j1]\n"
     scene = loaded(tmp_path, urdf, {k: x + 1e-3 for k, x in q.items()}, beside)
     assert str(tmp_path / "robot.yaml") in scene.sources
-    assert any("1 loops from robot.yaml beside it; driven (name_mot): j1" in text for text in scene.notes)
+    assert scene.actuated == ("j1",)
+    assert [text.rpartition("robot.urdf: ")[2] for text in scene.notes[-2:]] == [
+        "1 loops from robot.yaml beside it",
+        "joints with motors: j1",
+    ]
     for sample in simulate(scene)["q"]:
         at = {f"j{k}": float(x) for k, x in enumerate(sample, 1)}
         ends = (
@@ -231,6 +235,7 @@ def test_what_is_refused_is_named_with_its_line(tmp_path: Path, element: str, wo
         ("closed_loop: [[link5, link9]]\ntype: []\n", "has 0 entries; allowed: 1"),
         ("closed_loop: []\njoint_name: [j1]\njoint_type: [UJOINT_ZZ]\n", "is no type of a joint"),
         ("closed_loop: []\nloops: 3\n", "unknown key 'loops'"),
+        ("closed_loop: []\nname_mot: [j1]\njoint_name: [j1]\njoint_type: [FIXED]\n", "'j1' is fixed; allowed: j2"),
     ],
 )
 def test_what_is_refused_beside(tmp_path: Path, beside: str, words: str) -> None:

@@ -14,13 +14,17 @@ CONES = "limits of ball joints"
 
 
 class Acting:
-    """The forces in the joints of a model; ``types`` : of its joints. motors, actuators : on each, by number."""
+    """The forces in the joints of a model; ``types`` : of its joints. motors, actuators : on each, by number.
+
+    elsewhere : whether there are actuators on other parts than joints, or muscles.
+    """
 
     def __init__(self, compiled: MjcfModel) -> None:
         self.compiled, self.m = compiled, compiled.model
         self.types = [KINDS[int(kind)] for kind in self.m.jnt_type]
         self.motors: dict[int, list[int]] = {}
         self.actuators: dict[int, list[int]] = {}
+        self.elsewhere = ACTUATORS in compiled.left
         for a in range(len(self.m.actuator_trntype)):
             j = int(self.m.actuator_trnid[a][0])
             self.actuators.setdefault(j, []).append(a)
