@@ -47,7 +47,7 @@ ACTING = {
     "urdf+": IN_URDF,
     "extended-urdf": IN_URDF,
     "sdf": (*IN_URDF, "spring"),
-    "mjcf": (*IN_URDF, "spring"),
+    "mjcf": (*IN_URDF, "spring", "ball rotor"),
 }
 
 
@@ -246,7 +246,7 @@ class InMujoco:
 def test_mujoco_finds_the_same_tree(seed: int, free: bool, tmp_path: Path) -> None:
     """M, and bias with friction, dampers and springs, at random states; free bodies on and off the world's frame."""
     rng = np.random.default_rng(30 + seed)
-    robot = random_robot(rng, KINDS["mjcf"], ("damper", "spring", "rotor"))
+    robot = random_robot(rng, KINDS["mjcf"], ("damper", "spring", "rotor", "ball rotor"))
     if free:
         del robot["base"]
         next(j for j in robot["joints"] if j["type"] == "floating").pop("origin")

@@ -235,7 +235,10 @@ def test_what_is_refused_is_named_with_its_line(tmp_path: Path, element: str, wo
         ("closed_loop: [[link5, link9]]\ntype: []\n", "has 0 entries; allowed: 1"),
         ("closed_loop: []\njoint_name: [j1]\njoint_type: [UJOINT_ZZ]\n", "is no type of a joint"),
         ("closed_loop: []\nloops: 3\n", "unknown key 'loops'"),
-        ("closed_loop: []\nname_mot: [j1]\njoint_name: [j1]\njoint_type: [FIXED]\n", "'j1' is fixed; allowed: j2"),
+        (
+            "closed_loop: []\nname_mot: [j1]\njoint_name: [j1]\njoint_type: [FIXED]\n",
+            "'j1' is fixed; allowed: j2",
+        ),
     ],
 )
 def test_what_is_refused_beside(tmp_path: Path, beside: str, words: str) -> None:

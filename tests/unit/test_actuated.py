@@ -25,7 +25,7 @@ def urdf(folder: Path, *limits: str) -> Path:
     """Return a URDF with a joint for each limit, empty for none."""
     joints = "".join(
         f'<joint name="j{k}" type="{"revolute" if limit else "continuous"}"><parent link="l{k}"/><child link="l{k + 1}"/>'
-        f"<origin xyz=\"1 0 0\"/>{limit and f'<limit {limit}/>'}</joint>"
+        f'<origin xyz="1 0 0"/>{limit and f"<limit {limit}/>"}</joint>'
         for k, limit in enumerate(limits)
     )
     links = "".join(f'<link name="l{k}">{INERTIA}</link>' for k in range(len(limits) + 1))
@@ -105,7 +105,9 @@ def test_robots_that_are_attached(tmp_path: Path) -> None:
 
 
 def test_errors_are_where_the_motors_are_named(tmp_path: Path) -> None:
-    robot = "{joints: [{name: a, type: revolute, axis: [0, 0, 1]}], links: [{name: l, mass: 1}],\n actuated: [c]}"
+    robot = (
+        "{joints: [{name: a, type: revolute, axis: [0, 0, 1]}], links: [{name: l, mass: 1}],\n actuated: [c]}"
+    )
     with pytest.raises(SceneError, match=r"<text>:4:13: robot.actuated.0: unknown joint 'c'; allowed: a"):
         load_scene_text(TEXT.format(robot))
 
@@ -120,7 +122,9 @@ def test_a_chain_with_a_joint_that_nothing_drives(tmp_path: Path, capsys: Any) -
     with pytest.raises(CapabilityError, match="'actuated' lacks 'j1'"):
         inverse(load_scene(path))
     assert run(["inverse", str(path), "--no-plots", "--out", str(tmp_path / "out")]) == 2
-    assert "robot.urdf:1:1: robot.actuated: inverse dynamics needs" in " ".join(capsys.readouterr().err.split())
+    assert "robot.urdf:1:1: robot.actuated: inverse dynamics needs" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_info_says_which_joints_have_motors(tmp_path: Path, capsys: Any) -> None:

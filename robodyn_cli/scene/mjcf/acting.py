@@ -86,7 +86,7 @@ class Acting:
         curved += [("actuator_dampingpoly", a) for a in on]
         parts = [(*part, "is a curve; allowed: one number") for part in curved]
         if kind not in SINGLE:
-            single = [("dof_frictionloss", v), ("dof_armature", v)]
+            single = [("dof_frictionloss", v), *([("dof_armature", v)] if kind == "free" else [])]
             single += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in on]
             parts += [
                 (*part, f"is that of a {kind} joint; allowed: of joints with one axis") for part in single
