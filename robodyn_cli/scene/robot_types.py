@@ -111,8 +111,8 @@ class Joint:
         Either((Number(minimum=0.0), MapOf(Number(minimum=0.0), of="coordinate"))),
         default=0.0,
         unit="kg m^2",
-        doc="J of the rotor, reflected as N^2 J on the joint; by coordinate for joints with several. Of a spherical joint "
-        "one number, against the angular acceleration about any axis.",
+        doc="J of the rotor, reflected as N^2 J on the joint; by coordinate for joints with several. Of a "
+        "spherical joint one number, against the angular acceleration about any axis.",
     )
     forces: tuple[tuple[str, Any], ...] = key(
         Inline(lambda: joint_forces, FREEDOMS),

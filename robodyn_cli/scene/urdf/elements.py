@@ -121,7 +121,7 @@ class Mimic:
 class UrdfJoint:
     """A joint; ``limits`` : lower, upper, effort, velocity and acceleration, as far as they are written.
 
-    dampings : by coordinate of joints with several. rotor : of its motor.
+    dampings : by coordinate of Drake's joints. pitch : of a screw [m/rad]. rotor : of its motor.
     """
 
     element: XmlElement
@@ -132,10 +132,11 @@ class UrdfJoint:
     pose: UrdfPose
     axis: tuple[float, ...]
     limits: dict[str, float]
-    damping: float
-    friction: float
     mimic: Mimic | None
+    damping: float = 0.0
+    friction: float = 0.0
     axis2: tuple[float, ...] | None = None
+    pitch: float = 0.0
     dampings: dict[str, float] = dataclasses.field(default_factory=dict)
     rotor: Rotor = Rotor()
 
@@ -258,33 +259,27 @@ def _joint(element: XmlElement) -> UrdfJoint:
     name = element.text("name", "a joint")
     owner = f"joint {name!r}"
     kind = element.text("type", owner)
-    axes: tuple[tuple[float, ...], ...] = ()
-    dampings: dict[str, float] = {}
+    own: dict[str, Any]
     if element.tag != "joint":
-        kind, axes, dampings = joint_kind(element, owner, kind)
-    elif kind not in JOINT_TYPES:
+        own = joint_kind(element, owner, kind, _axis(element, owner, kind))
+    elif kind in JOINT_TYPES:
+        damping, friction = _dynamics(element, owner)
+        axis = _axis(element, owner, kind)
+        own = {"type": kind, "axis": axis, "damping": damping, "friction": friction}
+    else:
         raise element.error(f"{owner}: {unknown_name('type', kind, JOINT_TYPES)}")
-    ends = []
     for tag in ("parent", "child"):
         end = element.one(tag, owner)
         if end is None:
             raise element.error(f"{owner} needs <{tag} link=...>")
-        ends.append(end.text("link", owner))
-    damping, friction = (0.0, 0.0) if axes else _dynamics(element, owner)
+        own[tag] = end.text("link", owner)
     return UrdfJoint(
         element,
         name,
-        kind,
-        ends[0],
-        ends[1],
-        pose_of(element, owner),
-        axes[0] if axes else _axis(element, owner, kind),
-        _limits(element, owner),
-        damping,
-        friction,
-        _mimic(element, owner),
-        axes[1] if len(axes) > 1 else None,
-        dampings,
+        pose=pose_of(element, owner),
+        limits=_limits(element, owner),
+        mimic=_mimic(element, owner),
+        **own,
     )
 
 

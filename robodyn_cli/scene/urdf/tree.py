@@ -112,6 +112,7 @@ class _Tree:
             entries |= origin_of(place, joint.pose)
             entries |= {} if kind in WITHOUT_AXIS else {"axis": plain(place, joint.axis)}
             entries |= {} if joint.axis2 is None else {"axis2": plain(place, joint.axis2)}
+            entries |= {"pitch": joint.pitch} if joint.pitch else {}
             entries |= self.drive(joint, remarks)
         return plain(place, entries)
 
