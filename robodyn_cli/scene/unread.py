@@ -30,6 +30,18 @@ class Children:
     open: bool = False
 
 
+_ENDS = ("predecessor", "successor")
+_OF_CONSTRAINT = tuple(f"{end}{part}" for end in ("parent", "child") for part in ("", "_origin", "_axis"))
+# of what closes loops in dialects of URDF, see ``urdf/closures.py``
+OF_CLOSURES = {
+    "loop": Children((*_ENDS, "axis")),
+    "coupling": Children((*_ENDS, "ratio")),
+    "constraint": Children((*_OF_CONSTRAINT, *_ENDS)),
+    "loop_joint": Children(("link1", "link2")),
+    **dict.fromkeys(_ENDS, Children(("origin",))),
+}
+
+
 def refuse_acting(root: XmlElement, faults: Faults) -> None:
     """Report each element of Drake or Gazebo that acts on the motion and is not read."""
     for element, instead in (*_of_gazebo(root), *drake.refused(root)):
@@ -42,11 +54,13 @@ def refuse_acting(root: XmlElement, faults: Faults) -> None:
 
 
 def _of_gazebo(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
-    """Yield the joints of Gazebo in a URDF, which have the meaning of SDF."""
+    """Yield the joints of Gazebo in a URDF, which have the meaning of SDF, and springs in joints."""
     for element in root.all("gazebo"):
         parts = (element, *element.all("model"))
         joints = (part for owner in parts for part in owner.children if part.tag in ("joint", "gearbox"))
         yield from ((joint, "'loops' or 'couplers'") for joint in joints)
+        springs = (one for one in element.all("springStiffness") if one.content.strip(" 0.\n\t"))
+        yield from ((spring, "'spring' of the joint") for spring in springs)
 
 
 def left_out(root: XmlElement, elements: Mapping[str, Children], faults: Faults) -> Counter[str]:

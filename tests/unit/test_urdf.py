@@ -290,6 +290,10 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
         ("<drake:a_tag_of_next_year/>", "<drake:a_tag_of_next_year>"),
         ('<gazebo><joint name="g" type="revolute"><parent>upper</parent></joint></gazebo>', "<joint> 'g'"),
         ('<gazebo><model><joint name="m" type="ball"/></model></gazebo>', "<joint> 'm'"),
+        (
+            '<gazebo reference="shoulder"><springStiffness> 0.5 </springStiffness></gazebo>',
+            "<springStiffness>",
+        ),
     ],
 )
 def test_what_acts_on_the_motion_is_never_left_out(tmp_path: Path, element: str, words: str) -> None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.unread import SHAPES, Children, left_out, refuse_acting
+from robodyn_cli.scene.unread import OF_CLOSURES, SHAPES, Children, left_out, refuse_acting
 from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind
 from robodyn_cli.scene.urdf.xml import XmlElement
 
@@ -28,7 +29,9 @@ _ELEMENTS = {
     "robot": Children(("link", "joint", "loop", "loop_joint", "constraint", "coupling"), open=True),
     "link": Children(("inertial", *SHAPES), open=True),
     "joint": Children(("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"), open=True),
+    **OF_CLOSURES,
 }
+_VERSION = re.compile(r"1\.[0-9]+")
 ACCELERATION = f"{DRAKE}acceleration"
 _INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
 
@@ -157,9 +160,12 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
 
     Raises
     ------
-    SceneError : xacro.
+    SceneError : xacro, or another version.
     """
     _refuse_xacro(root)
+    version = root.attributes.get("version", "1.0").strip()
+    if not _VERSION.fullmatch(version):
+        raise root.error(f"version {shown(version)} of URDF; allowed: 1.0 and what follows it up to 2")
     refuse_acting(root, faults)
     links: list[UrdfLink] = []
     joints: list[UrdfJoint] = []
