@@ -54,6 +54,26 @@ def test_what_is_written_and_said(kind: str, files: list[str], tmp_path: Path, c
     assert kind != "extended-urdf" or "name_mot: [hip]" in (out / "leg.yaml").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize(
+    ("kind", "source"), [("extended-urdf", "leg.yaml"), ("urdf+", "leg.urdf"), ("mjcf", "leg.xml")]
+)
+def test_what_a_robot_is_read_from_is_not_replaced(
+    kind: str, source: str, tmp_path: Path, capsys: Any
+) -> None:
+    """A scene is named like the file of the Extended URDF beside the robot, a robot like itself."""
+    if source == "leg.yaml":
+        path = tmp_path / source
+        path.write_text(SCENE, encoding="utf-8")
+    else:
+        if kind == "mjcf":
+            pytest.importorskip("mujoco")
+        path = export(tmp_path, kind)[1] / source
+    before = path.read_bytes()
+    assert run(["export", str(path), "--to", kind, "--out", str(path.parent)]) == 2
+    assert f"{path} is what the robot is read from; allowed: another directory" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
 def test_origins_keep_their_digits(tmp_path: Path) -> None:
     _, out = export(tmp_path, "urdf+")
     assert 'xyz="0.0 0.0 -0.4" rpy="0.1 0.0 0.3"' in (out / "leg.urdf").read_text(encoding="utf-8")

@@ -80,13 +80,20 @@ def export_robot(scene: Scene, kind: str, directory: Path) -> tuple[list[Path], 
 
     Raises
     ------
-    CapabilityError : with everything that the format has not. OutputError : it cannot be written.
+    CapabilityError : with everything that the format has not; a file would replace what the robot is read from.
+    OutputError : it cannot be written.
     """
     from robodyn_cli.results.atomic import output_errors, write_bytes
 
     form = formats[kind]
     robot, notes = exported(scene, form)
     texts = form.write(robot, notes)
+    read = {os.path.realpath(path) for path in (scene.path, *scene.sources)}
+    for name in texts:
+        if os.path.realpath(directory / name) in read:
+            raise CapabilityError(
+                f"{directory / name} is what the robot is read from; allowed: another directory (--out)"
+            )
     with output_errors(directory):
         directory.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
