@@ -232,6 +232,18 @@ def test_types_of_joints_beside(tmp_path: Path) -> None:
         ('<constraint name="c" type="fixed"><parent link="link5"/><child link="link9"/>\n<stiffness/></constraint>',
          "<stiffness> in <constraint> is not known"),
         ('<loop_joint name="s" type="spherical"><link1 link="link5"/><link2 link="link9"/>\n<limit/></loop_joint>', "<limit> in"),
+        ('<loop_joint name="s" type="spherical">\n<link1 link="link5" pos="1 0 0"/><link2 link="link9"/></loop_joint>',
+         "'pos' of <link1> is not known; read: link, xyz, rpy"),
+        ('<constraint name="c" type="fixed"><parent link="link5">\n<origin/></parent><child link="link9"/></constraint>',
+         "<origin> in <parent> is not known; read: nothing"),
+        ('<coupling name="k"><predecessor link="link5"/><successor link="link9"/>\n<ratio value="1" offset="2"/></coupling>',
+         "'offset' of <ratio> is not known"),
+        ('<Loop name="l"/>', "<Loop> in <robot> is not known (did you mean 'loop'?)"),
+        ('<loop_closure name="l"/>', "<loop_closure> in <robot> is not read, and may act on the motion"),
+        ('<group>\n<loop name="l"/></group>', "<loop> in <group> is not read, and may act"),
+        ('<link name="more">\n<loop name="l"/></link>', "<loop> in <link> is not read, and may act"),
+        ('<ball_constraint/>', "<ball_constraint> in <robot> is not known"),
+        ('<gazebo><plugin name="p">\n<mimicJoint>a</mimicJoint></plugin></gazebo>', "<mimicJoint> in <plugin> is not read"),
     ],
 )  # fmt: skip
 def test_what_is_refused_is_named_with_its_line(tmp_path: Path, element: str, words: str) -> None:
@@ -251,6 +263,14 @@ def test_what_is_refused_is_named_with_its_line(tmp_path: Path, element: str, wo
         ("closed_loop: [[link5, link9]]\ntype: []\n", "has 0 entries; allowed: 1"),
         ("closed_loop: []\njoint_name: [j1]\njoint_type: [UJOINT_ZZ]\n", "is no type of a joint"),
         ("closed_loop: []\nloops: 3\n", "unknown key 'loops'"),
+        (
+            "closed_loops: [[link5, link9]]\ntype: [3d]\n",
+            "unknown key 'closed_loops' (did you mean 'closed_loop'?)",
+        ),
+        (
+            "Closed_loop: [[link5, link9]]\ntype: [3d]\n",
+            "unknown key 'Closed_loop' (did you mean 'closed_loop'?)",
+        ),
         (
             "closed_loop: []\nname_mot: [j1]\njoint_name: [j1]\njoint_type: [FIXED]\n",
             "'j1' is fixed; allowed: j2",

@@ -16,7 +16,7 @@ from typing import Any
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.unread import OF_CLOSURES, SHAPES, Children, left_out, refuse_acting
+from robodyn_cli.scene.unread import OF_CLOSURES, POSE, SHAPES, TIES, Children, left_out, refuse_acting
 from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind
 from robodyn_cli.scene.urdf.xml import XmlElement
 
@@ -24,16 +24,30 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 ZERO = (0.0, 0.0, 0.0)
 X_AXIS = (1.0, 0.0, 0.0)  # the format's default
 UNLIMITED = 1e15  # a limit of this size or more is none
+_INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
 # others are for pictures, contact, or programs of their own; ``loop`` and the like see ``closures.py``
+_SPRING = tuple((f"spring_{k}", "'spring' of the joint in the scene") for k in ("stiffness", "reference"))
+_LIMITS = ("lower", "upper", "effort", "velocity")
 _ELEMENTS = {
-    "robot": Children(("link", "joint", "loop", "loop_joint", "constraint", "coupling"), open=True),
-    "link": Children(("inertial", *SHAPES), open=True),
-    "joint": Children(("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"), open=True),
+    "robot": Children(("link", "joint", *TIES), open=True),
+    "link": Children(("inertial", *SHAPES), open=True, attributes=("name",)),
+    "inertial": Children(("origin", "mass", "inertia"), open=True, attributes=()),
+    "mass": Children((), open=True, attributes=("value",)),
+    "inertia": Children((), open=True, attributes=tuple(f"i{k}" for k in _INERTIA)),
+    "joint": Children(
+        ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+        open=True,
+        attributes=("name", "type", "independent"),
+    ),
+    "origin": POSE,
+    "axis": Children((), open=True, attributes=("xyz",)),
+    "limit": Children((), open=True, attributes=_LIMITS),
+    "dynamics": Children((), acting=_SPRING, open=True, attributes=("damping", "friction")),
+    "mimic": Children((), open=True, attributes=("joint", "multiplier", "offset")),
     **OF_CLOSURES,
 }
 _VERSION = re.compile(r"1\.[0-9]+")
 ACCELERATION = f"{DRAKE}acceleration"
-_INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
 
 
 @record
@@ -265,6 +279,9 @@ def _joint(element: XmlElement) -> UrdfJoint:
     name = element.text("name", "a joint")
     owner = f"joint {name!r}"
     kind = element.text("type", owner)
+    independent = element.attributes.get("independent", "true")
+    if independent.strip().lower() not in ("true", "false", "1", "0"):
+        raise element.error(f"{owner}: independent is {shown(independent)}; allowed: true or false")
     own: dict[str, Any]
     if element.tag != "joint":
         own = joint_kind(element, owner, kind, _axis(element, owner, kind))
@@ -303,7 +320,7 @@ def _axis(element: XmlElement, owner: str, kind: str) -> tuple[float, ...]:
 
 def _limits(element: XmlElement, owner: str) -> dict[str, float]:
     limit = element.one("limit", owner)
-    names = ("lower", "upper", "effort", "velocity", ACCELERATION)
+    names = (*_LIMITS, ACCELERATION)
     return {} if limit is None else {k: limit.number(k, owner) for k in names if k in limit.attributes}
 
 

@@ -11,7 +11,7 @@ import dataclasses
 import os
 import re
 
-from robodyn_cli.errors import listed, unknown_name
+from robodyn_cli.errors import listed, nearest_word, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import (
     Faults,
@@ -59,9 +59,17 @@ def with_file_beside(robot: UrdfRobot, faults: Faults) -> Beside:
     with faults:
         root = compose(read_text(path, None, "", path), Source(path, os.path.dirname(path)), faults)
         if not isinstance(root, Mapping) or root.get(LOOPS) is None:
+            _refuse_slips(root)
             return Beside("", robot)
         return _Reader(robot, root).beside(path)
     return Beside("", robot)
+
+
+def _refuse_slips(root: Node | None) -> None:
+    """Refuse a key that must be meant for the one by which the file is known."""
+    for key, _ in root.entries if isinstance(root, Mapping) else ():
+        if nearest_word(key.text, [LOOPS], 0.8):
+            raise located(key, "", unknown_name("key", key.text, KEYS))
 
 
 class _Reader:
