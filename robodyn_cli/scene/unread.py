@@ -88,7 +88,8 @@ def left_out(root: XmlElement, elements: Mapping[str, Children], faults: Faults)
                 pending += [child] if child.tag in elements else []
             elif child.tag in known.left or ":" in child.tag or (known.open and not _slip(child.tag, known)):
                 left[child.tag] += 0 if drake.is_read(child, owner) else 1
-                _refuse_misplaced(child, owner, faults)
+                if known.open and ":" not in child.tag:
+                    _refuse_misplaced(child, owner, faults)
             else:
                 with faults:
                     raise child.error(f"<{child.tag}> in <{owner.tag}> {_problem(child.tag, known)}")
