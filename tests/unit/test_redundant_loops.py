@@ -13,6 +13,8 @@ from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.over.stability.stability import eigenvalues
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import rotation_rpy
@@ -162,3 +164,14 @@ def test_sticking_and_stops_where_rows_depend_on_each_other(
         size = max(np.abs(flat[name]).max(), 1e-9)
         assert np.abs(flat[name] - tilted[name]).max() < 1e-8 * size, name
     assert tilted.summary["energy_drift_relative"] < 1e-8
+
+
+def test_the_spectrum_where_rows_depend_on_each_other() -> None:
+    """That of the mechanism in the world's plane, at the same state; the combination of the rows does not matter."""
+    damped = "friction: {viscous: 0.1}"
+    flat, tilted = (prepare(four_bar(damped, 2, rpy)) for rpy in ([0.0, 0.0, 0.0], TILT))
+    assert tilted.problem.dependent and not flat.problem.dependent
+    q, v = flat.assembled.q[None], flat.assembled.v[None]
+    one, other = (eigenvalues(setup, np.zeros(1), q, v) for setup in (flat, tilted))
+    assert one is not None and other is not None
+    assert_close(np.sort_complex(one.eigenvalues), np.sort_complex(other.eigenvalues), 1e-10)
