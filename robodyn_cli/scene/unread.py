@@ -21,8 +21,8 @@ SHAPES = ("visual", "collision")
 class Children:
     """The children of an element: what is read, and what no equation reads; the rest is refused.
 
-    acting : what to do instead, for those (and attributes) that act on the motion. open : whether any other child or attribute says
-    nothing of it. attributes : those that are read, None where somebody else looks at them.
+    acting : what to do instead, for those (and attributes) that act on the motion. open : whether any other child or
+    attribute says nothing of it. attributes : those that are read, None where somebody else looks at them.
     """
 
     read: tuple[str, ...]
