@@ -172,10 +172,10 @@ def unknown_name(kind: str, name: str, options: Iterable[str]) -> str:
     return f"unknown {kind} {shown(name)}{did_you_mean(name, options)}; allowed: {allowed}"
 
 
-def nearest_word(word: str, options: Iterable[str]) -> str | None:
-    """Return the option that ``word`` may be a slip of the pen for, or None."""
+def nearest_word(word: str, options: Iterable[str], likeness: float = 0.6) -> str | None:
+    """Return the option that ``word`` may be a slip of the pen for, or None; ``likeness`` : 1 for equal words."""
     import difflib  # only when something is already wrong
 
     lower = {option.lower(): option for option in options}
-    near = difflib.get_close_matches(word.lower()[:80], lower, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(word.lower()[:80], lower, n=1, cutoff=likeness)
     return lower[near[0]] if near else None

@@ -60,6 +60,8 @@ def random_robot(
         if joint_types[kind].nq == 1:
             joint |= {key: x for key, x in _acting(rng).items() if key in acting}
             joint |= {"gear_ratio": -3.0, "rotor_inertia": 0.01} if "rotor" in acting else {}
+        if kind == "spherical" and "ball rotor" in acting:
+            joint["rotor_inertia"] = 0.03
         joints.append(joint)
         inertia = {a + b: float(I[i, j]) for i, a in enumerate("xyz") for j, b in enumerate("xyz") if j >= i}
         frame = str(rng.choice(["joint", "link"]))

@@ -286,7 +286,7 @@ class Problem:
             return []
         from robodyn_cli.equations.constraints import combinations
 
-        return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
+        return combinations(self.graph, self.dependent, self.constraints.names, len(self.at_start))
 
     @cached_property
     def independent_rows(self) -> Constraints:

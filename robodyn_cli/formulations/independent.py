@@ -139,7 +139,7 @@ class RowCombinations(Partition):
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.groups = [(c, c.W.shape[0]) for c in problem.combinations]
-        self.first = len(problem.model.parameters)
+        self.first = len(problem.at_start)
         self.count = sum(group.numbers for group in problem.dependent)
         self.shape = problem.psi.shape
         self.psi = Evaluator(list(problem.psi.ravel()))

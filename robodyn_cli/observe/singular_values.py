@@ -51,7 +51,9 @@ class LeastNorm:
     def __init__(self, problem: Problem, more: Mapping[str, Sequence[Scalar]] | None = None) -> None:
         self.problem = problem
         self.rank = len(problem.independent_rows.rows)
-        self.function = SampleKernel({**equations_of(problem), **(more or {})}, STATE_GROUPS)
+        self.joints = [joint.v for joint in problem.contact_joints]
+        held = {"hold": [joint.hold for joint in problem.contact_joints]} if self.joints else {}
+        self.function = SampleKernel({**equations_of(problem), **held, **(more or {})}, STATE_GROUPS)
 
     def evaluate(self, samples: int, groups: Mapping[str, Array]) -> dict[str, Array]:
         """Return the outputs with ``qdd`` (T, nv), ``lam`` (T, m); prescribed joints' multipliers enter ``tau``."""
@@ -59,16 +61,22 @@ class LeastNorm:
         nv = self.problem.model.nv
         psi = self._psi(values)
         M = values.pop("M").reshape(samples, nv, nv)
-        f, gamma = values.pop("f"), values.pop("gamma")
+        f, gamma, m = values.pop("f"), values.pop("gamma"), psi.shape[1]
+        if self.joints:  # those that are held have rows of their own
+            hold = values.pop("hold")
+            own = hold[..., None] * np.eye(nv)[self.joints]
+            psi, gamma = np.concatenate([psi, own], axis=1), np.concatenate([gamma, 0.0 * hold], axis=1)
         L = np.linalg.cholesky(M)
         Y = np.linalg.solve(L, np.swapaxes(psi, 1, 2))
         b = np.linalg.solve(L, f[..., None])
         rhs = -(gamma[..., None] + np.swapaxes(Y, 1, 2) @ b)
-        _, S, Qt = self._leading(Y)
+        _, S, Qt = self._leading(Y, self.rank + len(self.joints))
         Q = np.swapaxes(Qt, 1, 2)
         lam = Q @ (S[..., None] ** 2 * (Qt @ rhs))
-        values["lam"] = lam[..., 0]
+        values["lam"] = lam[:, :m, 0]
         values["qdd"] = np.linalg.solve(np.swapaxes(L, 1, 2), b + Y @ lam)[..., 0]
+        if self.joints:
+            values["qdd"][:, self.joints] *= 1.0 - hold
         for i in self.problem.constraints.prescribed if "tau" in values else ():
             values["tau"] = values["tau"] + psi[:, i] * values["lam"][:, i, None]
         return values
@@ -76,16 +84,16 @@ class LeastNorm:
     def _psi(self, values: Mapping[str, Array]) -> Array:
         return values["psi"].reshape(len(values["psi"]), -1, self.problem.model.nv)
 
-    def _leading(self, A: Array) -> tuple[Array, Array, Array]:
+    def _leading(self, A: Array, rank: int) -> tuple[Array, Array, Array]:
         """Return U_r, the inverses of the r singular values that count, and V_r^T."""
         U, S, Vt = np.linalg.svd(A, full_matrices=False)
-        U, S, Vt = U[..., : self.rank], S[..., : self.rank], Vt[..., : self.rank, :]
+        U, S, Vt = U[..., :rank], S[..., :rank], Vt[..., :rank, :]
         kept = VANISHED * S[..., :1] < S
         return U, np.where(kept, 1.0 / np.where(kept, S, 1.0), 0.0), Vt
 
     def _solve(self, psi: Array, residual: Array) -> Array:
         """Return the smallest x with Psi x = residual."""
-        U, S, Vt = self._leading(psi)
+        U, S, Vt = self._leading(psi, self.rank)
         inner = S[..., None] * (np.swapaxes(U, 1, 2) @ residual[..., None])
         return np.asarray((np.swapaxes(Vt, 1, 2) @ inner)[..., 0])
 

@@ -150,7 +150,8 @@ def path_of(error: RobodynError, sentence: str, root: Node, command: str) -> Pat
     """Return the path of the key that an error is about, as far as it says; empty where it does not."""
     details = error.details
     if key := str(details.get("key", "")):
-        return steps(key)
+        of_robot = ("robot", *steps(key))  # as far as the scene leaves a part of the mechanism to its robot
+        return of_robot if find(root, steps(key)[:1]) is None and find(root, of_robot[:2]) else steps(key)
     if lacking := owners(root, details.get("missing", ())):
         return lacking[0]
     begins = KEY.match(sentence)

@@ -6,11 +6,13 @@ A robot that was read from one as readable YAML: one line a value, with comments
 from __future__ import annotations
 
 import contextlib
+import dataclasses
 import os
 import textwrap
 from collections.abc import Callable
 from collections.abc import Mapping as MappingOf
 
+from robodyn_cli.errors import listed
 from robodyn_cli.record import record
 from robodyn_cli.registry import Registry
 from robodyn_cli.scene.text.nodes import (
@@ -47,7 +49,7 @@ class Description:
 
     tree : what stands for ``robot`` in a scene. heading : what it is and holds, for the YAML made of it. notes : what
     the file leaves open. warnings : what makes its equations doubtful. None of them has the name of the file. files :
-    others that were read with it. actuated : joints of the scene that have motors, None where that is not said.
+    others that were read with it.
     """
 
     file: str
@@ -56,7 +58,6 @@ class Description:
     notes: tuple[str, ...] = ()
     warnings: tuple[str, ...] = ()
     files: tuple[str, ...] = ()
-    actuated: tuple[str, ...] | None = None
 
     @property
     def remarks(self) -> tuple[str, ...]:
@@ -96,7 +97,11 @@ def read_description(text: str, source: Source, faults: Faults, packages: Packag
         for error in own.found[:-1]:
             faults.report(error)
         raise own.found[-1]
-    return found
+    motors = found.tree.root.get("actuated")
+    if not isinstance(motors, Sequence):
+        return found
+    names = listed([motor.text for motor in motors.items if isinstance(motor, Scalar)])
+    return dataclasses.replace(found, notes=(*found.notes, f"joints with motors: {names}"))
 
 
 def robot_yaml(urdf: Description, folder: str) -> str:

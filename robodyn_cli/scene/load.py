@@ -131,8 +131,7 @@ def load_robot(path: str | os.PathLike[str]) -> Scene:
     name = os.fspath(path)
     if not is_xml(read_text(name, None, "", name)):
         return load_scene(path)
-    found, scene = load_description(path)
-    return dataclasses.replace(scene, gravity=(0.0, 0.0, -9.81), actuated=found.actuated)
+    return dataclasses.replace(load_description(path)[1], gravity=(0.0, 0.0, -9.81))
 
 
 def examine(path: str | os.PathLike[str], overrides: Sequence[str] = ()) -> Examined:

@@ -111,7 +111,8 @@ class Joint:
         Either((Number(minimum=0.0), MapOf(Number(minimum=0.0), of="coordinate"))),
         default=0.0,
         unit="kg m^2",
-        doc="J of the rotor, reflected as N^2 J on the joint; by coordinate for joints with several.",
+        doc="J of the rotor, reflected as N^2 J on the joint; by coordinate for joints with several. Of a "
+        "spherical joint one number, against the angular acceleration about any axis.",
     )
     forces: tuple[tuple[str, Any], ...] = key(
         Inline(lambda: joint_forces, FREEDOMS),
@@ -239,6 +240,11 @@ class Robot:
         ListOf(Tagged(lambda: loop_types), minimum=0),
         default=(),
         doc="Loop closures that belong to the robot, as those of the scene.",
+    )
+    actuated: tuple[str, ...] | None = key(
+        ListOf(Name(of="joint")),
+        default=None,
+        doc="Its joints with motors; they are the scene's where that has no `actuated`.",
     )
     attach: tuple[Attachment, ...] = key(
         ListOf(Section(Attachment), minimum=0),

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Mapping
 
-from robodyn_cli.errors import did_you_mean, listed
+from robodyn_cli.errors import did_you_mean, listed, nearest_word
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf import drake
@@ -21,13 +21,34 @@ SHAPES = ("visual", "collision")
 class Children:
     """The children of an element: what is read, and what no equation reads; the rest is refused.
 
-    acting : what to do instead, for those that act on the motion. open : whether any other child says nothing of it.
+    acting : what to do instead, for those (and attributes) that act on the motion. open : whether any other child or
+    attribute says nothing of it. attributes : those that are read, None where somebody else looks at them.
     """
 
     read: tuple[str, ...]
     left: tuple[str, ...] = ()
     acting: tuple[tuple[str, str], ...] = ()
     open: bool = False
+    attributes: tuple[str, ...] | None = None
+
+
+_ENDS = ("predecessor", "successor")
+_OF_CONSTRAINT = tuple(f"{end}{part}" for end in ("parent", "child") for part in ("", "_origin", "_axis"))
+POSE = Children((), attributes=("xyz", "rpy", "quat_xyzw"))
+TIES = ("loop", "coupling", "constraint", "loop_joint")
+# of what closes loops in dialects of URDF, see ``urdf/closures.py``
+OF_CLOSURES = {
+    "loop": Children((*_ENDS, "axis"), attributes=("name", "type")),
+    "coupling": Children((*_ENDS, "ratio"), attributes=("name", "type")),
+    "constraint": Children((*_OF_CONSTRAINT, *_ENDS), attributes=("name", "type")),
+    "loop_joint": Children(("link1", "link2"), attributes=("name", "type")),
+    "ratio": Children((), attributes=("value",)),
+    **dict.fromkeys(_ENDS, Children(("origin",), attributes=("link",))),
+    **dict.fromkeys(("parent", "child"), Children((), attributes=("link",))),
+    **dict.fromkeys(("link1", "link2"), Children((), attributes=("link", "xyz", "rpy"))),
+    **dict.fromkeys(("parent_origin", "child_origin"), POSE),
+    **dict.fromkeys(("parent_axis", "child_axis"), Children((), attributes=("xyz",))),
+}
 
 
 def refuse_acting(root: XmlElement, faults: Faults) -> None:
@@ -42,11 +63,13 @@ def refuse_acting(root: XmlElement, faults: Faults) -> None:
 
 
 def _of_gazebo(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
-    """Yield the joints of Gazebo in a URDF, which have the meaning of SDF."""
+    """Yield the joints of Gazebo in a URDF, which have the meaning of SDF, and springs in joints."""
     for element in root.all("gazebo"):
         parts = (element, *element.all("model"))
         joints = (part for owner in parts for part in owner.children if part.tag in ("joint", "gearbox"))
         yield from ((joint, "'loops' or 'couplers'") for joint in joints)
+        springs = (one for one in element.all("springStiffness") if one.content.strip(" 0.\n\t"))
+        yield from ((spring, "'spring' of the joint") for spring in springs)
 
 
 def left_out(root: XmlElement, elements: Mapping[str, Children], faults: Faults) -> Counter[str]:
@@ -59,16 +82,66 @@ def left_out(root: XmlElement, elements: Mapping[str, Children], faults: Faults)
     while pending:
         owner = pending.pop()
         known = elements[owner.tag]
-        acting = dict(known.acting)
+        left.update(_unread_attributes(owner, known, faults))
         for child in owner.children:
             if child.tag in known.read:
                 pending += [child] if child.tag in elements else []
-            elif child.tag in known.left or ":" in child.tag or known.open:
+            elif child.tag in known.left or ":" in child.tag or (known.open and not _slip(child.tag, known)):
                 left[child.tag] += 0 if drake.is_read(child, owner) else 1
+                if known.open and ":" not in child.tag:
+                    _refuse_misplaced(child, owner, faults)
             else:
-                problem = f"is not known{did_you_mean(child.tag, known.read)}; read: {listed(known.read)}"
-                if child.tag in acting:
-                    problem = f"acts on the motion, and is not read; allowed: {acting[child.tag]}"
                 with faults:
-                    raise child.error(f"<{child.tag}> in <{owner.tag}> {problem}")
+                    raise child.error(f"<{child.tag}> in <{owner.tag}> {_problem(child.tag, known)}")
     return +left
+
+
+def _slip(tag: str, known: Children) -> bool:
+    """Tell whether a tag is so near to one that is read, that it must be meant."""
+    return nearest_word(tag, known.read, 0.75) is not None
+
+
+def _problem(tag: str, known: Children) -> str:
+    instead = dict(known.acting).get(tag)
+    if instead is not None:
+        return f"acts on the motion, and is not read; allowed: {instead}"
+    return f"is not known{did_you_mean(tag, known.read)}; read: {listed(known.read) or 'nothing'}"
+
+
+def _unread_attributes(element: XmlElement, known: Children, faults: Faults) -> list[str]:
+    """Return the attributes that are left out, as a start of the element; slips of the pen are reported, and where
+    the element is not open all others."""
+    if known.attributes is None:
+        return []
+    left = []
+    for name in element.attributes:
+        if name in known.attributes or ":" in name:
+            continue
+        slip, instead = did_you_mean(name, known.attributes), dict(known.acting).get(name)
+        acts = instead is not None and element.attributes[name].strip(" 0.")
+        if known.open and not slip and not acts:
+            left.append(f"{element.tag} {name}=...")
+            continue
+        problem = f"is not known{slip}; read: {listed(known.attributes)}"
+        if acts:
+            problem = f"acts on the motion, and is not read; allowed: {instead}"
+        with faults:
+            raise element.error(f"{name!r} of <{element.tag}> {problem}")
+    return left
+
+
+def _refuse_misplaced(element: XmlElement, owner: XmlElement, faults: Faults) -> None:
+    """Report what closes loops or couples joints, by its name, where nothing reads it: here, or within."""
+    pending = [(element, owner)]
+    while pending:
+        child, above = pending.pop()
+        word = child.tag.lower()
+        # constraints of Gazebo are those of its contacts
+        near = nearest_word(word, ("constraint", "coupling", "coupler"), 0.8) or word.endswith("_constraint")
+        if "mimic" in word or "loop" in word or (near and element.tag != "gazebo"):
+            with faults:
+                raise child.error(
+                    f"<{child.tag}> in <{above.tag}> is not read, and may act on the motion; allowed: "
+                    f"{listed([f'<{tag}>' for tag in TIES])} in <robot>, or 'loops' and 'couplers' in the scene"
+                )
+        pending += [(one, child) for one in child.children]

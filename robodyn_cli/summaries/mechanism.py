@@ -265,6 +265,7 @@ class InfoJoint:
     parent: str | None = fact("link that carries it")
     link: str | None = fact("link that it moves")
     gear_ratio: float | dict[str, float] = fact("motor turns per turn of the joint", TURNS, names=ANY)
+    actuated: bool | None = fact("whether it has a motor; null where the scene does not say")
 
 
 @record

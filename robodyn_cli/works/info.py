@@ -196,7 +196,13 @@ def plain(entries: Any) -> Any:
 
 
 def _joints(scene: Scene) -> list[InfoJoint]:
-    return [InfoJoint(j.name, j.type, j.parent, j.link, j.gear_ratio) for j in scene.robot.joints]
+    motors = scene.actuated
+    return [
+        InfoJoint(
+            j.name, j.type, j.parent, j.link, j.gear_ratio, None if motors is None else j.name in motors
+        )
+        for j in scene.robot.joints
+    ]
 
 
 def _links(scene: Scene) -> dict[str, InfoLink]:
@@ -244,7 +250,8 @@ def tree(joints: Sequence[dict[str, Any]], links: dict[str, Any]) -> list[str]:
         mass = links[joint["link"]]["mass"]
         weight = "mass not given" if mass is None else f"{mass:g} kg"
         branch = "`-- " if last else "|-- "
-        lines.append(f"{indent}{branch}{joint['name']} ({joint['type']}) -> {joint['link']}, {weight}")
+        kind = joint["type"] + (", motor" if joint["actuated"] else "")
+        lines.append(f"{indent}{branch}{joint['name']} ({kind}) -> {joint['link']}, {weight}")
         below = children.get(str(joint["link"]), [])
         deeper = indent + ("    " if last else "|   ")
         stack = [(child, deeper, k == len(below) - 1) for k, child in enumerate(below)] + stack

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from robodyn_cli.cli.app import run
-from robodyn_cli.scene.load import load_robot, load_scene
+from robodyn_cli.scene.load import load_robot
 
 SCENE = """\
 schema: 1
@@ -54,6 +54,26 @@ def test_what_is_written_and_said(kind: str, files: list[str], tmp_path: Path, c
     assert kind != "extended-urdf" or "name_mot: [hip]" in (out / "leg.yaml").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize(
+    ("kind", "source"), [("extended-urdf", "leg.yaml"), ("urdf+", "leg.urdf"), ("mjcf", "leg.xml")]
+)
+def test_what_a_robot_is_read_from_is_not_replaced(
+    kind: str, source: str, tmp_path: Path, capsys: Any
+) -> None:
+    """A scene is named like the file of the Extended URDF beside the robot, a robot like itself."""
+    if source == "leg.yaml":
+        path = tmp_path / source
+        path.write_text(SCENE, encoding="utf-8")
+    else:
+        if kind == "mjcf":
+            pytest.importorskip("mujoco")
+        path = export(tmp_path, kind)[1] / source
+    before = path.read_bytes()
+    assert run(["export", str(path), "--to", kind, "--out", str(path.parent)]) == 2
+    assert f"{path} is what the robot is read from; allowed: another directory" in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
 def test_origins_keep_their_digits(tmp_path: Path) -> None:
     _, out = export(tmp_path, "urdf+")
     assert 'xyz="0.0 0.0 -0.4" rpy="0.1 0.0 0.3"' in (out / "leg.urdf").read_text(encoding="utf-8")
@@ -79,15 +99,21 @@ def test_a_description_is_exported_as_it_is_read(tmp_path: Path) -> None:
     assert 'gravity="0.0 0.0 -9.81"' in (out / "leg.xml").read_text(encoding="utf-8")
 
 
-def test_motors_of_the_extended_urdf_come_back(tmp_path: Path) -> None:
-    export(tmp_path, "extended-urdf")
-    scene = tmp_path / "again.yaml"
-    scene.write_text("schema: 1\ngravity: [0, 0, -9.81]\nrobot: out/leg.urdf\n", encoding="utf-8")
-    assert any("name_mot): hip" in note for note in load_scene(scene).notes)
-    urdf = tmp_path / "out" / "leg.urdf"
-    assert load_robot(urdf).actuated == ("hip",)
-    assert run(["export", str(urdf), "--to", "mjcf", "--out", str(tmp_path)]) == 0
-    assert 'motor name="hip_motor" joint="hip"' in (tmp_path / "leg.xml").read_text(encoding="utf-8")
+@pytest.mark.parametrize(("kind", "file"), [("urdf+", "leg.urdf"), ("extended-urdf", "leg.urdf"), ("mjcf", "leg.xml"), ("sdf", "leg.sdf")])  # fmt: skip
+def test_motors_come_back(kind: str, file: str, tmp_path: Path, capsys: Any) -> None:
+    """By name_mot, by motors, or by an effort of 0 where there is none; where all have some, nothing is said."""
+    if kind == "mjcf":
+        pytest.importorskip("mujoco")
+    for motors, read in (("[hip]", ("hip",)), ("[hip, knee]", None)):
+        export(tmp_path, kind, SCENE.replace("[hip]", motors))
+        scene = load_robot(tmp_path / "out" / file)
+        kept = kind in ("mjcf", "extended-urdf")
+        assert scene.actuated == scene.robot.actuated == (("hip", "knee") if kept and read is None else read)
+        assert any("joints with motors: hip" in note for note in scene.notes) == (scene.actuated is not None)
+    rotor = SCENE.replace("axis: [0, 1, 0], origin", "axis: [0, 1, 0], rotor_inertia: 0.1, origin")
+    capsys.readouterr()
+    export(tmp_path, kind, rotor)
+    assert ("left out, that they have no motor: knee" in capsys.readouterr().err) != kept
 
 
 LOOP = "loops: [{name: bar, type: distance, between: [foot, base.origin], length: 0.9}]\n"

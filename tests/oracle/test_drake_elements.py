@@ -57,6 +57,16 @@ def about(*turns: tuple[str, float]) -> np.ndarray:
     return T
 
 
+def least_turn(axis: Any) -> np.ndarray:
+    """Return the least rotation that takes z to an axis, about x where that may be any."""
+    u, T = np.array(axis) / np.linalg.norm(axis), np.eye(4)
+    normal = np.cross([0, 0, 1], u)
+    angle = math.atan2(float(np.linalg.norm(normal)), u[2])
+    about = normal / np.linalg.norm(normal) if normal.any() else np.array([1.0, 0, 0])
+    T[:3, :3] = Rotation.from_rotvec(angle * about).as_matrix()
+    return T
+
+
 @pytest.mark.parametrize("seed", range(2))
 def test_joints_of_other_kinds(seed: int, tmp_path: Path) -> None:
     """universal: x of the joint's frame, then the y that it carries; planar: x, y, then z; ball: any turn."""
@@ -65,11 +75,22 @@ def test_joints_of_other_kinds(seed: int, tmp_path: Path) -> None:
     a, b = rng.uniform(-2, 2, 2)
     found = link_pose(scene(tmp_path, text), [a, b])
     np.testing.assert_allclose(found, T @ about(("x", a), ("y", b)), atol=1e-14)
-    text, T = one_joint(rng, "planar")
     x, y, theta = rng.uniform(-2, 2, 3)
     move = about(("z", theta))
     move[:3, 3] = x, y, 0.0
-    np.testing.assert_allclose(link_pose(scene(tmp_path, text), [x, y, theta]), T @ move, atol=1e-14)
+    # along x without an axis; the frame that moves is that of the joint, turned by the least from z to the axis
+    for given in (None, [0, 0, 2], [0, 0, -1], [*rng.normal(size=3)], [1e-7, 2e-7, -1]):
+        text, T = one_joint(rng, "planar", "" if given is None else f'<axis xyz="{words(given)}"/>')
+        turned = least_turn([1, 0, 0] if given is None else given)
+        found = link_pose(scene(tmp_path, text), [x, y, theta])
+        np.testing.assert_allclose(
+            found, T @ turned @ move @ turned.T, atol=1e-9 if given and given[0] == 1e-7 else 1e-14
+        )
+    text, T = one_joint(rng, "screw", '<axis xyz="1 2 -0.4"/><drake:screw_thread_pitch value="0.3"/>')
+    u = np.array([1, 2, -0.4]) / np.linalg.norm([1, 2, -0.4])
+    move = np.eye(4)
+    move[:3, :3], move[:3, 3] = Rotation.from_rotvec(a * u).as_matrix(), 0.3 * a / math.tau * u
+    np.testing.assert_allclose(link_pose(scene(tmp_path, text), [a]), T @ move, atol=1e-14)
     text, T = one_joint(rng, "ball")
     turn = Rotation.random(random_state=seed)
     x, y, z, w = turn.as_quat()
@@ -78,12 +99,16 @@ def test_joints_of_other_kinds(seed: int, tmp_path: Path) -> None:
     np.testing.assert_allclose(link_pose(scene(tmp_path, text), [w, x, y, z]), T @ move, atol=1e-14)
 
 
+THREAD = '<drake:screw_thread_pitch value="0.2"/>'
+
+
 @pytest.mark.parametrize(
     ("kind", "damping", "torque"),
     [
         ("universal", "0.3", [-0.3, -0.3]),
         ("planar", "0.3 0.5 0.7", [-0.3, -0.5, -0.7]),
         ("ball", "0.3", [-0.3, -0.3, -0.3]),
+        ("screw", "0.3", [-0.3]),
     ],
 )
 def test_damping_of_joints_of_other_kinds(
@@ -92,7 +117,7 @@ def test_damping_of_joints_of_other_kinds(
     """By coordinate; in a ball against the angular velocity."""
     rng = np.random.default_rng(3)
     bare, damped = (
-        scene(tmp_path, one_joint(np.random.default_rng(3), kind, inside)[0])
+        scene(tmp_path, one_joint(np.random.default_rng(3), kind, THREAD * (kind == "screw") + inside)[0])
         for inside in ("", f'<dynamics damping="{damping}"/>')
     )
     model = Problem(bare).model
@@ -210,10 +235,17 @@ def test_elements_in_sdf(tmp_path: Path) -> None:
     np.testing.assert_allclose(gap, (first - second)[:3], atol=1e-14)
 
 
+PLAIN = '<link name="n"/><joint name="x" type="fixed"><parent link="link1"/><child link="n"/>{}</joint>'
+
+
 @pytest.mark.parametrize(
     ("element", "message"),
     [
-        ('<drake:joint name="x" type="screw"/>', "unknown type 'screw'; allowed: ball, planar, universal"),
+        ('<drake:joint name="x" type="curvilinear"/>', "unknown type 'curvilinear'; allowed: ball, planar, screw, universal"),
+        ('<drake:joint name="x" type="screw"/>', "joint 'x' is a screw and needs <drake:screw_thread_pitch value=...>"),
+        (f'<drake:joint name="x" type="screw">{THREAD.replace("0.2", "0")}</drake:joint>', "a number, not 0 [m per turn]"),
+        (PLAIN.format(THREAD), "<drake:screw_thread_pitch> acts on the motion"),
+        (PLAIN.format('<drake:rotor_inertia value="1"/>'), "the actuator of a transmission"),
         ("<drake:ball_constraint/>", "ball_constraint needs <drake:ball_constraint_body_A>"),
         (constraint("ball", [("link5", [0, 0, 0]), ("limb", [0, 0, 0])]), "'limb' is no link of this file"),
         (ROTOR.replace("j3", "j33"), "unknown joint with one coordinate 'j33'"),
@@ -231,3 +263,13 @@ def test_what_is_refused(element: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(SceneError) as caught:
         load_description(tmp_path / "robot.urdf")
     assert message in str(caught.value) and "robot.urdf:1:" in str(caught.value)
+
+
+def test_threads_of_sdf(tmp_path: Path) -> None:
+    """Drake's is in metres per turn and right-handed, as that of SDF 1.10; the old one in rad/m and left-handed."""
+    for thread in ("<drake:screw_thread_pitch>0.3</drake:screw_thread_pitch>",
+                   "<screw_thread_pitch>0.3</screw_thread_pitch>", f"<thread_pitch>{-math.tau / 0.3}</thread_pitch>"):  # fmt: skip
+        text = SDF.replace('"k" type="revolute"', '"k" type="screw"').replace("MIMIC", thread)
+        found = scene(tmp_path, text.replace("ROTOR", "").replace("BALL", ""), name="robot.sdf")
+        (screw,) = (joint for joint in found.robot.joints if joint.type == "helical")
+        assert math.isclose(screw.pitch or 0.0, 0.3 / math.tau, rel_tol=1e-15)

@@ -47,7 +47,7 @@ ACTING = {
     "urdf+": IN_URDF,
     "extended-urdf": IN_URDF,
     "sdf": (*IN_URDF, "spring"),
-    "mjcf": (*IN_URDF, "spring"),
+    "mjcf": (*IN_URDF, "spring", "ball rotor"),
 }
 
 
@@ -140,6 +140,54 @@ def test_loops_read_again_are_the_same(kind: str, loop: str, seed: int, tmp_path
         start = q
         assert any("count from the start" in note for note in notes)
     compare(scene, new, q, start, rng, True)
+
+
+@pytest.mark.parametrize(("first", "second"), [(a, b) for a in KINDS for b in KINDS])
+def test_by_way_of_two_formats(first: str, second: str, tmp_path: Path) -> None:
+    """What both can hold, with a coupler, is the same behind both: what is read can be written again."""
+    rng = np.random.default_rng([len(first), len(second)])
+    kinds = tuple(one for one in KINDS[first] if one in KINDS[second] and one != "floating")
+    acting = tuple(one for one in ACTING[first] if one in ACTING[second])
+    couplers = [{"name": "c", "terms": {"q0": 2.0, "q1": -0.7}, "value": 0.4}]
+    old = scene_of(random_robot(rng, kinds, acting), couplers=couplers)
+    between, _ = read_again(old, first, tmp_path / "first")
+    new, _ = read_again(between, second, tmp_path / "second")
+    model = Problem(old).model
+    compare(old, new, random_q(model, rng), Manifold(model).neutral(), rng, True)
+    (coupler,) = new.couplers
+    assert coupler.value is not None
+    scale = coupler.terms["q0"] / 2.0
+    assert coupler.terms["q1"] == pytest.approx(-0.7 * scale) and coupler.value.constant == pytest.approx(
+        0.4 * scale
+    )
+
+
+@pytest.mark.parametrize("last", ["revolute", "spherical", "planar"])
+def test_links_without_mass_between_joints_are_no_bodies_of_mujoco(last: str, tmp_path: Path) -> None:
+    """It has several joints in a body, each at its place in the frame of the last link, which are turned and off here."""
+    rng = np.random.default_rng(len(last))
+    robot = random_robot(rng, ("revolute", "prismatic", "universal", last, "fixed"), ("damper", "limits"), 5)
+    for k, (joint, link) in enumerate(zip(robot["joints"], robot["links"])):
+        joint["parent"] = f"link{k - 1}" if k else "base"
+        if k in (1, 2):
+            for key in ("com", "com_frame", "inertia"):
+                del link[key]
+            link["mass"] = 0.0
+    old = scene_of(robot)
+    new, _ = read_again(old, "mjcf", tmp_path)
+    assert (tmp_path / "robot.xml").read_text(encoding="utf-8").count("<body") == 3
+    model = Problem(old).model
+    for _ in range(3):
+        compare(old, new, random_q(model, rng), Manifold(model).neutral(), rng, False)
+    robot["joints"][2] |= {"type": "cylindrical"}  # a coordinate more than fit into a body
+    del robot["joints"][2]["axis2"]
+    robot["joints"][1] = {
+        **robot["joints"][2],
+        **{k: robot["joints"][1][k] for k in ("name", "parent", "link")},
+    }
+    if last != "revolute":
+        with pytest.raises(CapabilityError, match="link 'link1' moves and has no mass"):
+            export_robot(scene_of(robot), "mjcf", tmp_path)
 
 
 MIMICS = "[{name: c1, terms: {q0: 2.0, q1: -0.7}, value: 0.4}, {name: c2, terms: {q2: 1.0, q1: 0.3}}]"
@@ -246,7 +294,7 @@ class InMujoco:
 def test_mujoco_finds_the_same_tree(seed: int, free: bool, tmp_path: Path) -> None:
     """M, and bias with friction, dampers and springs, at random states; free bodies on and off the world's frame."""
     rng = np.random.default_rng(30 + seed)
-    robot = random_robot(rng, KINDS["mjcf"], ("damper", "spring", "rotor"))
+    robot = random_robot(rng, KINDS["mjcf"], ("damper", "spring", "rotor", "ball rotor"))
     if free:
         del robot["base"]
         next(j for j in robot["joints"] if j["type"] == "floating").pop("origin")

@@ -65,7 +65,7 @@ def test_chains_of_all_joints(tmp_path: Path) -> None:
         </body>
       </frame>
       <body name="y" pos="-0.2 0.3 0.1" quat="1 2 3 4">{inertial(2)}
-        <joint name="y1" type="ball" pos="0.1 -0.05 0.02" stiffness="2.5" damping="0.2"/>
+        <joint name="y1" type="ball" pos="0.1 -0.05 0.02" stiffness="2.5" damping="0.2" armature="0.3"/>
       </body>
     </body>"""
     agree(robot(tmp_path, bodies=bodies))

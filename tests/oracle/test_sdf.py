@@ -221,6 +221,23 @@ def miss(text: Text, kind: str, first: np.ndarray, second: np.ndarray) -> float:
     return float(np.abs([*gap, *np.cross(u, turn @ u)]).max())
 
 
+def test_a_weld_of_drake_joins_frames(tmp_path: Path) -> None:
+    """The frames that it names stay together while their links move, whatever the poses of these are."""
+    rng = np.random.default_rng(17)
+    text = chain(rng, ("revolute",) * 7)
+    text += link("R", rng) + joint("side", "revolute", "world", "R", axis(rng) + pose(rng))
+    text += f'<frame name="one" attached_to="L7">{pose(rng)}</frame>'
+    text += '<frame name="other" attached_to="R"><pose relative_to="one">0 0 0 0 0 0</pose></frame>'
+    text += "<drake:weld_constraint><parent>one</parent><child>other</child></drake:weld_constraint>"
+    sdf = f'<sdf version="1.9" xmlns:drake="http://drake.mit.edu"><model name="m">{pose(rng)}{text}</model></sdf>'
+    result = simulate(loaded(tmp_path, sdf, "initial: {qd: {J1: 0.7, J2: -0.4}}\n"))
+    assert np.abs(result["q"][0]).max() < 1e-12 and np.abs(result["q"][-1]).max() > 1e-2
+    measured = Text(sdf)
+    for sample in result["q"]:
+        first = measured.moved("one", [(f"J{k}", float(q)) for k, q in enumerate(sample[:7], 1)])
+        assert_close(measured.moved("other", [("side", float(sample[7]))]), first, 1e-10)
+
+
 @pytest.mark.parametrize("kind", ["revolute", "prismatic", "screw"])
 def test_a_joint_from_child_to_parent(tmp_path: Path, kind: str) -> None:
     """A link that hangs in the world by its child only: the joint is taken backward, q stays what it was."""

@@ -6,6 +6,7 @@ Every frame is turned and off its link's origin: published files have neither an
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -16,8 +17,9 @@ from scipy.spatial.transform import Rotation
 from robodyn_cli import simulate
 from robodyn_cli.errors import SceneError
 from robodyn_cli.scene.load import load_description, load_scene
+from robodyn_cli.scene.ties import rpy_of
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.urdf.closures import rpy_of
+from tests.exported_robots import Equations
 
 MASS = (
     '<inertial><origin xyz="0.1 0.02 -0.03"/><mass value="1.5"/>'
@@ -113,15 +115,20 @@ def element(dialect: str, kind: str, ends: tuple[np.ndarray, np.ndarray], axis: 
             f'<successor link="link9">{origin(ends[1])}</successor><axis xyz="{words(axis)}"/></loop>'
         )
     if dialect == "constraint":
+        turn = matrix(
+            (0, 0, 0), (0.4, -0.7, 1.1) if kind == "revolute" else (0, 0, 0)
+        )  # each end has its own axis
+        ends, turned = (ends[0], ends[1] @ turn.T), turn[:3, :3] @ axis
         return (
             f'<constraint name="l" type="{"LINK" if kind == "fixed" else kind}"><parent link="link5"/>'
             f'{origin(ends[0], "parent_origin")}<parent_axis xyz="{words(axis)}"/><child link="link9"/>'
-            f'{origin(ends[1], "child_origin")}<child_axis xyz="{words(axis)}"/></constraint>'
+            f'{origin(ends[1], "child_origin")}<child_axis xyz="{words(turned)}"/></constraint>'
         )
     joined = (origin(T, f'link{n} link="link{k}"') for n, k, T in zip((1, 2), (5, 9), ends))
     return f'<loop_joint name="l" type="{kind}">{"".join(joined)}</loop_joint>'
 
 
+NEW_LINE = "\n"
 CASES = [
     *(("loop", kind) for kind in ("revolute", "continuous", "prismatic", "planar", "fixed")),
     *(("constraint", kind) for kind in ("spherical", "revolute", "fixed")),
@@ -165,7 +172,11 @@ def test_loops_of_the_extended_urdf(tmp_path: Path, tie: str) -> None:
     beside = f"closed_loop: [[A/1, B/1_joint]]\ntype: ['{tie}']\nname_mot: [j1]\n"
     scene = loaded(tmp_path, urdf, {k: x + 1e-3 for k, x in q.items()}, beside)
     assert str(tmp_path / "robot.yaml") in scene.sources
-    assert any("1 loops from robot.yaml beside it; driven (name_mot): j1" in text for text in scene.notes)
+    assert scene.actuated == ("j1",)
+    assert [text.rpartition("robot.urdf: ")[2] for text in scene.notes[-2:]] == [
+        "1 loops from robot.yaml beside it",
+        "joints with motors: j1",
+    ]
     for sample in simulate(scene)["q"]:
         at = {f"j{k}": float(x) for k, x in enumerate(sample, 1)}
         ends = (
@@ -212,11 +223,32 @@ def test_types_of_joints_beside(tmp_path: Path) -> None:
         ('<constraint name="c" type="position"><predecessor link="link5"/></constraint>', "a draft of URDF"),
         ('<coupling name="k"><predecessor link="link1"/><successor link="ground"/></coupling>', "relates 1 joint"),
         ('<loop_joint name="s" type="revolute"/>', "unknown type 'revolute'"),
+        ('<loop name="l" type="fixed"><predecessor link="link5"/><successor link="link9"/>\n<limit lower="1"/></loop>',
+         "<limit> in <loop> is not known; read: predecessor, successor, axis"),
+        ('<loop name="l" type="fixed"><predecessor link="link5">\n<orign/></predecessor><successor link="link9"/></loop>',
+         "<orign> in <predecessor> is not known (did you mean 'origin'?); read: origin"),
+        ('<coupling name="k"><predecessor link="link5"/><successor link="link9"/>\n<offset value="1"/></coupling>',
+         "<offset> in <coupling> is not known"),
+        ('<constraint name="c" type="fixed"><parent link="link5"/><child link="link9"/>\n<stiffness/></constraint>',
+         "<stiffness> in <constraint> is not known"),
+        ('<loop_joint name="s" type="spherical"><link1 link="link5"/><link2 link="link9"/>\n<limit/></loop_joint>', "<limit> in"),
+        ('<loop_joint name="s" type="spherical">\n<link1 link="link5" pos="1 0 0"/><link2 link="link9"/></loop_joint>',
+         "'pos' of <link1> is not known; read: link, xyz, rpy"),
+        ('<constraint name="c" type="fixed"><parent link="link5">\n<origin/></parent><child link="link9"/></constraint>',
+         "<origin> in <parent> is not known; read: nothing"),
+        ('<coupling name="k"><predecessor link="link5"/><successor link="link9"/>\n<ratio value="1" offset="2"/></coupling>',
+         "'offset' of <ratio> is not known"),
+        ('<Loop name="l"/>', "<Loop> in <robot> is not known (did you mean 'loop'?)"),
+        ('<loop_closure name="l"/>', "<loop_closure> in <robot> is not read, and may act on the motion"),
+        ('<group>\n<loop name="l"/></group>', "<loop> in <group> is not read, and may act"),
+        ('<link name="more">\n<loop name="l"/></link>', "<loop> in <link> is not read, and may act"),
+        ('<ball_constraint/>', "<ball_constraint> in <robot> is not known"),
+        ('<gazebo><plugin name="p">\n<mimicJoint>a</mimicJoint></plugin></gazebo>', "<mimicJoint> in <plugin> is not read"),
     ],
 )  # fmt: skip
 def test_what_is_refused_is_named_with_its_line(tmp_path: Path, element: str, words: str) -> None:
     urdf = f'<robot name="r">{tree(np.random.default_rng(1))}\n{element}\n</robot>'
-    with pytest.raises(SceneError, match=r"robot\.urdf:2:1: ") as caught:
+    with pytest.raises(SceneError, match=rf"robot\.urdf:{2 + element.count(NEW_LINE)}:1: ") as caught:
         loaded(tmp_path, urdf, {})
     assert words in str(caught.value)
     with pytest.raises(SceneError):
@@ -231,6 +263,18 @@ def test_what_is_refused_is_named_with_its_line(tmp_path: Path, element: str, wo
         ("closed_loop: [[link5, link9]]\ntype: []\n", "has 0 entries; allowed: 1"),
         ("closed_loop: []\njoint_name: [j1]\njoint_type: [UJOINT_ZZ]\n", "is no type of a joint"),
         ("closed_loop: []\nloops: 3\n", "unknown key 'loops'"),
+        (
+            "closed_loops: [[link5, link9]]\ntype: [3d]\n",
+            "unknown key 'closed_loops' (did you mean 'closed_loop'?)",
+        ),
+        (
+            "Closed_loop: [[link5, link9]]\ntype: [3d]\n",
+            "unknown key 'Closed_loop' (did you mean 'closed_loop'?)",
+        ),
+        (
+            "closed_loop: []\nname_mot: [j1]\njoint_name: [j1]\njoint_type: [FIXED]\n",
+            "'j1' is fixed; allowed: j2",
+        ),
     ],
 )
 def test_what_is_refused_beside(tmp_path: Path, beside: str, words: str) -> None:
@@ -238,6 +282,26 @@ def test_what_is_refused_beside(tmp_path: Path, beside: str, words: str) -> None
     with pytest.raises(SceneError, match=r"robot\.yaml:\d+:\d+: ") as caught:
         loaded(tmp_path, urdf, {}, beside)
     assert words.removeprefix("2: ") in str(caught.value)
+
+
+def test_quaternions_have_their_real_part_last(tmp_path: Path) -> None:
+    """In URDF 1.1: the same equations as with roll, pitch and yaw."""
+    bare = tree(np.random.default_rng(8))
+
+    def quaternion(match: re.Match[str]) -> str:
+        turn = Rotation.from_euler("xyz", [float(x) for x in match[1].split()])
+        return f'quat_xyzw="{words(turn.as_quat())}"'
+
+    q, v = np.random.default_rng(9).uniform(-1, 1, (2, JOINTS))
+    one, other = (
+        Equations.of(loaded(tmp_path, f'<robot name="r" version="1.1">{text}</robot>', {}), q, v)
+        for text in (bare, re.sub('rpy="([^"]*)"', quaternion, bare))
+    )
+    assert np.abs(one.M - other.M).max() < 1e-13 * np.abs(one.M).max()
+    assert np.abs(one.h - other.h).max() < 1e-13 * np.abs(one.h).max()
+    for version in ("2.0", "", "1.x"):
+        with pytest.raises(SceneError, match=r"robot\.urdf:1:1: version '.*' of URDF; allowed: 1\.0 and"):
+            loaded(tmp_path, f'<robot name="r" version="{version}">{bare}</robot>', {})
 
 
 @pytest.mark.parametrize("pitch", [0.3, math.pi / 2, -math.pi / 2, math.pi / 2 - 1e-9])

@@ -84,6 +84,7 @@ ROBOT: dict[str, Feature] = {
     "modified": _dh("modified"),
     "urdf": _urdf,
     "attach": _attach,
+    "motors": lambda draft: draft.robot.update(actuated=None),  # see ``scene``
     "base": _placed,
     "parameters": _keys(parameters={"k": 2.0}),
     "units": lambda draft: draft.robot["links"][-1].update(
@@ -336,6 +337,9 @@ def _brake(draft: Draft) -> None:
 
 
 def _rotor(draft: Draft) -> None:
+    if draft.focus["type"] == "spherical":
+        draft.focus["rotor_inertia"] = 1e-3
+        return
     several = draft.column() != draft.focus["name"]
     part = draft.column().partition(".")[2]
     for key, value in (("gear_ratio", 5), ("rotor_inertia", 1e-3)):

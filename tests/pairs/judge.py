@@ -159,7 +159,9 @@ def _errors_of_nothing(tree: Any, place: str) -> Iterator[str]:
             yield f"an error of 0 for no figure: {place}.{key}"
 
 
-# other commands: on the scene, and on the result that it has given
+# robots in other formats, each with the file that it is read from
+FORMATS = {"urdf+": "scene.urdf", "extended-urdf": "scene.urdf", "mjcf": "scene.xml", "sdf": "scene.sdf"}
+# other commands, with what tells calls of one apart behind the name: on the scene, and on the result that it has given
 ON_SCENES: dict[str, tuple[str, ...]] = {
     "info": ("--no-plots",),
     "plan": (),
@@ -167,6 +169,8 @@ ON_SCENES: dict[str, tuple[str, ...]] = {
     "stability": ("--no-plots", "--quick"),
     "work-precision": ("--no-plots", "--methods", "gauss,dop853", "--tolerances", "1e-6", "--repeats", "1"),
     "crosscheck": ("--with", "pinocchio"),
+    "crosscheck own": ("--with", "mujoco", "--own-settings", "--no-plots", "--out", "own"),
+    **{f"export {kind}": ("--to", kind, "--out", kind) for kind in FORMATS},
     "sensitivity": ("--no-plots", "-j", "1", "--to", "gravity.1", "--of", "final.q.b"),
     "run": ("--no-plots", "-j", "1", "--out", "run"),
 }
@@ -191,7 +195,11 @@ def by_other_commands(tree: Mapping[str, Any], folder: Path, names: Sequence[str
     ]
     wrong = []
     for name, words in found:
-        done = call([name, *words], folder)
+        command, _, kind = name.partition(" ")
+        done = call([command, *words], folder)
+        if kind in FORMATS and done.code == 0:  # what was written can be read
+            done = call(["import", str(Path(kind) / FORMATS[kind]), f"{kind}.robot"], folder)
+            done.finding = done.finding or done.message
         if done.finding or done.code not in (0, 1, *BEFORE_STEPS):
             wrong.append(f"{name}: {done.finding or done.code}")
     return wrong

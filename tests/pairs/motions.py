@@ -473,6 +473,8 @@ def scene(features: Mapping[str, str]) -> dict[str, Any]:
     if draft.closed or "coupler" in features:
         driven = draft.tree.get("prescribed")
         draft.tree["actuated"] = [*draft.followed(), *(driven if isinstance(driven, dict) else ())]
+    if "actuated" in draft.robot:
+        draft.robot["actuated"] = draft.tree.pop("actuated", draft.moving())
     draft.section("initial").setdefault("q", draft.q(draft.moving()))
     if "reach" not in draft.tree:
         ASKED["position"](draft)

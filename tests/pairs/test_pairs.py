@@ -26,7 +26,7 @@ from robodyn_cli.trajectories.registry import trajectory_types
 from tests.pairs import apart
 from tests.pairs.covering import Case, Part, covering, sets_of
 from tests.pairs.draft import Draft
-from tests.pairs.judge import built, by_other_commands, call, disagreements, judge, judged, write
+from tests.pairs.judge import ON_SCENES, built, by_other_commands, call, disagreements, judge, judged, write
 from tests.pairs.known import KNOWN
 from tests.pairs.motions import FAMILIES, MADE, MOST, ROWS, families, scene
 from tests.pairs.reasons import REASONS, reason_of
@@ -126,9 +126,22 @@ def test_one_run_is_the_same_among_many(command: str, tmp_path: Path) -> None:
         assert not disagreements(scene(case), command, tmp_path / "scene"), case
 
 
+EXPORTS = tuple(name for name in ON_SCENES if name.startswith("export "))
+
+
 def test_other_commands_take_the_scenes(tmp_path: Path) -> None:
     for case in (*cases("simulate")[::160], {"form": "no_estimate"}, {"form": "studied"}):
-        names = ("info", "plan", "crosscheck", "sensitivity", "check", "compare", "export")
+        names = (
+            "info",
+            "plan",
+            "crosscheck",
+            "sensitivity",
+            "check",
+            "compare",
+            "export",
+            "crosscheck own",
+            *EXPORTS,
+        )
         assert not by_other_commands(scene(case), tmp_path / "scene", names), case
 
 

@@ -6,6 +6,8 @@ same forces have to give the same motion.
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 
@@ -209,6 +211,22 @@ def test_the_spring_of_a_ball_joint_about_one_axis_is_that_of_a_hinge() -> None:
     assert np.abs(angle - hinge["q"][:, 0]).max() < 1e-9
 
 
+def test_a_rotor_of_a_ball_joint_is_an_inertia_about_all_axes() -> None:
+    """On the ground it is the same as one of the link; along a motion and in the torques of one."""
+    more = "trajectory: {type: joint, duration: 1, q: {ball: {rpy: [sin(t), 0.3*t, cos(t)]}}}\n"
+    moments = dict(re.findall(r"(xx|yy|zz): ([\d.]+)", BODY))
+    heavy = re.sub(r"(xx|yy|zz): [\d.]+", lambda m: f"{m[1]}: {float(moments[m[1]]) + 0.7}", BODY)
+    texts = ball(f"rotor_inertia: 0.7, {SPRUNG}") + more, ball(SPRUNG).replace(BODY, heavy) + more
+    rotor, link = (simulate(load_scene_text(text)) for text in texts)
+    assert np.abs(rotor["q"] - link["q"]).max() < 1e-9
+    assert (
+        np.abs(rotor["energy/kinetic"] - link["energy/kinetic"]).max() < 1e-9 * link["energy/kinetic"].max()
+    )
+    assert rotor.summary["energy_drift_relative"] < 1e-9
+    rotor, link = (inverse(load_scene_text(text)) for text in texts)
+    assert np.abs(rotor["tau"] - link["tau"]).max() < 1e-13 * np.abs(link["tau"]).max()
+
+
 def test_passing_half_a_turn_is_said() -> None:
     result = simulate(load_scene_text(ball("spring: {stiffness: 1}", "0, 0, 30").replace("-9.7]", "0]")))
     assert any("half a turn" in text for text in result.summary["warnings"])
@@ -224,7 +242,9 @@ REFUSED = {
     "gear_ratio: {theta1: 0}": ("universal", "robot.joints.0.gear_ratio.theta1", "must not be zero"),
     "rotor_inertia: {x: 1}": ("universal", "robot.joints.0.rotor_inertia.x", "allowed: theta1, theta2"),
     "gear_ratio: {theta: 2}": ("revolute", "robot.joints.0.gear_ratio", "allowed: a number"),
-    "rotor_inertia: 1": ("spherical", "robot.joints.0.rotor_inertia", "takes no"),
+    "rotor_inertia: 1": ("floating", "robot.joints.0.rotor_inertia", "takes no"),
+    "rotor_inertia: {wx: 1}": ("spherical", "robot.joints.0.rotor_inertia", "allowed: a number"),
+    "gear_ratio: 2": ("spherical", "robot.joints.0.gear_ratio", "takes no"),
     "limits: {upper: 1}": ("spherical", "robot.joints.0.limits", "acts on one coordinate"),
     "gear: {efficiency: 0.5}": ("spherical", "robot.joints.0.gear", "acts on one coordinate"),
     "spring: {stiffness: 1, rest: 1}": ("spherical", "robot.joints.0.spring.rest", "three numbers"),

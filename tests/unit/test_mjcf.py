@@ -53,6 +53,7 @@ REFUSED = {
     '\n<flexcomp name="f"/>': ":2:1: <flexcomp> in <worldbody> acts on the motion, and is not read; allowed: rigid bodies",
     '\n<attach model="m"/>': ":2:1: <attach> in <worldbody> acts on the motion",
     "\n<bodie/>": ":2:1: <bodie> in <worldbody> is not known (did you mean 'body'?)",
+    f'<body name="a">{BODY}</body>\n<body name="a">{BODY}</body>': ":2:1: MuJoCo's compiler: repeated name 'a' in body",
     f'\n<body pos="1 2">{BODY}</body>': ":2:1: MuJoCo's compiler: attribute 'pos' does not have enough data",
     '\n<body foo="1"/>': ":2:1: MuJoCo's compiler: Schema violation: unrecognized attribute: 'foo'",
     "\n<body><joint/></body>": ":2:1: MuJoCo's compiler: mass and inertia of moving bodies must be larger than mjMINVAL",

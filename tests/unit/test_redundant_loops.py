@@ -7,11 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.expr.rebuild import evaluate
+from robodyn_cli.over.stability.stability import eigenvalues
+from robodyn_cli.ready.prepare import prepare
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import rotation_rpy
@@ -116,3 +119,59 @@ def test_a_planar_mechanism_modelled_in_space_moves_as_in_its_plane() -> None:
     assert_close(space["energy/total"], plane["energy/total"], 1e-10, 1e3)
     residual = space.summary["constraint_residual"]
     assert residual["position"] < 6e-12 and residual["velocity"] < 6e-12 * np.abs(space["qd"]).max()
+
+
+TILT = [0.4, -0.7, 1.1]
+STICKING = "friction: {coulomb: 3, law: set_valued}"
+STOPPED = (
+    "friction: {coulomb: 0.8, law: set_valued}, limits: {lower: -2.5, upper: 1.3, stop: {restitution: 0.5}}"
+)
+
+
+def four_bar(contact: str, rate: float, rpy: list[float]) -> Scene:
+    """Return a four-bar in a plane that is turned with all that acts on it; only in the world's are rows left out."""
+    turn = Rotation.from_euler("xyz", rpy)
+    down, far = (turn.apply(x).tolist() for x in ([0, -9.81, 0], [1.5, 0, 0]))
+    body = "mass: 1, com: [0.5, 0, 0], inertia: {xx: 0.1, yy: 0.1, zz: 0.1}"
+    return load_scene_text(f"""
+schema: 1
+gravity: {down}
+robot:
+  joints:
+    - {{name: a, type: revolute, axis: [0, 0, 1], origin: {{rpy: {rpy}}}, {contact}}}
+    - {{name: b, type: revolute, axis: [0, 0, 1], origin: {{xyz: [1, 0, 0]}}, friction: {{viscous: 0.05}}}}
+    - {{name: c, type: revolute, axis: [0, 0, 1], parent: base, link: rock, origin: {{xyz: {far}, rpy: {rpy}}}}}
+  links: [{{name: crank, {body}}}, {{name: coupler, {body}}}, {{name: rock, {body}}}]
+  points: {{p: {{link: coupler, at: [2, 0, 0]}}, r: {{link: rock, at: [1.6, 0, 0]}}}}
+loops: [{{name: pin, type: revolute, between: [p, r], axis: [0, 0, 1]}}]
+initial: {{q: {{a: 1}}, qd: {{a: {rate}}}}}
+simulate: {{duration: 6, samples: 121}}
+""")
+
+
+@pytest.mark.parametrize(
+    ("contact", "rate", "kinds"), [(STICKING, 0, {"slip", "stick"}), (STOPPED, 2, {"slip", "impact"})]
+)
+def test_sticking_and_stops_where_rows_depend_on_each_other(
+    contact: str, rate: float, kinds: set[str]
+) -> None:
+    """Holding torques and impacts are those of the same mechanism in the world's plane, which has no such rows."""
+    flat, tilted = (simulate(four_bar(contact, rate, rpy)) for rpy in ([0.0, 0.0, 0.0], TILT))
+    assert tilted.summary["multipliers"]["renewals"] > 0 and flat.summary["multipliers"]["unique"]
+    assert kinds <= {*flat.summary["transitions"]}
+    assert flat.summary["transitions"] == tilted.summary["transitions"]
+    for name in ("q", "qd", "qdd", "tau", "energy/kinetic", "energy/work"):
+        size = max(np.abs(flat[name]).max(), 1e-9)
+        assert np.abs(flat[name] - tilted[name]).max() < 1e-8 * size, name
+    assert tilted.summary["energy_drift_relative"] < 1e-8
+
+
+def test_the_spectrum_where_rows_depend_on_each_other() -> None:
+    """That of the mechanism in the world's plane, at the same state; the combination of the rows does not matter."""
+    damped = "friction: {viscous: 0.1}"
+    flat, tilted = (prepare(four_bar(damped, 2, rpy)) for rpy in ([0.0, 0.0, 0.0], TILT))
+    assert tilted.problem.dependent and not flat.problem.dependent
+    q, v = flat.assembled.q[None], flat.assembled.v[None]
+    one, other = (eigenvalues(setup, np.zeros(1), q, v) for setup in (flat, tilted))
+    assert one is not None and other is not None
+    assert_close(np.sort_complex(one.eigenvalues), np.sort_complex(other.eigenvalues), 1e-10)

@@ -290,6 +290,10 @@ def test_what_is_refused(tmp_path: Path, old: str | None, new: str, line: int, w
         ("<drake:a_tag_of_next_year/>", "<drake:a_tag_of_next_year>"),
         ('<gazebo><joint name="g" type="revolute"><parent>upper</parent></joint></gazebo>', "<joint> 'g'"),
         ('<gazebo><model><joint name="m" type="ball"/></model></gazebo>', "<joint> 'm'"),
+        (
+            '<gazebo reference="shoulder"><springStiffness> 0.5 </springStiffness></gazebo>',
+            "<springStiffness>",
+        ),
     ],
 )
 def test_what_acts_on_the_motion_is_never_left_out(tmp_path: Path, element: str, words: str) -> None:
@@ -299,6 +303,33 @@ def test_what_acts_on_the_motion_is_never_left_out(tmp_path: Path, element: str,
         with pytest.raises(SceneError, match="acts on the motion, and is not read; allowed: ") as caught:
             read()
         assert words in str(caught.value) and ":9:" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "right, slip, words",
+    [
+        ("<axis ", "<Axis ", "<Axis> in <joint> is not known (did you mean 'axis'?)"),
+        ("<origin ", "<orgin ", "<orgin> in "),
+        ("xyz=", "xzy=", "'xzy' of <"),
+        ("damping=", "dampng=", "'dampng' of <dynamics> is not known (did you mean 'damping'?)"),
+        ("<joint name=", '<joint independent="no" name=', "independent is 'no'; allowed: true or false"),
+        (
+            "<dynamics ",
+            '<dynamics spring_stiffness="3" ',
+            "'spring_stiffness' of <dynamics> acts on the motion",
+        ),
+    ],
+)
+def test_a_slip_of_the_pen_is_never_left_out(tmp_path: Path, right: str, slip: str, words: str) -> None:
+    assert right in ARM
+    with pytest.raises(SceneError, match=r"arm\.urdf:\d+:\d+: ") as caught:
+        load(tmp_path, ARM.replace(right, slip, 1))
+    assert words in str(caught.value)
+
+
+def test_attributes_of_other_programs_are_told(tmp_path: Path) -> None:
+    scene = load(tmp_path, ARM.replace("<dynamics ", '<dynamics k_velocity="3" ', 1))
+    assert "1 <dynamics k_velocity=...>" in scene.notes[0]
 
 
 def test_a_yaml_file_beside_the_urdf_is_read_for_its_loops_alone(tmp_path: Path) -> None:

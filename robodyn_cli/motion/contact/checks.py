@@ -23,10 +23,11 @@ def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:
     sticking = [joint for joint in joints if joint.friction is not None]
     units = np.zeros((len(sticking), psi.shape[1]))
     units[np.arange(len(sticking)), [joint.v for joint in sticking]] = 1.0
-    rows = np.concatenate([psi, units])
-    if len(sticking) and np.linalg.matrix_rank(rows, tol=1e-9) < len(rows):
+    rank = int(np.linalg.matrix_rank(psi, tol=1e-9)) if len(psi) else 0
+    held = int(np.linalg.matrix_rank(np.concatenate([psi, units]), tol=1e-9)) - rank if sticking else 0
+    if held < len(sticking):
         names = ", ".join(joint.name for joint in sticking)
-        free = psi.shape[1] - np.linalg.matrix_rank(psi, tol=1e-9)
+        free = psi.shape[1] - rank
         raise CapabilityError(
             f"friction with 'law: set_valued' in {names}: with {free} degrees of freedom left by loops and "
             "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "

@@ -16,8 +16,9 @@ import numpy as np
 
 from robodyn_cli.equations.contact_joints import UNBOUNDED, ContactJoint
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
+from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.formulations.events import Event, Jump, Outcome
+from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
@@ -61,14 +62,9 @@ class ContactStates(Watcher):
     slowest = 1.0  # times the rate below which a joint does not bounce any more
 
     def __init__(self, problem: Problem) -> None:
-        if problem.dependent:
-            raise CapabilityError(
-                f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which "
-                f"needs loops without redundant rows (here {', '.join(problem.dependent[0].rows)} depend on each "
-                "other); allowed: 'transition_speed', and stops with 'stiffness'",
-                joint=problem.contact_joints[0].name,
-            )
         self.problem = problem
+        # accelerations and holding forces are the same whatever combination of dependent rows they are found with
+        self._combined = RowCombinations(problem) if problem.dependent else None
         self.joints = problem.contact_joints
         self.functions = contact_functions(problem, self)
 
@@ -121,7 +117,10 @@ class ContactStates(Watcher):
 
     def rates(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return accelerations (nv,) and multipliers of held joints in the present contact states."""
-        values = self._rates.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+        p = self.p
+        if self._combined is not None:
+            p = np.concatenate([p, self._combined.choose(t, self.system.split(x)[0], None)])
+        values = self._rates.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], p))
         return values["a"][0], values["lam"][0]
 
     # -- a run ----------------------------------------------------------------------------------------

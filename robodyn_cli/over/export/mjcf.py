@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from xml.etree.ElementTree import Element, SubElement
 
@@ -19,8 +20,9 @@ from robodyn_cli.over.export.robot import (
     xml_text,
 )
 from robodyn_cli.over.export.scene import Format
-from robodyn_cli.scene.sdf.frames import pose_between
+from robodyn_cli.scene.sdf.frames import inverse, matrix, pose_between
 from robodyn_cli.scene.urdf.elements import UrdfPose
+from robodyn_cli.spatial.algebra import Array
 
 # by kind of joint: MuJoCo's joints of one body, outermost first, each with its axis among the joint's own
 JOINTS: Mapping[str, tuple[tuple[str, int], ...]] = {
@@ -34,6 +36,15 @@ JOINTS: Mapping[str, tuple[tuple[str, int], ...]] = {
     "floating": (("slide", 0), ("slide", 1), ("slide", 2), ("ball", 2)),
 }
 _FREE = (("free", 2),)
+_PASSED = (
+    "revolute",
+    "prismatic",
+    "cylindrical",
+    "universal",
+    "planar",
+)  # joints that others of their body may follow
+MOST = 6  # coordinates of a body
+Chain = tuple[ExportedLink, ...]
 _COORDINATES = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
 LEAST, ROUNDING = 1e-15, 1e-12  # moments of inertia that MuJoCo takes [kg m^2]; of what they may add up to
 ACROSS = 0.1  # distance [m] along its axis of the two points that a pin ties
@@ -48,17 +59,19 @@ def joints_of(link: ExportedLink) -> tuple[tuple[str, int], ...]:
 def write_mjcf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
     """Return the file of a robot in MJCF."""
     notes += _notes(robot)
-    return {f"{robot.name}.xml": mjcf_text(robot)}
+    return {f"{robot.name}.xml": mjcf_text(robot, chains=_chains(robot))}
 
 
-def mjcf_text(robot: ExportedRobot, flags: Mapping[str, str] | None = None) -> str:
-    """Return a robot in MJCF; flags : of what MuJoCo does, beside its defaults."""
+def mjcf_text(
+    robot: ExportedRobot, flags: Mapping[str, str] | None = None, chains: Mapping[str, Chain] | None = None
+) -> str:
+    """Return a robot in MJCF; flags : of what MuJoCo does, beside its defaults. chains : see ``add_bodies``."""
     root = mujoco_element(robot, flags)
     sites, equality = _closures(robot)
     tree = SubElement(root, "worldbody")
     for name, pose in sites.get(GROUND, {}).items():
         _site(tree, name, pose)
-    bodies = add_bodies(tree, robot)
+    bodies = add_bodies(tree, robot, chains)
     for link, placed in sites.items():
         for name, pose in placed.items():
             if link != GROUND:
@@ -104,44 +117,94 @@ def mujoco_element(robot: ExportedRobot, flags: Mapping[str, str] | None = None)
     return root
 
 
-def add_bodies(tree: Element, robot: ExportedRobot) -> dict[str, Element]:
-    """Add all links as bodies; return their elements by name."""
-    below: dict[str, list[ExportedLink]] = {}
-    for link in robot.links:
-        below.setdefault(link.parent, []).append(link)
+def _chains(robot: ExportedRobot) -> dict[str, Chain]:
+    """Return the links of each body, by the last of them: links without mass between two joints need no body."""
+    children = Counter(link.parent for link in robot.links)
+    tied = {end.link for loop in robot.loops for end in loop.ends}
+    between = {
+        link.name: link
+        for link in robot.links
+        if link.massless and link.type in _PASSED and children[link.name] == 1 and link.name not in tied
+    }
+    chains: dict[str, Chain] = {}
+    for last in (link for link in robot.links if link.name not in between):
+        link: ExportedLink | None = last
+        while link is not None:
+            chain: Chain = (link,)
+            room = MOST - len(link.coordinates)
+            link = between.get(link.parent)
+            while (
+                link is not None
+                and chain[0].type in (*_PASSED, "spherical")
+                and room >= len(link.coordinates)
+            ):
+                chain, room = (link, *chain), room - len(link.coordinates)
+                link = between.get(link.parent)
+            chains[chain[-1].name] = chain
+    return chains
+
+
+def add_bodies(
+    tree: Element, robot: ExportedRobot, chains: Mapping[str, Chain] | None = None
+) -> dict[str, Element]:
+    """Add all links as bodies; return their elements by name.
+
+    chains : the links of each body, by the last of them; by default each link is a body.
+    """
+    chains = {link.name: (link,) for link in robot.links} if chains is None else chains
+    below: dict[str, list[Chain]] = {}
+    for chain in chains.values():
+        below.setdefault(chain[0].parent, []).append(chain)
     elements = {GROUND: tree}
     pending = [GROUND]
     while pending:
         parent = pending.pop()
-        for link in below.get(parent, ()):
-            elements[link.name] = _body(elements[parent], link)
-            pending.append(link.name)
+        for chain in below.get(parent, ()):
+            elements[chain[-1].name] = _body(elements[parent], chain)
+            pending.append(chain[-1].name)
     return elements
 
 
-def _body(parent: Element, link: ExportedLink) -> Element:
-    attributes = {"name": link.name, "pos": words(link.pose.xyz), "quat": words(link.pose.unit_quaternion)}
+def _body(parent: Element, chain: Chain) -> Element:
+    link, pose = chain[-1], chain[0].pose
+    poses = [matrix(one.pose) for one in chain]
+    if len(chain) > 1:
+        pose = pose_between(np.linalg.multi_dot(poses))
+    attributes = {"name": link.name, "pos": words(pose.xyz), "quat": words(pose.unit_quaternion)}
     body = SubElement(parent, "body", attributes)
     if not link.massless:
         I = link.inertia
         full = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
         attributes = {"pos": words(link.com), "mass": words(link.mass), "fullinertia": words(full)}
         SubElement(body, "inertial", attributes)
+    back = np.eye(4)  # the frame of a link of the chain in that of the body
+    places = []
+    for T in reversed(poses):
+        places.append(back)
+        back = back @ inverse(T)
+    for one, place in zip(chain, reversed(places)):
+        _joints(body, one, place)
+    return body
+
+
+def _joints(body: Element, link: ExportedLink, place: Array) -> None:
+    """Add the joint of a link whose frame is at a place (4, 4) in the body."""
     used = 0
     for kind, column in joints_of(link):
         own = link.coordinates[used : used + _COORDINATES[kind]]
         used += _COORDINATES[kind]
         name = own[0].name if len(own) == 1 else link.joint
         joint = SubElement(body, "joint", {"name": name, "type": kind})
+        if place[:3, 3].any():
+            joint.set("pos", words(place[:3, 3]))
         if kind in ("hinge", "slide"):
-            joint.set("axis", words(link.axes[:, column]))
+            joint.set("axis", words(place[:3, :3] @ link.axes[:, column]))
             _acting(joint, own[0])
         elif kind == "ball" and link.damping:
             joint.set("damping", words(link.damping))
         armature = {one.rotor_inertia * one.gear_ratio**2 for one in own}
         if any(armature):
             joint.set("armature", words(max(armature)))
-    return body
 
 
 def _acting(joint: Element, one: Coordinate) -> None:
@@ -211,8 +274,9 @@ def _problems(robot: ExportedRobot) -> Iterator[str]:
         while robot.link(name).type == "fixed" and robot.link(name).parent != GROUND:
             name = robot.link(name).parent
         weights[name] = weights.get(name, False) or not link.massless
+    bodies = _chains(robot)
     for name, heavy in weights.items():
-        if not heavy and robot.link(name).type != "fixed":
+        if not heavy and robot.link(name).type != "fixed" and name in bodies:
             yield f"link {name!r} moves and has no mass, which MuJoCo does not take"
     for link in robot.links:
         moments = np.linalg.eigvalsh(link.inertia)

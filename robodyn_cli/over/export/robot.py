@@ -15,8 +15,8 @@ from robodyn_cli.forces.springs import Damper, Spring
 from robodyn_cli.model.model import BASE, Body, FixedFrame, JointForce, Model
 from robodyn_cli.record import record
 from robodyn_cli.scene.sdf.frames import between, cleaned, matrix, pose_between
+from robodyn_cli.scene.ties import LoopEnd
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.urdf.closures import LoopEnd
 from robodyn_cli.scene.urdf.elements import UrdfPose
 from robodyn_cli.spatial.algebra import Array, Transform, rotation_rpy
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from robodyn_cli.model.model import Model, unknown_among
 from robodyn_cli.over.export.robot import (
     ExportedCoupler,
     ExportedFrames,
+    ExportedLink,
     ExportedRobot,
     floats,
     fresh,
@@ -42,7 +43,8 @@ class Format:
     name : as files of it are called. joints, loops : kinds. turned : kinds of joint whose links need the joint's axes.
     along : kinds with several coordinates whose forces and limits it has, coordinate by coordinate. springs : whether
     joints may have some. in_space : whether dampers of balls. assembled : whether poses of links must close the loops.
-    limits : those that it has. reserved : names that no link may have.
+    limits : those that it has. reserved : names that no link may have. by_effort : whether an effort of 0 says that a
+    joint has no motor.
     write : f(robot, what there is to say, to which it adds) -> texts by name of file.
     problems : what else it cannot hold, one text each.
     """
@@ -59,6 +61,7 @@ class Format:
     assembled: bool = False
     limits: tuple[str, ...] = ("lower", "upper", "speed", "effort")
     reserved: tuple[str, ...] = ()
+    by_effort: bool = False
 
 
 formats: Registry[Format] = Registry(
@@ -77,13 +80,20 @@ def export_robot(scene: Scene, kind: str, directory: Path) -> tuple[list[Path], 
 
     Raises
     ------
-    CapabilityError : with everything that the format has not. OutputError : it cannot be written.
+    CapabilityError : with everything that the format has not; a file would replace what the robot is read from.
+    OutputError : it cannot be written.
     """
     from robodyn_cli.results.atomic import output_errors, write_bytes
 
     form = formats[kind]
     robot, notes = exported(scene, form)
     texts = form.write(robot, notes)
+    read = {os.path.realpath(path) for path in (scene.path, *scene.sources)}
+    for name in texts:
+        if os.path.realpath(directory / name) in read:
+            raise CapabilityError(
+                f"{directory / name} is what the robot is read from; allowed: another directory (--out)"
+            )
     with output_errors(directory):
         directory.mkdir(parents=True, exist_ok=True)
     for name, text in texts.items():
@@ -112,6 +122,8 @@ def exported(scene: Scene, form: Format) -> tuple[ExportedRobot, list[str]]:
         ordered = kept_origins(scene, ordered, form.turned)
     else:
         ordered = tuple(_from(reference, model, link) for link in ordered)
+    if form.by_effort and scene.actuated is not None:
+        ordered = tuple(_without_motors(ordered, scene.actuated, notes))
     robot = ExportedRobot(
         os.path.splitext(os.path.basename(scene.path))[0] or "robot",
         np.array(floats(np.array(model.base.E, dtype=float).T @ np.array(model.gravity, dtype=float))),
@@ -266,6 +278,25 @@ def _limits(scene: Scene, model: Model, form: Format, notes: list[str]) -> dict[
     if left:
         notes.append(f"left out, for the format has no such limits: {listed(left)}")
     return limits
+
+
+def _without_motors(
+    links: Iterable[ExportedLink], actuated: Collection[str], notes: list[str]
+) -> Iterator[ExportedLink]:
+    """Yield the links with an effort of 0 in joints without a motor; of some kinds that cannot be said."""
+    left = []
+    for link in links:
+        if link.joint in actuated or not link.coordinates:
+            yield link
+        elif len(link.coordinates) > 1 or link.coordinates[0].rotor_inertia:
+            left += [link.joint]
+            yield link
+        else:
+            (one,) = link.coordinates
+            still = dataclasses.replace(one, limits={**one.limits, "effort": 0.0})
+            yield dataclasses.replace(link, coordinates=(still,))
+    if left:
+        notes.append(f"left out, that they have no motor: {listed(left)}")
 
 
 def _left_out(scene: Scene, dh: list[str]) -> Iterator[str]:

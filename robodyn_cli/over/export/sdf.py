@@ -161,4 +161,5 @@ SDF = Format(
     springs=True,
     assembled=True,
     reserved=(WORLD,),
+    by_effort=True,
 )

@@ -284,6 +284,7 @@ URDF_PLUS = Format(
     write_plus,
     _plus_problems,
     turned=("planar",),
+    by_effort=True,
 )
 EXTENDED_URDF = Format(
     "the Extended URDF",

@@ -192,15 +192,19 @@ def jacobians(problem: Problem, system: System, times: Array, states: Array) -> 
         return J
     entries = system.jacobian.J
     places = [(i, k) for i in range(n) for k in range(n) if is_nonzero(entries[i, k])]
-    groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, _parameters(system)))
+    p = _parameters(system, times, states)
+    groups = _samples(system.own_groups(np.asarray(times, dtype=float), states, p))
     for (i, k), value in zip(places, evaluate([entries[place] for place in places], groups)):
         J[:, i, k] = value
     return J
 
 
-def _parameters(system: System) -> Array:
-    """Return the values of p that a run starts with."""
-    return np.array(system.parameters) if system.parameters else np.zeros(1)
+def _parameters(system: System, times: Array, states: Array) -> Array:
+    """Return the values of p that a run starts with, and beside them, a column a state, what its partition chooses."""
+    if system.partition is None:
+        return np.array(system.parameters) if system.parameters else np.zeros(1)
+    chosen = [system.partition.choose(float(t), q, None) for t, q in zip(times, system.split(states)[0])]
+    return np.concatenate([np.tile(system.parameters, (len(chosen), 1)), chosen], axis=1).T
 
 
 def _samples(groups: dict[str, Any]) -> dict[str, Any]:
@@ -237,7 +241,9 @@ def tangents(problem: Problem, system: System, times: Array, states: Array) -> l
         return [None] * len(times)
     nv, nz, m = problem.model.nv, system.nz, len(rows)
     rates = [sum((x * v for x, v in zip(row.psi, problem.v)), row.eta_t) for row in rows]
-    groups = _samples(system.groups(np.asarray(times, dtype=float), states, _parameters(system)))
+    groups = _samples(
+        system.groups(np.asarray(times, dtype=float), states, _parameters(system, times, states))
+    )
     bases: list[Array | None] = []
     psi = np.zeros((len(times), m, nv))
     for k, value in enumerate(evaluate(list(problem.psi.ravel()), groups)):

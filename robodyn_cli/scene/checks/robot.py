@@ -277,8 +277,12 @@ def _not_taken(joint: Joint, kind: JointKind) -> tuple[str, ...]:
     """Return the keys that make no sense for a kind of joint."""
     axis = ("axis",) if kind.nv == 0 else ()
     offset = () if kind.dh_variable else ("offset",)
-    # no motor turns a body about all axes at once
-    drive = () if any(not one.in_space for one in kind.freedoms) else _DRIVE
+    # no motor turns a body about all axes at once; a ball may have an inertia of its own, the same about all
+    drive = (
+        ()
+        if any(not one.in_space for one in kind.freedoms)
+        else _DRIVE[: 1 if len(kind.freedoms) == 1 else 2]
+    )
     if kind.nv == 0:
         drive = (*drive, *(name for name, _ in joint.forces))
     return (*axis, *offset, *drive)

@@ -78,7 +78,8 @@ def check_scene(scene: Scene, check: Check) -> Scene:
     follow = None
     if scene.prescribed:
         scene, follow = _without_following(scene)
-    scene = dataclasses.replace(scene, robot=robot)
+    actuated = robot.actuated if scene.actuated is None else scene.actuated
+    scene = dataclasses.replace(scene, robot=robot, actuated=actuated)
     joints = {joint.name for joint in robot.joints}
     for name in scene.parameters:
         with check:
@@ -213,9 +214,10 @@ def _items(names: Iterable[str], *path: str) -> list[tuple[str, Path]]:
 
 
 def _check_drives(scene: Scene, check: Check) -> None:
-    actuated = scene.actuated
-    check_joints(scene, _items(actuated or (), "actuated"), check, at_key=False)
-    check.unique(actuated or (), "joint", [path for _, path in _items(actuated or (), "actuated")])
+    for path, actuated in ((("actuated",), scene.actuated), (("robot", "actuated"), scene.robot.actuated)):
+        items = _items(actuated or (), *path) if check.has(path) else []
+        check_joints(scene, items, check, at_key=False)
+        check.unique([name for name, _ in items], "joint", [place for _, place in items])
     check_joints(scene, _keys(scene.torques, "torques"), check, at_key=True)
     check_joints(scene, _keys(scene.prescribed, "prescribed"), check, at_key=True)
     for name, torque in scene.torques.items():

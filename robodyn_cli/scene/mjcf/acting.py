@@ -14,13 +14,17 @@ CONES = "limits of ball joints"
 
 
 class Acting:
-    """The forces in the joints of a model; ``types`` : of its joints. motors, actuators : on each, by number."""
+    """The forces in the joints of a model; ``types`` : of its joints. motors, actuators : on each, by number.
+
+    elsewhere : whether there are actuators on other parts than joints, or muscles.
+    """
 
     def __init__(self, compiled: MjcfModel) -> None:
         self.compiled, self.m = compiled, compiled.model
         self.types = [KINDS[int(kind)] for kind in self.m.jnt_type]
         self.motors: dict[int, list[int]] = {}
         self.actuators: dict[int, list[int]] = {}
+        self.elsewhere = ACTUATORS in compiled.left
         for a in range(len(self.m.actuator_trntype)):
             j = int(self.m.actuator_trnid[a][0])
             self.actuators.setdefault(j, []).append(a)
@@ -82,7 +86,7 @@ class Acting:
         curved += [("actuator_dampingpoly", a) for a in on]
         parts = [(*part, "is a curve; allowed: one number") for part in curved]
         if kind not in SINGLE:
-            single = [("dof_frictionloss", v), ("dof_armature", v)]
+            single = [("dof_frictionloss", v), *([("dof_armature", v)] if kind == "free" else [])]
             single += [(f"actuator_{key}", a) for key in ("armature", "damping") for a in on]
             parts += [
                 (*part, f"is that of a {kind} joint; allowed: of joints with one axis") for part in single

@@ -130,7 +130,7 @@ class _Compiler:
 
     def error(self, said: str) -> SceneError:
         lines = [line for line in said.splitlines() if line.strip()]
-        text = lines[0].removeprefix("XML ").removeprefix("Error: ") if lines else "it refuses the file"
+        text = re.sub("^(XML )?(Error: )*", "", lines[0]) if lines else "it refuses the file"
         return self.source.of(said).error(f"{COMPILER}: {text}")
 
     def leave(self, title: str, name: str) -> None:

@@ -82,7 +82,6 @@ def _notes(model: MjcfModel, acting: Acting) -> Iterator[str]:
         ),
         "gravity in the file, which that of the scene replaces": f"[{', '.join(f'{x:g}' for x in gravity)}]",
         "free joints": listed(free),
-        "joints with motors": listed([model.name("joint", j) for j in sorted(acting.motors)]),
     }
     yield from (f"{title}: {names}" for title, names in texts.items() if names)
     if m.neq:

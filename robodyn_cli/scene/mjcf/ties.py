@@ -17,7 +17,7 @@ from robodyn_cli.record import record
 from robodyn_cli.scene.mjcf.acting import Acting
 from robodyn_cli.scene.mjcf.compiled import INACTIVE, MjcfModel
 from robodyn_cli.scene.text.nodes import Faults, located
-from robodyn_cli.scene.urdf.closures import Closure, Coupling, LoopEnd, Ties
+from robodyn_cli.scene.ties import Closure, Coupling, LoopEnd, Ties
 from robodyn_cli.scene.urdf.elements import UrdfPose
 from robodyn_cli.scene.urdf.xml import XmlElement
 from robodyn_cli.spatial.algebra import Array
@@ -65,7 +65,9 @@ def ties_of(
     held: dict[str, float] = {}
     with faults:
         couplings = _without_held(couplings, held)
-    return Ties(tuple(closures), tuple(couplings)), held
+    driven = [ends.joints[j] for j in sorted(acting.actuators) if ends.joints[j] not in held]
+    motors = tuple(driven) if driven and not acting.elsewhere else None
+    return Ties(tuple(closures), tuple(couplings), motors), held
 
 
 def _without_held(couplings: list[Coupling], held: dict[str, float]) -> list[Coupling]:

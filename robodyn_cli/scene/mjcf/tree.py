@@ -21,7 +21,7 @@ from robodyn_cli.scene.mjcf.ties import MjcfEnds, ties_of
 from robodyn_cli.scene.sdf.frames import cleaned
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
-from robodyn_cli.scene.urdf.closures import rpy_of, tie_entries
+from robodyn_cli.scene.ties import rpy_of, tie_entries
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape
 from robodyn_cli.scene.urdf.tree import LinkEntries, moved_along, origin_of
 from robodyn_cli.scene.urdf.xml import GROUND, XmlElement, joint_names, link_names, scene_names

@@ -10,7 +10,7 @@ from typing import Any
 
 from robodyn_cli.errors import did_you_mean, shown
 from robodyn_cli.record import record
-from robodyn_cli.scene.urdf.closures import rpy_of
+from robodyn_cli.scene.ties import rpy_of
 from robodyn_cli.scene.urdf.elements import UrdfPose
 from robodyn_cli.scene.urdf.xml import XmlElement
 

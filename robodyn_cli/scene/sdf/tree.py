@@ -6,6 +6,7 @@ that turns it is; links that slide, are fixed or float keep their own.
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any
@@ -18,7 +19,8 @@ from robodyn_cli.scene.sdf.joints import CROSS, SINGLE, SdfAxis, SdfJoint
 from robodyn_cli.scene.sdf.structure import Move, SdfStructure
 from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
-from robodyn_cli.scene.urdf.closures import OF_DRAKE, Closure, Coupling, LoopEnd, Ties, tie_entries
+from robodyn_cli.scene.ties import Closure, Coupling, LoopEnd, Ties, motors_by_effort, tie_entries
+from robodyn_cli.scene.urdf.closures import OF_DRAKE
 from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape, drawn_shapes
 from robodyn_cli.scene.urdf.tree import ROOT_JOINT, LinkEntries, origin_of, rotor_entries
 from robodyn_cli.scene.urdf.xml import GROUND, XmlElement, joint_names, link_names, scene_names
@@ -80,7 +82,12 @@ class _SdfTree:
                 joints.append(self.joint(move))
         entries: dict[str, Any] = {"joints": sequence(place, joints), "links": sequence(place, links)}
         couplings = tuple(self.couplings())
-        ties = Ties(tuple(self.closures()), couplings)
+        efforts = {
+            self.joints[move.joint.name]: move.joint.axes[0].limits.get("effort", math.inf)
+            for move in self.structure.moves
+            if move.joint.type in SINGLE
+        }
+        ties = Ties(tuple(self.closures()), couplings, motors_by_effort(efforts))
         ties.check_names(self.faults)
         entries |= tie_entries(ties, self.joints.values(), self.links)
         frames = self.frames(entries.get("points", ()))

@@ -32,6 +32,7 @@ OF_LINK = ("mass", "com", "com_frame", "inertia", "visual")
 OF_ROBOT = (INCLUDE, PREFIX, "to", "origin")
 KEYS = ("link", "to", "origin", "joint", *OF_LINK, INCLUDE, PREFIX)
 DH = ("a", "alpha", "d", "theta")
+MOTORS = "actuated"
 
 _PREFIX = re.compile(r"[A-Za-z_][A-Za-z0-9_]*")
 Include = Callable[[Node, Path], Node]
@@ -120,6 +121,9 @@ def _with_robot(robot: Mapping, item: Mapping, path: Path, include: Include) -> 
             ground = frame
     part = with_prefix(_explicit(part), prefix, str(ground.text) if isinstance(ground, Scalar) else GROUND)
     robot = _one_convention(robot, part, item, path)
+    if robot.get(MOTORS) is not None or part.get(MOTORS) is not None:
+        motors = [motor for one in (robot, part) for motor in _motors(one)]
+        robot = robot.replaced(scalar(item, MOTORS), sequence(item, motors))
     robot = _extended(
         robot, {"joints": [*joints, *_items(part, "joints")], "links": [*links, *_items(part, "links")]}
     )
@@ -149,6 +153,18 @@ def _parent(robot: Mapping, item: Mapping, path: Path) -> Node:
     if isinstance(parent, Scalar) and parent.text not in links:
         raise located(parent, dotted((*path, "to")), unknown_name("link", parent.text, links))
     return parent
+
+
+def _motors(robot: Mapping) -> list[Node]:
+    """Return the joints of a robot that have motors: all that are not fixed, where it does not say."""
+    if robot.get(MOTORS) is not None:
+        return [*_items(robot, MOTORS)]
+    moving = []
+    for joint in _items(robot, "joints"):
+        kind = joint.get("type") if isinstance(joint, Mapping) else None
+        if isinstance(joint, Mapping) and isinstance(kind, Scalar) and kind.text != "fixed":
+            moving += [name] if (name := joint.get("name")) is not None else []
+    return moving
 
 
 def _one_convention(robot: Mapping, part: Mapping, item: Mapping, path: Path) -> Mapping:
@@ -195,6 +211,7 @@ def with_prefix(robot: Mapping, prefix: str, ground: str = GROUND) -> Mapping:
     changes: dict[str, Callable[[Node], Node]] = {
         "joints": lambda node: _each(node, {"name": own, "parent": link, "link": link}),
         "links": lambda node: _each(node, {"name": own}),
+        MOTORS: lambda node: _named(node, own),
         "couplers": lambda node: _each(node, {"name": own, "terms": own}),
         "loops": lambda node: _each(node, {"name": own, "between": place}),
         "points": lambda node: _places(node, own, link),

@@ -11,75 +11,20 @@ that no file decides in which frame its ``<axis>`` is meant: here it is the loop
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
 
 from robodyn_cli.errors import did_you_mean, shown, unknown_name
-from robodyn_cli.record import record
-from robodyn_cli.scene.text.nodes import Faults, Node, located, plain
+from robodyn_cli.scene.text.nodes import Faults
+from robodyn_cli.scene.ties import Closure, Coupling, LoopEnd
 from robodyn_cli.scene.urdf.drake import DRAKE, constraint
 from robodyn_cli.scene.urdf.elements import X_AXIS, UrdfJoint, UrdfPose, UrdfRobot, pose_of
 from robodyn_cli.scene.urdf.structure import SINGLE
-from robodyn_cli.scene.urdf.xml import XmlElement, scene_names
+from robodyn_cli.scene.urdf.xml import XmlElement
 
 # what a dialect calls a closure, by the kind of the scene's loops
 _OF_LOOP = {"continuous": "revolute", **{x: x for x in ("revolute", "prismatic", "planar", "fixed")}}
 _OF_CONSTRAINT = {"spherical": "spherical", "revolute": "revolute", "fixed": "fixed", "LINK": "fixed"}
 _OF_LOOP_JOINT = {"spherical": "spherical"}
-WITH_AXES = ("revolute", "prismatic", "planar", "universal")
-
-
-@record
-class LoopEnd:
-    """One end of a closure: a frame on a link, and the closure's axis in that frame."""
-
-    link: str
-    pose: UrdfPose = UrdfPose()
-    axis: tuple[float, ...] = X_AXIS
-
-
-@record
-class Closure:
-    """Two frames that a closure of some ``type`` joins; ``place`` : where it is written; ``length`` : of a bar."""
-
-    place: Node
-    name: str
-    type: str
-    ends: tuple[LoopEnd, LoopEnd]
-    length: float = 0.0
-
-
-@record
-class Coupling:
-    """The sum of coefficient times q over joints that move is ``value``; ``place`` : where it is written."""
-
-    place: Node
-    name: str
-    terms: dict[str, float]
-    value: float = 0.0
-
-
-@record
-class Ties:
-    """What a robot has beside its tree."""
-
-    closures: tuple[Closure, ...]
-    couplings: tuple[Coupling, ...]
-
-    @property
-    def names(self) -> list[str]:
-        return [*(x.name for x in self.couplings), *(x.name for x in self.closures)]
-
-    def check_names(self, faults: Faults) -> None:
-        """Report names that appear twice."""
-        seen: set[str] = set()
-        ties: list[Closure | Coupling] = [*self.couplings, *self.closures]
-        for tie in ties:
-            with faults:
-                if tie.name in seen:
-                    raise located(tie.place, "", f"{tie.name!r} names two loops or couplings; allowed: one")
-                seen.add(tie.name)
 
 
 def closures_of(robot: UrdfRobot, faults: Faults) -> tuple[Closure, ...]:
@@ -239,60 +184,3 @@ def _joints_to(link: str, above: Mapping[str, UrdfJoint]) -> Iterator[UrdfJoint]
     while link in above:
         yield above[link]
         link = above[link].parent
-
-
-# -- as the scene has them ---------------------------------------------------------------------------------
-def loop_of(closure: Closure, name: str, links: Mapping[str, str]) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return a closure as an entry of ``loops``, and the points that it joins.
-
-    links : names of links in the scene. A point at the origin of its link's frame needs no name.
-    """
-    points: dict[str, Any] = {}
-    between = []
-    for end, role in zip(closure.ends, ("predecessor", "successor")):
-        link, at = links[end.link], list(end.pose.xyz)
-        if any(at):
-            points[f"{name}_{role}"] = {"link": link, "at": at}
-        between.append(f"{name}_{role}" if any(at) else f"{link}.origin")
-    entry: dict[str, Any] = {"name": name, "type": closure.type, "between": between}
-    turned = [end.pose.rotation for end in closure.ends]
-    axes = [[float(x) for x in R @ list(end.axis)] for R, end in zip(turned, closure.ends)]
-    if closure.type == "distance":
-        entry["length"] = closure.length
-    if closure.type in WITH_AXES:
-        entry["axis"] = axes[0]
-    if closure.type == "universal" or (closure.type in ("revolute", "planar") and axes[0] != axes[1]):
-        entry["axis2"] = axes[1]
-    if closure.type in ("prismatic", "fixed"):
-        rpy = rpy_of((turned[0] @ turned[1].T).tolist())
-        entry |= {"rpy": rpy} if any(rpy) else {}
-    return entry, points
-
-
-def tie_entries(ties: Ties, joints: Iterable[str], links: Mapping[str, str]) -> dict[str, Any]:
-    """Return the keys ``couplers``, ``points`` and ``loops`` of a robot, those that have something.
-
-    joints, links : their names in the scene.
-    """
-    names = scene_names(ties.names, joints)
-    couplers: list[Node] = []
-    loops: list[Node] = []
-    points: dict[str, Node] = {}
-    for tie in ties.couplings:
-        value = {"value": tie.value} if tie.value else {}
-        couplers.append(plain(tie.place, {"name": names[tie.name], "terms": tie.terms, **value}))
-    for closure in ties.closures:
-        loop, joined = loop_of(closure, names[closure.name], links)
-        loops.append(plain(closure.place, loop))
-        points |= {name: plain(closure.place, point) for name, point in joined.items()}
-    entries: dict[str, Any] = {"couplers": couplers, "points": points, "loops": loops}
-    return {key: entry for key, entry in entries.items() if entry}
-
-
-def rpy_of(R: list[list[float]]) -> list[float]:
-    """Return roll, pitch, yaw [rad] of a rotation, to rounding at a pitch of 90 degrees too."""
-    yaw = math.atan2(R[1][0], R[0][0])
-    c, s = math.cos(yaw), math.sin(yaw)
-    pitch = math.atan2(-R[2][0], c * R[0][0] + s * R[1][0])
-    roll = math.atan2(s * R[0][2] - c * R[1][2], c * R[1][1] - s * R[0][1])
-    return [roll, pitch, yaw]

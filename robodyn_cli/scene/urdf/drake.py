@@ -1,12 +1,16 @@
 """Drake's elements of URDF and SDF: joints of other kinds, closures, rotors. Their values are attributes in URDF.
 
-A ``ball`` is spherical; ``universal`` turns about x of the joint's frame, then about y; ``planar`` slides along x and y
-and turns about z. Rotors add gear_ratio^2 rotor_inertia; ``effort`` 0 says that a joint has no motor, so no rotor.
+A ``ball`` is spherical; ``universal`` turns about x of the joint's frame, then about y; ``screw`` has a right-handed
+thread in metres per turn; ``planar`` slides along x and y and turns about z of a frame whose z is the joint's axis, by
+the least rotation from the joint's frame. Rotors add gear_ratio^2 rotor_inertia; ``effort`` 0 says that a joint has no
+motor, so no rotor.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
+from typing import Any
 
 from robodyn_cli.errors import unknown_name
 from robodyn_cli.record import record
@@ -14,12 +18,12 @@ from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 DRAKE = "drake:"
-_X, _Y, _Z = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
-# by Drake's kind of joint: ours, its axes, and the coordinates that have damping
-JOINTS: dict[str, tuple[str, tuple[tuple[float, ...], ...], tuple[str, ...]]] = {
-    "ball": ("spherical", (_X,), ("",)),
-    "planar": ("planar", (_Z, _X), ("x", "y", "theta")),
-    "universal": ("universal", (_X, _Y), ("theta1", "theta2")),
+# by Drake's kind of joint: ours, and the coordinates that have damping
+JOINTS = {
+    "ball": ("spherical", ("",)),
+    "planar": ("planar", ("x", "y", "theta")),
+    "screw": ("helical", ("",)),
+    "universal": ("universal", ("theta1", "theta2")),
 }
 # what is read of Drake, by where it stands
 READ = {
@@ -30,6 +34,7 @@ READ = {
     "ball_constraint": ("body_A", "body_B", "p_AP", "p_BQ"),
     "distance_constraint": ("body_A", "body_B", "p_AP", "p_BQ", "distance"),
 }
+IN_URDF = {**READ, "joint": (), f"{DRAKE}joint": ("screw_thread_pitch",)}
 # of Drake's elements those for contact and for pictures
 DRAWN = (
     "accepting_renderer", "capsule", "collision_filter_group", "declare_convex", "diffuse_map", "ellipsoid",
@@ -58,11 +63,13 @@ class Rotor:
 def refused(root: XmlElement) -> Iterator[tuple[XmlElement, str]]:
     """Yield Drake's elements that act on the motion and are not read, and what stands for them in a scene."""
     pending = [("", root)]
+    read = IN_URDF if root.tag == "robot" else READ
     while pending:
         above, element = pending.pop()
-        tag = element.tag.removeprefix(DRAKE)
-        if tag == element.tag or {tag, tag.removeprefix(f"{above}_")} & {*READ.get(above, ())}:
-            pending += [(tag, child) for child in reversed(element.children)]
+        tag, owner = element.tag.removeprefix(DRAKE), above.removeprefix(DRAKE)
+        names = read.get(above, read.get(owner, ()))
+        if tag == element.tag or {tag, tag.removeprefix(f"{owner}_")} & {*names}:
+            pending += [(element.tag, child) for child in reversed(element.children)]
         elif tag not in DRAWN:
             yield element, _INSTEAD.get(tag, "'loops', 'couplers' or 'forces'")
 
@@ -74,13 +81,11 @@ def is_read(element: XmlElement, owner: XmlElement) -> bool:
     return element.tag.startswith(DRAKE) and element.tag.removeprefix(DRAKE) in READ.get(owner.tag, ())
 
 
-def joint_kind(
-    element: XmlElement, owner: str, kind: str
-) -> tuple[str, tuple[tuple[float, ...], ...], dict[str, float]]:
-    """Return our kind of a ``drake:joint``, its axes, and damping by coordinate."""
+def joint_kind(element: XmlElement, owner: str, kind: str, axis: tuple[float, ...]) -> dict[str, Any]:
+    """Return what a ``drake:joint`` is: our kind, its axes, damping by coordinate, and the pitch of a screw [m/rad]."""
     if kind not in JOINTS:
         raise element.error(f"{owner}: {unknown_name('type', kind, JOINTS)}")
-    ours, axes, coordinates = JOINTS[kind]
+    ours, coordinates = JOINTS[kind]
     dynamics = element.one("dynamics", owner)
     values = [0.0] * len(coordinates)
     if dynamics is not None and "damping" in dynamics.attributes:
@@ -88,7 +93,39 @@ def joint_kind(
         values = dynamics.numbers("damping", owner, size) * (len(coordinates) // size)
         if min(values) < 0.0:
             raise dynamics.error(f"{owner}: damping is negative; allowed: numbers >= 0")
-    return ours, axes, {name: x for name, x in zip(coordinates, values) if x}
+    own: dict[str, Any] = {
+        "type": ours,
+        "axis": axis,
+        "dampings": {k: x for k, x in zip(coordinates, values) if x},
+    }
+    if kind == "universal":
+        own |= {"axis": (1.0, 0.0, 0.0), "axis2": (0.0, 1.0, 0.0)}
+    elif kind == "planar":
+        own["axis2"] = x_across(axis)
+    elif kind == "screw":
+        own["pitch"] = screw_pitch(element, owner)
+    return own
+
+
+def x_across(axis: tuple[float, ...]) -> tuple[float, ...]:
+    """Return what the least rotation from z to an axis makes of x."""
+    x, y, z = (u / math.hypot(*axis) for u in axis)
+    if math.hypot(x, y) < 1e-10:
+        return (1.0, 0.0, 0.0)
+    # 1 + z as it is near -z too
+    rest = 1.0 + z if z > 0.0 else (x * x + y * y) / (1.0 - z)
+    return (1.0 - x * x / rest, -x * y / rest, -x)
+
+
+def screw_pitch(element: XmlElement, owner: str) -> float:
+    """Return the advance [m/rad] of a screw."""
+    pitch = element.one(f"{DRAKE}screw_thread_pitch", owner)
+    value = 0.0 if pitch is None else value_of(pitch, owner, 1)[0]
+    if value == 0.0:
+        raise (pitch or element).error(
+            f"{owner} is a screw and needs <{DRAKE}screw_thread_pitch value=...>; allowed: a number, not 0 [m per turn]"
+        )
+    return value / math.tau
 
 
 def rotors_of(root: XmlElement, faults: Faults) -> dict[str, tuple[XmlElement, Rotor]]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
+import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 from robodyn_cli.errors import SceneError, shown, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import Faults
-from robodyn_cli.scene.unread import SHAPES, Children, left_out, refuse_acting
+from robodyn_cli.scene.unread import OF_CLOSURES, POSE, SHAPES, TIES, Children, left_out, refuse_acting
 from robodyn_cli.scene.urdf.drake import DRAKE, Rotor, joint_kind
 from robodyn_cli.scene.urdf.xml import XmlElement
 
@@ -23,14 +24,30 @@ JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "plan
 ZERO = (0.0, 0.0, 0.0)
 X_AXIS = (1.0, 0.0, 0.0)  # the format's default
 UNLIMITED = 1e15  # a limit of this size or more is none
-# others are for pictures, contact, or programs of their own; ``loop`` and the like see ``closures.py``
-_ELEMENTS = {
-    "robot": Children(("link", "joint", "loop", "loop_joint", "constraint", "coupling"), open=True),
-    "link": Children(("inertial", *SHAPES), open=True),
-    "joint": Children(("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"), open=True),
-}
-ACCELERATION = f"{DRAKE}acceleration"
 _INERTIA = ("xx", "xy", "xz", "yy", "yz", "zz")
+# others are for pictures, contact, or programs of their own; ``loop`` and the like see ``closures.py``
+_SPRING = tuple((f"spring_{k}", "'spring' of the joint in the scene") for k in ("stiffness", "reference"))
+_LIMITS = ("lower", "upper", "effort", "velocity")
+_ELEMENTS = {
+    "robot": Children(("link", "joint", *TIES), open=True),
+    "link": Children(("inertial", *SHAPES), open=True, attributes=("name",)),
+    "inertial": Children(("origin", "mass", "inertia"), open=True, attributes=()),
+    "mass": Children((), open=True, attributes=("value",)),
+    "inertia": Children((), open=True, attributes=tuple(f"i{k}" for k in _INERTIA)),
+    "joint": Children(
+        ("parent", "child", "origin", "axis", "limit", "dynamics", "mimic"),
+        open=True,
+        attributes=("name", "type", "independent"),
+    ),
+    "origin": POSE,
+    "axis": Children((), open=True, attributes=("xyz",)),
+    "limit": Children((), open=True, attributes=_LIMITS),
+    "dynamics": Children((), acting=_SPRING, open=True, attributes=("damping", "friction")),
+    "mimic": Children((), open=True, attributes=("joint", "multiplier", "offset")),
+    **OF_CLOSURES,
+}
+_VERSION = re.compile(r"1\.[0-9]+")
+ACCELERATION = f"{DRAKE}acceleration"
 
 
 @record
@@ -121,7 +138,7 @@ class Mimic:
 class UrdfJoint:
     """A joint; ``limits`` : lower, upper, effort, velocity and acceleration, as far as they are written.
 
-    dampings : by coordinate of joints with several. rotor : of its motor.
+    dampings : by coordinate of Drake's joints. pitch : of a screw [m/rad]. rotor : of its motor.
     """
 
     element: XmlElement
@@ -132,10 +149,11 @@ class UrdfJoint:
     pose: UrdfPose
     axis: tuple[float, ...]
     limits: dict[str, float]
-    damping: float
-    friction: float
     mimic: Mimic | None
+    damping: float = 0.0
+    friction: float = 0.0
     axis2: tuple[float, ...] | None = None
+    pitch: float = 0.0
     dampings: dict[str, float] = dataclasses.field(default_factory=dict)
     rotor: Rotor = Rotor()
 
@@ -156,9 +174,12 @@ def read_elements(root: XmlElement, faults: Faults) -> UrdfRobot:
 
     Raises
     ------
-    SceneError : xacro.
+    SceneError : xacro, or another version.
     """
     _refuse_xacro(root)
+    version = root.attributes.get("version", "1.0").strip()
+    if not _VERSION.fullmatch(version):
+        raise root.error(f"version {shown(version)} of URDF; allowed: 1.0 and what follows it up to 2")
     refuse_acting(root, faults)
     links: list[UrdfLink] = []
     joints: list[UrdfJoint] = []
@@ -258,33 +279,30 @@ def _joint(element: XmlElement) -> UrdfJoint:
     name = element.text("name", "a joint")
     owner = f"joint {name!r}"
     kind = element.text("type", owner)
-    axes: tuple[tuple[float, ...], ...] = ()
-    dampings: dict[str, float] = {}
+    independent = element.attributes.get("independent", "true")
+    if independent.strip().lower() not in ("true", "false", "1", "0"):
+        raise element.error(f"{owner}: independent is {shown(independent)}; allowed: true or false")
+    own: dict[str, Any]
     if element.tag != "joint":
-        kind, axes, dampings = joint_kind(element, owner, kind)
-    elif kind not in JOINT_TYPES:
+        own = joint_kind(element, owner, kind, _axis(element, owner, kind))
+    elif kind in JOINT_TYPES:
+        damping, friction = _dynamics(element, owner)
+        axis = _axis(element, owner, kind)
+        own = {"type": kind, "axis": axis, "damping": damping, "friction": friction}
+    else:
         raise element.error(f"{owner}: {unknown_name('type', kind, JOINT_TYPES)}")
-    ends = []
     for tag in ("parent", "child"):
         end = element.one(tag, owner)
         if end is None:
             raise element.error(f"{owner} needs <{tag} link=...>")
-        ends.append(end.text("link", owner))
-    damping, friction = (0.0, 0.0) if axes else _dynamics(element, owner)
+        own[tag] = end.text("link", owner)
     return UrdfJoint(
         element,
         name,
-        kind,
-        ends[0],
-        ends[1],
-        pose_of(element, owner),
-        axes[0] if axes else _axis(element, owner, kind),
-        _limits(element, owner),
-        damping,
-        friction,
-        _mimic(element, owner),
-        axes[1] if len(axes) > 1 else None,
-        dampings,
+        pose=pose_of(element, owner),
+        limits=_limits(element, owner),
+        mimic=_mimic(element, owner),
+        **own,
     )
 
 
@@ -302,7 +320,7 @@ def _axis(element: XmlElement, owner: str, kind: str) -> tuple[float, ...]:
 
 def _limits(element: XmlElement, owner: str) -> dict[str, float]:
     limit = element.one("limit", owner)
-    names = ("lower", "upper", "effort", "velocity", ACCELERATION)
+    names = (*_LIMITS, ACCELERATION)
     return {} if limit is None else {k: limit.number(k, owner) for k in names if k in limit.attributes}
 
 

@@ -11,7 +11,7 @@ import dataclasses
 import os
 import re
 
-from robodyn_cli.errors import listed, unknown_name
+from robodyn_cli.errors import listed, nearest_word, unknown_name
 from robodyn_cli.record import record
 from robodyn_cli.scene.text.nodes import (
     Faults,
@@ -24,7 +24,7 @@ from robodyn_cli.scene.text.nodes import (
     located,
 )
 from robodyn_cli.scene.text.yaml_text import compose, read_text
-from robodyn_cli.scene.urdf.closures import Closure, LoopEnd
+from robodyn_cli.scene.ties import Closure, LoopEnd
 from robodyn_cli.scene.urdf.elements import UrdfJoint, UrdfRobot
 
 LOOPS = "closed_loop"
@@ -46,10 +46,9 @@ class Beside:
     @property
     def notes(self) -> tuple[str, ...]:
         """What there is to say of it."""
-        if not self.file:
-            return ()
-        driven = f"; driven (name_mot): {listed(self.motors)}" if self.motors else ""
-        return (f"{len(self.closures)} loops from {os.path.basename(self.file)} beside it{driven}",)
+        return (
+            (f"{len(self.closures)} loops from {os.path.basename(self.file)} beside it",) if self.file else ()
+        )
 
 
 def with_file_beside(robot: UrdfRobot, faults: Faults) -> Beside:
@@ -60,9 +59,17 @@ def with_file_beside(robot: UrdfRobot, faults: Faults) -> Beside:
     with faults:
         root = compose(read_text(path, None, "", path), Source(path, os.path.dirname(path)), faults)
         if not isinstance(root, Mapping) or root.get(LOOPS) is None:
+            _refuse_slips(root)
             return Beside("", robot)
         return _Reader(robot, root).beside(path)
     return Beside("", robot)
+
+
+def _refuse_slips(root: Node | None) -> None:
+    """Refuse a key that must be meant for the one by which the file is known."""
+    for key, _ in root.entries if isinstance(root, Mapping) else ():
+        if nearest_word(key.text, [LOOPS], 0.8):
+            raise located(key, "", unknown_name("key", key.text, KEYS))
 
 
 class _Reader:
@@ -83,7 +90,7 @@ class _Reader:
         joints = tuple(retyped.get(joint.name, joint) for joint in self.robot.joints)
         robot = dataclasses.replace(self.robot, joints=joints)
         closures = tuple(self._closure(k, *pair) for k, pair in enumerate(self._pairs(LOOPS, "type")))
-        motors = tuple(self._joint(name).name for name in self._list("name_mot"))
+        motors = tuple(self._motor(name, joints) for name in self._list("name_mot"))
         return Beside(path, robot, closures, motors)
 
     def _list(self, key: str) -> tuple[Node, ...]:
@@ -106,6 +113,12 @@ class _Reader:
         if text not in self.joints:
             raise located(name, "", unknown_name("joint", text, self.joints))
         return self.joints[text]
+
+    def _motor(self, name: Node, joints: tuple[UrdfJoint, ...]) -> str:
+        moving = [joint.name for joint in joints if joint.type != "fixed"]
+        if (own := self._joint(name).name) not in moving:
+            raise located(name, "name_mot", f"joint {own!r} is fixed; allowed: {listed(moving)}")
+        return own
 
     def _with_type(self, name: Node, kind: Node) -> UrdfJoint:
         joint, text = self._joint(name), _text(kind)

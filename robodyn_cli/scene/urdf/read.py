@@ -5,16 +5,25 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Iterator
+from collections.abc import Mapping as MappingOf
 
 from robodyn_cli.errors import listed
 from robodyn_cli.scene.dialects import Description, Packages, RobotTree
 from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
-from robodyn_cli.scene.urdf.closures import Ties, closures_of, couplings_of
+from robodyn_cli.scene.ties import Ties, motors_by_effort
+from robodyn_cli.scene.urdf.closures import closures_of, couplings_of
 from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
 from robodyn_cli.scene.urdf.extended import with_file_beside
-from robodyn_cli.scene.urdf.structure import SINGLE, check_structure, moving_links, relations, with_rotors
+from robodyn_cli.scene.urdf.structure import (
+    SINGLE,
+    Relation,
+    check_structure,
+    moving_links,
+    relations,
+    with_rotors,
+)
 from robodyn_cli.scene.urdf.tree import robot_tree
-from robodyn_cli.scene.urdf.xml import XmlElement, joint_names
+from robodyn_cli.scene.urdf.xml import XmlElement
 
 
 def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Description | None:
@@ -31,17 +40,27 @@ def read_urdf(root: XmlElement, faults: Faults, packages: Packages) -> Descripti
         return None
     beside = with_file_beside(robot, faults)
     robot = beside.robot
-    ties = Ties((*closures_of(robot, faults), *beside.closures), couplings_of(robot, faults))
+    related = relations({joint.name: joint for joint in robot.joints})
+    ties = Ties(
+        (*closures_of(robot, faults), *beside.closures),
+        couplings_of(robot, faults),
+        beside.motors or motors_by_effort(dict(_efforts(robot, related))),
+    )
     ties.check_names(faults)
     if faults.found:
         return None
     file = root.place.source.name
-    tree = robot_tree(robot, relations({joint.name: joint for joint in robot.joints}), ties, file, packages)
+    tree = robot_tree(robot, related, ties, file, packages)
     notes = (*_notes(robot), *beside.notes, *_missing(robot, file, packages))
     files = (beside.file,) if beside.file else ()
-    names = joint_names(joint.name for joint in robot.joints)
-    motors = tuple(names[name] for name in beside.motors) or None
-    return Description(file, tree, _heading(robot, tree), notes, _warnings(robot), files, motors)
+    return Description(file, tree, _heading(robot, tree), notes, _warnings(robot), files)
+
+
+def _efforts(robot: UrdfRobot, related: MappingOf[str, Relation]) -> Iterator[tuple[str, float | None]]:
+    """Yield the joints with one coordinate that move, each with its effort."""
+    for joint in robot.joints:
+        if joint.type in SINGLE and (joint.name not in related or related[joint.name].joint):
+            yield joint.name, joint.limits.get("effort")
 
 
 def _visuals(root: Mapping) -> Iterator[Sequence]:

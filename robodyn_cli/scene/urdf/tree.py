@@ -11,7 +11,7 @@ from typing import Any
 
 from robodyn_cli.scene.dialects import RobotTree
 from robodyn_cli.scene.text.nodes import Mapping, Node, plain, sequence
-from robodyn_cli.scene.urdf.closures import Coupling, Ties, tie_entries
+from robodyn_cli.scene.ties import Coupling, Ties, tie_entries
 from robodyn_cli.scene.urdf.drake import Rotor
 from robodyn_cli.scene.urdf.elements import (
     ACCELERATION,
@@ -78,7 +78,8 @@ class _Tree:
             for joint in self.robot.joints
             if (relation := self.relations.get(joint.name)) is not None and relation.joint
         ]
-        ties = dataclasses.replace(ties, couplings=tuple(map(self.coupling, ties.couplings)))
+        motors = None if ties.motors is None else tuple(self.joints[name] for name in ties.motors)
+        ties = dataclasses.replace(ties, couplings=tuple(map(self.coupling, ties.couplings)), motors=motors)
         closing = tie_entries(ties, self.joints.values(), self.links)
         if couplers := [*mimics, *closing.pop("couplers", ())]:
             entries["couplers"] = sequence(place, couplers)
@@ -111,6 +112,7 @@ class _Tree:
             entries |= origin_of(place, joint.pose)
             entries |= {} if kind in WITHOUT_AXIS else {"axis": plain(place, joint.axis)}
             entries |= {} if joint.axis2 is None else {"axis2": plain(place, joint.axis2)}
+            entries |= {"pitch": joint.pitch} if joint.pitch else {}
             entries |= self.drive(joint, remarks)
         return plain(place, entries)
 

@@ -82,7 +82,7 @@ class Elimination:
     def _parameters(self, q: Array) -> Array:
         """Return the parameters p of the equations, with combinations of redundant rows chosen at q (nq,)."""
         chosen = np.zeros(0) if self.choice is None else self.choice.choose(0.0, q, None)
-        return np.concatenate([np.zeros(len(self.problem.model.parameters)), chosen])
+        return np.concatenate([np.zeros(len(self.problem.at_start)), chosen])
 
 
 def _largest(x: Array) -> Array:
