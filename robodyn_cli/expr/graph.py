@@ -123,6 +123,14 @@ class Graph:
             self._table[key] = node
         return node
 
+    def like(self, node: Expr, args: tuple[Expr, ...]) -> Expr:
+        """Return the node of this graph that does to its arguments what a node of another one does to its own."""
+        if node.op == "const":
+            return self.constant(node.value)
+        if node.op == "table":
+            return self._table_of(args[0], *node.value)
+        return self._node(node.op, args)
+
     def _as_node(self, x: Scalar) -> Expr:
         return x if isinstance(x, Expr) else self.constant(x)
 
@@ -300,6 +308,9 @@ class Graph:
         """
         if len(rows) == 1 and held is None and all(is_plain(x, rows[0][0]) for x in rows[0]):
             return rows[0][0]
+        return self._table_of(x, knots, rows, held)
+
+    def _table_of(self, x: Expr, knots: tuple[float, ...], rows: Any, held: Any) -> Expr:
         numbers = tuple(
             id(e) if isinstance(e, Fixed) else ("plain", e) for e in (*knots, *sum(rows, ()), *(held or ()))
         )

@@ -14,7 +14,7 @@ from robodyn_cli.algorithms.kinematics import moved, slice_q, transforms
 from robodyn_cli.equations.constraints import inertias_along
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError, listed
-from robodyn_cli.expr.fixed import witnessed
+from robodyn_cli.expr.fixed import is_witnessed, witnessed
 from robodyn_cli.expr.graph import is_number
 from robodyn_cli.expr.rebuild import renamed
 from robodyn_cli.model.manifold import Manifold
@@ -117,8 +117,9 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     ------
     NumericalError : the rows leave a motion that moves nothing with inertia; the message names the joint.
     """
+    numbers = model if is_witnessed() else _plain(model)
     with witnessed():  # apart: what cancels in this pose is no structure
-        felt = inertias_felt(model, q)
+        felt = inertias_felt(numbers, q)
     if not felt:
         return {}
     constraints, worst = problem.all_constraints, min(felt, key=lambda x: x.share)
@@ -126,7 +127,7 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
         if worst.share < SINGULAR:
             raise _singular(worst)
         return {}
-    M = _numbers(model, q)
+    M = _numbers(numbers, q)
     if M is None:
         return {}
     psi = problem.numbers(constraints.psi(model.nv), q)

@@ -288,17 +288,17 @@ def _undriven(problem: Problem, J: Array, tolerance: float) -> list[UndrivenFree
 
     Two coordinates belong together if the projector onto the freedoms couples them.
     """
-    from scipy.sparse.csgraph import connected_components
-
     model, passive = problem.model, list(passive_coordinates(problem))
     if len(passive) == model.nv:
         return ABSENT
     motions = np.linalg.svd(J[:, passive])[2][rank(J[:, passive], tolerance) :]
     P = motions.T @ motions
-    _, part = connected_components(np.abs(P) > COUPLED, directed=False)
+    together = (np.abs(P) > COUPLED) | np.eye(len(P), dtype=bool)
+    for _ in range(len(P).bit_length()):  # twice as many couplings in a row each time
+        together = together @ together
     parts = []
-    for k in range(part.max(initial=-1) + 1):
-        own = np.flatnonzero(part == k)
+    for row in np.unique(together, axis=0)[::-1] if passive else ():  # the part of the first coordinate first
+        own = np.flatnonzero(row)
         if (count := round(float(np.trace(P[np.ix_(own, own)])))) > 0:
             joints = list(dict.fromkeys(model.joint_of(passive[j]) for j in own))
             parts.append(UndrivenFreedoms(count, joints))

@@ -99,7 +99,8 @@ def test_a_weld_closes_from_nothing_as_it_is_meant() -> None:
 def test_simulate_starts_from_the_same_pose() -> None:
     text = weld("zyxzyxz")
     moved = simulate(load_scene_text(text + "simulate: {duration: 0.01, samples: 3}\n"))
-    assert np.array_equal(moved["q"][0], assembled(text)["q"][0])
+    # what is recorded is put back onto the loops, which moves it by rounding
+    assert np.abs(moved["q"][0] - assembled(text)["q"][0]).max() < 2e-15
 
 
 # -- the nearest ---------------------------------------------------------------------------------------------

@@ -66,9 +66,10 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
         if rounded and (exact is None or _spends_freedom(numbers, exact, rounded)):
             return ClosedPose(rounded[1], ROUNDED)
     if not poses:
+        aligned = Aligned(numbers)
         for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
             around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
-            descended, further = _descend_from(numbers, q, task, around)
+            descended, further = _descend_from(aligned, q, task, around)
             tried += further
             if descended:
                 break
@@ -138,11 +139,12 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
     poses: list[Pose] = []
     tried: list[Pose] = []
     starts: list[Array] = []
+    aligned = Aligned(numbers)
     for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
         if spread == np.pi and poses:
             break
         around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
-        closed, more = _descend_from(numbers, q, task, around)
+        closed, more = _descend_from(aligned, q, task, around)
         poses, tried, starts = poses + closed, tried + more, starts + around
     if not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1]):
         near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
@@ -205,10 +207,10 @@ def _close_from(
 
 
 def _descend_from(
-    numbers: Numbers, q: Array, task: Closable, starts: list[Array]
+    aligned: Aligned, q: Array, task: Closable, starts: list[Array]
 ) -> tuple[list[Pose], list[Pose]]:
     """Return the same by damped steps on rotation vectors, from each start; Newton's make the end exact."""
-    aligned = Aligned(numbers)
+    numbers = aligned.numbers
     poses, tried = [], []
     for start in starts:
         near, left = descend(aligned, start, task.free, aligned.sizes)
