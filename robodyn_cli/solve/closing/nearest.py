@@ -15,7 +15,11 @@ NEAREST = 2  # closed configurations that are moved nearer
 FEW = 8  # random starts of damped steps at each distance
 NEARLY = 1e-4  # rad, or part of the size, that Newton's steps, or rounding, may account for
 SLIDES = 60  # steps towards the nearest configuration at most
+ARRIVED = 1e-11  # rad, or part of the size, that it may be left along the freedoms
+UNSURE = 1e-14  # part of the square of a distance that rounding may account for
+MOST_STRETCH = 8.0  # of a step over the way that is left
 REGULAR = 1e-2  # ratio of singular values down to which the nearest configuration is approached
+LOST = 0.5  # part of the first ratio that may be lost where it is less than that
 
 Pose = tuple[float, Array]  # distance from the start, or residual, and a configuration
 
@@ -161,28 +165,33 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
 def _slide_nearer(numbers: Numbers, q: Array, closed: Array) -> Array:
     """Return the configuration nearest to q that the closed mechanism moves to, short of singular ones.
 
-    Steps go along the freedoms, Psi n = 0, as far as they lessen the distance; Newton's closes the loops again.
+    Steps go along the freedoms, Psi n = 0, as far as the distance bends (Barzilai and Borwein 1988); Newton's close the
+    loops again.
     """
 
-    def regularity(q: Array) -> float:
-        sigma = np.linalg.svd(numbers.psi(q) * lengths / numbers.sizes[:, None], compute_uv=False)
-        return float(sigma[kept - 1] / sigma[0]) if kept else 1.0
+    def look(there: Array) -> tuple[Array, Array, float]:
+        """Return the way to q, its part along the freedoms, and the ratio of singular values."""
+        _, sigma, Vt = np.linalg.svd(numbers.psi(there) * lengths / numbers.sizes[:, None])
+        away, freedoms = numbers.manifold.difference(there, q) / lengths, Vt[kept:]
+        return away, freedoms.T @ (freedoms @ away), float(sigma[kept - 1] / sigma[0]) if kept else 1.0
 
     lengths, step = numbers.lengths, 1.0
     kept = rank(numbers.psi(closed), RANK_TOLERANCE)
-    least = min(regularity(closed), REGULAR)
-    away = numbers.manifold.difference(closed, q) / lengths
+    away, along, regularity = look(closed)
+    least = min(LOST * regularity, REGULAR)
     for _ in range(SLIDES):
-        freedoms = np.linalg.svd(numbers.psi(closed) * lengths / numbers.sizes[:, None])[2][kept:]
-        along = freedoms.T @ (freedoms @ away)
-        if np.linalg.norm(along) < 1e-8 or step < 1e-3:
+        if np.linalg.norm(along) < ARRIVED or step < 1e-3:
             break
-        bounded = min(step, MOST_STEP / np.abs(along).max())
-        trial, residual = newton(numbers, numbers.step(closed, bounded * along * lengths), range(numbers.nv))
-        there = numbers.manifold.difference(trial, q) / lengths
-        nearer = residual <= CLOSED and not numbers.turned(trial) and there @ there < away @ away
-        if nearer and regularity(trial) >= least:
-            closed, away, step = trial, there, min(1.0, 2.0 * step)
+        moved = min(step, MOST_STEP / np.abs(along).max()) * along
+        trial, residual = newton(numbers, numbers.step(closed, moved * lengths), range(numbers.nv))
+        there, left, regularity = look(trial)
+        gained = away @ away - there @ there
+        # where rounding hides whether the distance lessens, its slope has to
+        nearer = gained > 0.0 if abs(gained) > UNSURE * (away @ away) else left @ left < along @ along
+        if nearer and residual <= CLOSED and regularity >= least and not numbers.turned(trial):
+            bend = moved @ (along - left)
+            step = min(moved @ moved / bend, MOST_STRETCH) if bend > 0.0 else 1.0
+            closed, away, along = trial, there, left
         else:
             step *= 0.5
     return closed
