@@ -117,7 +117,8 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     ------
     NumericalError : the rows leave a motion that moves nothing with inertia; the message names the joint.
     """
-    numbers = model if is_witnessed() else _plain(model)
+    # places of numbers matter only to who lists comparisons; what is unknown makes nodes, the same ones in all runs
+    numbers = model if is_witnessed() or not _is_known(model) else _plain(model)
     with witnessed():  # apart: what cancels in this pose is no structure
         felt = inertias_felt(numbers, q)
     if not felt:
@@ -192,6 +193,12 @@ def _may_be_light(model: Model, q: Array, felt: list[Felt]) -> bool:
             if there is None or there.share < NEAR_LIGHT:
                 return True
     return False
+
+
+def _is_known(model: Model) -> bool:
+    """Tell whether no data of the bodies are missing."""
+    parts = [(b.inertia.m, b.inertia.h, b.inertia.I, b.X_tree.r, b.X_tree.E) for b in model.bodies]
+    return all(is_number(x) for body in parts for part in body for x in np.ravel(part))
 
 
 def _plain(model: Model) -> Model:
