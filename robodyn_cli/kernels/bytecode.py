@@ -95,7 +95,7 @@ def _turns(code: Sequence[Instruction], order: Sequence[str]) -> list[list[int]]
             turn.append(-1)
             continue
         own = place[op]
-        known = max([turn[a] for a in args])
+        known = max(map(turn.__getitem__, args))
         at = own + kinds * ((known - own) // kinds + 1)
         turn.append(at)
         while at >= len(turns):
@@ -109,7 +109,7 @@ class _Registers:
 
     def __init__(self, program: Program) -> None:
         self._code = code = program.instructions
-        self.of: dict[int, int] = {}
+        self.of = [-1] * len(code)
         self.constants = [i.value for i in code if i.op == "const"]
         first: dict[str, int] = {}
         self.count = 0
@@ -132,8 +132,9 @@ class _Registers:
                 self.of[k] = at_number[i.value]
         self.count += len(self.numbers)
         kept = {e for entries in program.outputs.values() for e in entries if not isinstance(e, float)}
-        for k in (*self.of, *kept):
-            self._uses[k] = len(code) * len(KINDS)  # never free
+        for k, i in enumerate(code):
+            if not i.args or k in kept:
+                self._uses[k] = len(code) * len(KINDS)  # never free
         self._free: list[int] = []
 
     def write(self, chosen: Sequence[int], text: list[int]) -> None:
@@ -141,19 +142,19 @@ class _Registers:
         code, of, uses, free = self._code, self.of, self._uses, self._free
         for k in chosen:
             op, args, _ = code[k]
-            arguments = [of[a] for a in args]
-            for a, register in zip(args, arguments):
+            at = len(text)
+            text.append(0)
+            for a in args:
+                text.append(of[a])
                 uses[a] -= 1
                 if not uses[a]:
-                    free.append(register)
+                    free.append(of[a])
             if free:
                 place = free.pop()
             else:
                 place = self.count
                 self.count += 1
-            of[k] = place
-            text.append(place)
-            text += arguments
+            of[k] = text[at] = place
             if op in SHAPE:
                 text += shape(code[k])
 
