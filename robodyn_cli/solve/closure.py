@@ -329,9 +329,8 @@ def halton(count: int, dimensions: int) -> Array:
 
 
 def search(
-    conditions: Conditions,
+    close: Callable[[Array], tuple[Array, float]],
     starts: Iterable[Array],
-    free: Sequence[int],
     signature: Callable[[Array], Array],
     accepted: Callable[[Array], bool],
 ) -> ClosureSearch:
@@ -339,15 +338,15 @@ def search(
 
     Parameters
     ----------
-    starts : configurations (nq,) to begin with; the search ends early when nothing new turns up.
-    free : velocity coordinates that may move. signature : numbers that agree, to ``SAME``, if and only if
+    close : gives the configuration that a start leads to, and what is left of the conditions there.
+    starts : configurations (nq,) to begin with; the search ends early when nothing new turns up. signature : numbers that agree, to ``SAME``, if and only if
     configurations do. accepted : whether a closed configuration has the attitudes that the closures ask for.
     """
     poses: list[Array] = []
     marks: list[Array] = []
     closed, last, count = 0, 0, 0
     for count, start in enumerate(starts, start=1):
-        q, residual = newton(conditions, start, free, SLOW)
+        q, residual = close(start)
         if residual <= CLOSED and accepted(q):
             closed += 1
             mark = signature(q)

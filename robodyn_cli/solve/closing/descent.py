@@ -27,11 +27,12 @@ class Aligned:
         turned = {id(row.attitude): row for row in numbers.rows if row.attitude is not None}
         self._plain = [k for k, row in enumerate(numbers.rows) if row.attitude is None]
         attitudes = [row.attitude for row in turned.values() if row.attitude is not None]
+        self.rotated = [row.closure for row in turned.values()]
         ends = [x for a in attitudes for part in (a.e, a.f, a.Jw) for x in part.ravel()]
         plain = [x for k in self._plain for x in (numbers.rows[k].eta, *numbers.rows[k].psi)]
         self._all, self._cut = numbers.values_of([*plain, *ends]), len(plain)
         self.loops = [numbers.rows[k].closure for k in self._plain] + [
-            row.closure for row in turned.values() for _ in range(3)
+            loop for loop in self.rotated for _ in range(3)
         ]
         self.units = [numbers.rows[k].unit for k in self._plain] + ["rad"] * 3 * len(turned)
         self.sizes = np.append(numbers.sizes[self._plain], np.ones(3 * len(turned)))
