@@ -112,13 +112,15 @@ def _spends_freedom(numbers: Numbers, exact: Pose, rounded: Pose) -> bool:
 
 def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> Pose | None:
     """Return the nearest configuration with redundant rows that contradict each other by rounding in the data, if the
-    starts lead to one."""
+    starts lead to one; first where these rows stay redundant nearby, since far off rounding may look like a row."""
     poses = [
         pose
         for pose in _close_from(numbers, q, task, starts, ROUNDED)[0]
         if rank(numbers.psi(pose[1]), ROUNDED) < len(numbers.rows)
     ]
-    return _regular(numbers, poses)[0] if poses else None
+    nearest = sorted(poses, key=lambda pose: pose[0])
+    lasting = (pose for pose in nearest if _hides_dependence(numbers, pose[1]))
+    return next(lasting, None) or (_regular(numbers, poses)[0] if poses else None)
 
 
 def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
