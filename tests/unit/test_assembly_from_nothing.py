@@ -8,11 +8,12 @@ import pytest
 from robodyn_cli import load_scene, load_scene_text, simulate
 from robodyn_cli.cli.commands.assemble import describe
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import GeometryError
+from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
 from robodyn_cli.solve.closure import CLOSED, ROUNDED, Numbers, newton
 from robodyn_cli.works.assemble import assemble
+from robodyn_cli.works.kinematics import kinematics
 from tests.mechanisms import CONFIGS
 
 AXES = ("[1, 0, 0]", "[0, 1, 0]", "[0, 0, 1]")
@@ -243,6 +244,16 @@ def test_rounded_data_move_as_exact_ones() -> None:
         ends.append(simulate(scene)["q"][-1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
     assert abs(ends[0][0] - 0.5) > 0.1
+
+
+def test_led_motions_of_rounded_data_say_why_not() -> None:
+    """They close at every sample to 1e-9; a simulation with the motion prescribed leaves the rows out."""
+    text, led = BARS.format(tilt="[3e-8, -2e-8, 0]", off="3e-8"), "prescribed.crank=0.5+0.3*t"
+    with pytest.raises(CapabilityError, match=r"pin.z.* follow .* rounding .* open by 3.2e-08 m"):
+        kinematics(load_scene_text(text, overrides=(led,)))
+    assert simulate(load_scene_text(text, overrides=(led,)))["q"][-1, 0] == pytest.approx(0.59, abs=1e-9)
+    fine = load_scene_text(BARS.format(tilt="[0, 0, 0]", off="1e-10"), overrides=(led,))
+    assert kinematics(fine)["q"][-1, 0] == pytest.approx(0.59, abs=1e-9)
 
 
 def test_more_than_rounding_is_refused() -> None:
