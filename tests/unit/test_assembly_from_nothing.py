@@ -113,7 +113,9 @@ def test_branches_of_a_closed_attitude_are_found_from_most_starts() -> None:
     poses = np.array([list(branch["configuration"].values()) for branch in summary["branches"]])
     for k, q in enumerate(poses):
         assert np.abs(numbers.relative(q)).max() < CLOSED and not numbers.turned(q)
-        assert np.abs(np.exp(1j * poses[:k]) - np.exp(1j * q)).max(axis=1, initial=0.0).min(initial=1.0) > 1e-3
+        assert (
+            np.abs(np.exp(1j * poses[:k]) - np.exp(1j * q)).max(axis=1, initial=0.0).min(initial=1.0) > 1e-3
+        )
 
 
 # -- the nearest ---------------------------------------------------------------------------------------------
@@ -244,6 +246,19 @@ def test_rounded_data_move_as_exact_ones() -> None:
         ends.append(simulate(scene)["q"][-1])
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-5)
     assert abs(ends[0][0] - 0.5) > 0.1
+
+
+def test_rounded_data_have_the_same_nearest_pose_as_exact_ones() -> None:
+    """It was a pose far off, where rounding looked like a row of its own; the mirrored pose is as near."""
+    rounded, exact = (
+        assembled(BARS.format(tilt=tilt, off=off))
+        for tilt, off in (("[3e-8, -2e-8, 0]", "3e-8"), ("[0, 0, 0]", "0"))
+    )
+    assert rounded.summary["tolerance"] == ROUNDED and rounded.summary["mobility"]["actual"] == 1
+    np.testing.assert_allclose(np.abs(rounded["q"][0]), np.abs(exact["q"][0]), atol=1e-6)
+    assert rounded.summary["nearest"]["distance"] == pytest.approx(
+        exact.summary["nearest"]["distance"], abs=1e-6
+    )
 
 
 def test_led_motions_of_rounded_data_say_why_not() -> None:

@@ -15,9 +15,7 @@ from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Val
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs, is_inlined
 from robodyn_cli.kernels.program import NUMBERS, Program, off_by_rounding
 
-LONG = (
-    24  # velocities, or further states, from which on what is done for each of them is a loop
-)
+LONG = 24  # velocities, or further states, from which on what is done for each of them is a loop
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS, "updates")
 

@@ -155,7 +155,8 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
     if not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1]):
         near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
         if rounded := _close_rounded(numbers, q, task, near):
-            return ClosedPose(rounded[1], ROUNDED, Nearest(len(tried), len(near), distance(rounded[1])))
+            nearest = _slide_nearer(numbers, q, rounded[1], ROUNDED)
+            return ClosedPose(nearest, ROUNDED, Nearest(len(tried), len(near), distance(nearest)))
     if not poses:
         raise open_loop(numbers, task, tried)
 
@@ -164,7 +165,7 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
     return ClosedPose(nearest, CLOSED, Nearest(len(tried), len(poses), distance(nearest)))
 
 
-def _slide_nearer(numbers: Numbers, q: Array, closed: Array) -> Array:
+def _slide_nearer(numbers: Numbers, q: Array, closed: Array, tolerance: float = CLOSED) -> Array:
     """Return the configuration nearest to q that the closed mechanism moves to, short of singular ones.
 
     Steps go along the freedoms, Psi n = 0, as far as the distance bends (Barzilai and Borwein 1988); Newton's close the
@@ -178,19 +179,20 @@ def _slide_nearer(numbers: Numbers, q: Array, closed: Array) -> Array:
         return away, freedoms.T @ (freedoms @ away), float(sigma[kept - 1] / sigma[0]) if kept else 1.0
 
     lengths, step = numbers.lengths, 1.0
-    kept = rank(numbers.psi(closed), RANK_TOLERANCE)
+    kept = rank(numbers.psi(closed), ROUNDED if tolerance == ROUNDED else RANK_TOLERANCE)
+    cut = ROUNDED if tolerance == ROUNDED else CUT
     away, along, regularity = look(closed)
     least = min(LOST * regularity, REGULAR)
     for _ in range(SLIDES):
         if np.linalg.norm(along) < ARRIVED or step < 1e-3:
             break
         moved = min(step, MOST_STEP / np.abs(along).max()) * along
-        trial, residual = newton(numbers, numbers.step(closed, moved * lengths), range(numbers.nv))
+        trial, residual = newton(numbers, numbers.step(closed, moved * lengths), range(numbers.nv), cut=cut)
         there, left, regularity = look(trial)
         gained = away @ away - there @ there
         # where rounding hides whether the distance lessens, its slope has to
         nearer = gained > 0.0 if abs(gained) > UNSURE * (away @ away) else left @ left < along @ along
-        if nearer and residual <= CLOSED and regularity >= least and not numbers.turned(trial):
+        if nearer and residual <= tolerance and regularity >= least and not numbers.turned(trial):
             bend = moved @ (along - left)
             step = min(moved @ moved / bend, MOST_STRETCH) if bend > 0.0 else 1.0
             closed, away, along = trial, there, left
