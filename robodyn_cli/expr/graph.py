@@ -125,13 +125,12 @@ class Graph:
             self.nodes.append(node)
         return node
 
-    def like(self, node: Expr, args: tuple[Expr, ...]) -> Expr:
+    def like(self, node: Expr, args: Sequence[Scalar]) -> Expr:
         """Return the node of this graph that does to its arguments what a node of another one does to its own."""
-        if node.op == "const":
-            return self.constant(node.value)
-        if node.op == "table":
-            return self._table_of(args[0], *node.value)
-        return self._node(node.op, args)
+        if len(args) == 2:
+            return self._binary(node.op, *args)
+        own = tuple([self._as_node(x) for x in args])
+        return self._table_of(own[0], *node.value) if node.op == "table" else self._node(node.op, own)
 
     def _as_node(self, x: Scalar) -> Expr:
         return x if isinstance(x, Expr) else self.constant(x)

@@ -191,13 +191,15 @@ def moved(outputs: Sequence[Scalar], place: Callable[[str, int], tuple[str, int]
     place : group and position of a symbol there, from those here; different ones for different symbols, so that
     nothing else changes.
     """
-    graph, new = Graph(), {}
-    for node in reachable(outputs):
-        if node.op == "sym":
-            name, group, position = node.value
-            new[node.index] = graph.symbol(name, *place(group, position))
-        else:
-            new[node.index] = graph.like(node, tuple([new[a.index] for a in node.args]))
+    graph, nodes = Graph(), reachable(outputs)
+    new: dict[int, Scalar] = {
+        node.index: graph.symbol(node.value[0], *place(*node.value[1:])) for node in nodes if node.op == "sym"
+    }
+    for node in nodes:
+        if node.op == "const":
+            new[node.index] = node.value
+        elif node.op != "sym":
+            new[node.index] = graph.like(node, [new[a.index] for a in node.args])
     return [new[e.index] if isinstance(e, Expr) else e for e in outputs]
 
 
