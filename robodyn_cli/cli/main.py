@@ -13,8 +13,8 @@ from robodyn_cli.threads import single_thread
 def prepare_process() -> None:
     """Set up the process before the libraries are imported."""
     interrupts.leave_at_once()
-    # imports and graphs make a hundred thousand objects and hardly any garbage: collect it less often
-    gc.set_threshold(200_000, 20, 20)
+    # imports and graphs make some hundred thousand objects and hardly any garbage: collect it less often
+    gc.set_threshold(1_000_000, 20, 20)
     single_thread(os.environ)
     # drawings are files; matplotlib refuses to be imported under the backend of a notebook that is not installed
     os.environ["MPLBACKEND"] = "agg"

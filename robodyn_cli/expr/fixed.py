@@ -105,6 +105,11 @@ def witnessed() -> Iterator[list[Witness]]:
         _witnesses.reset(token)
 
 
+def is_witnessed() -> bool:
+    """Tell whether this thread lists its comparisons."""
+    return _witnesses.get() is not None
+
+
 def _value_with_array(name: str, reflected: str) -> Callable[[Any, Any], Any]:
     """Return a method of floats that also takes numpy's arrays, which leave it to us as they do arithmetic."""
     own = getattr(float, name)

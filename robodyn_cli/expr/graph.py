@@ -8,6 +8,7 @@ numbers again, but they are never taken for structure: not for a one, and not fo
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Iterable, Sequence
 from typing import Any, Union
 
@@ -115,24 +116,33 @@ class Graph:
 
     def _node(self, op: str, args: tuple[Expr, ...], value: Any = None, identity: Any = None) -> Expr:
         """Return the node; ``identity`` : what tells its value from others, where that is not its equality."""
-        key = (op, value if identity is None else identity, *[a.index for a in args])
+        return self._at((op, value if identity is None else identity, *[a.index for a in args]), args, value)
+
+    def _at(self, key: tuple[Any, ...], args: tuple[Expr, ...], value: Any) -> Expr:
         node = self._table.get(key)
         if node is None:
-            node = Expr(self, op, args, value, len(self.nodes))
+            node = self._table[key] = Expr(self, key[0], args, value, len(self.nodes))
             self.nodes.append(node)
-            self._table[key] = node
         return node
+
+    def like(self, node: Expr, args: Sequence[Scalar]) -> Expr:
+        """Return the node of this graph that does to its arguments what a node of another one does to its own."""
+        if len(args) == 2:
+            return self._binary(node.op, *args)
+        own = tuple([self._as_node(x) for x in args])
+        return self._table_of(own[0], *node.value) if node.op == "table" else self._node(node.op, own)
 
     def _as_node(self, x: Scalar) -> Expr:
         return x if isinstance(x, Expr) else self.constant(x)
 
     def _binary(self, op: str, a: Scalar, b: Scalar) -> Expr:
-        x, y = self._as_node(a), self._as_node(b)
+        x = a if isinstance(a, Expr) else self.constant(a)
+        y = b if isinstance(b, Expr) else self.constant(b)
         if x.graph is not self or y.graph is not self:
             raise ValueError("expressions of different graphs cannot be combined")
         if op in COMMUTATIVE and y.index < x.index:
             x, y = y, x
-        return self._node(op, (x, y))
+        return self._at((op, None, x.index, y.index), (x, y), None)
 
     # -- arithmetic with folding ----------------------------------------------------------------------
     def add(self, a: Scalar, b: Scalar) -> Scalar:
@@ -300,6 +310,9 @@ class Graph:
         """
         if len(rows) == 1 and held is None and all(is_plain(x, rows[0][0]) for x in rows[0]):
             return rows[0][0]
+        return self._table_of(x, knots, rows, held)
+
+    def _table_of(self, x: Expr, knots: tuple[float, ...], rows: Any, held: Any) -> Expr:
         numbers = tuple(
             id(e) if isinstance(e, Fixed) else ("plain", e) for e in (*knots, *sum(rows, ()), *(held or ()))
         )
@@ -341,17 +354,16 @@ def _like_terms(op: str, a: Expr, b: Expr) -> tuple[float, Expr] | None:
 
 def reachable(outputs: Iterable[Scalar]) -> list[Expr]:
     """Return the nodes that the outputs need, arguments before results."""
-    seen: set[int] = set()
     stack = [e for e in outputs if isinstance(e, Expr)]
+    seen = bytearray(1 + max([e.index for e in stack], default=0))
     nodes: list[Expr] = []
     while stack:
         node = stack.pop()
-        if node.index in seen:
-            continue
-        seen.add(node.index)
-        nodes.append(node)
-        stack.extend(node.args)
-    nodes.sort(key=lambda e: e.index)
+        if not seen[node.index]:
+            seen[node.index] = 1
+            nodes.append(node)
+            stack += node.args
+    nodes.sort(key=operator.attrgetter("index"))
     return nodes
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr import functions as f
-from robodyn_cli.expr.graph import Expr, Scalar, reachable
+from robodyn_cli.expr.graph import Expr, Graph, Scalar, reachable
 
 
 def piecewise(x: Any, value: tuple[Any, ...]) -> Any:
@@ -92,6 +92,7 @@ class Evaluator:
                 self._steps.append(
                     (k, _operation(node), a[0], a[min(1, len(a) - 1)], a[2] if len(a) > 2 else None)
                 )
+        self.operations = len(self._steps)
         self._fixed: list[Any] = [None if isinstance(e, Expr) else float(e) for e in outputs]
         self._moving = [(k, place[e.index]) for k, e in enumerate(outputs) if isinstance(e, Expr)]
 
@@ -181,6 +182,24 @@ def renamed(outputs: Sequence[Scalar], inputs: Mapping[str, Mapping[int, Scalar]
             new[node.index] = node.value
         else:
             new[node.index] = apply(node, [new[a.index] for a in node.args])
+    return [new[e.index] if isinstance(e, Expr) else e for e in outputs]
+
+
+def moved(outputs: Sequence[Scalar], place: Callable[[str, int], tuple[str, int]]) -> list[Scalar]:
+    """Return the outputs in a graph of their own, with their symbols at other places of the inputs.
+
+    place : group and position of a symbol there, from those here; different ones for different symbols, so that
+    nothing else changes.
+    """
+    graph, nodes = Graph(), reachable(outputs)
+    new: dict[int, Scalar] = {
+        node.index: graph.symbol(node.value[0], *place(*node.value[1:])) for node in nodes if node.op == "sym"
+    }
+    for node in nodes:
+        if node.op == "const":
+            new[node.index] = node.value
+        elif node.op != "sym":
+            new[node.index] = graph.like(node, [new[a.index] for a in node.args])
     return [new[e.index] if isinstance(e, Expr) else e for e in outputs]
 
 

@@ -16,8 +16,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
-from robodyn_cli.expr.rebuild import renamed
+from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.expr.rebuild import moved
 from robodyn_cli.model.model import Model
 from robodyn_cli.record import record
 
@@ -68,11 +68,7 @@ class Layout:
 
     def renamed(self, entries: Sequence[Scalar]) -> list[Scalar]:
         """Return expressions of the mechanism's symbols q, v, z as expressions of the integrator's."""
-        graph = Graph()
         groups = {"q": self.q, "v": self.v, "z": self.z}
-        inputs: dict[str, dict[int, Expr]] = {}
-        for e in free_symbols(entries):
-            name, group, position = e.value
-            to = self.symbol(groups[group][position]) if group in groups else (group, position)
-            inputs.setdefault(group, {})[position] = graph.symbol(name, *to)
-        return renamed(entries, inputs)
+        return moved(
+            entries, lambda group, k: self.symbol(groups[group][k]) if group in groups else (group, k)
+        )

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError
+from robodyn_cli.errors import CapabilityError, GeometryError, SingularConfigurationError, listed
 from robodyn_cli.given.loop_conditions import Lead, LoopConditions, lead_of, leads_apart
 from robodyn_cli.given.motion import Planned, by_columns, plan_motion
 from robodyn_cli.given.prescribed import check_prescribed, prescribed_starts
@@ -17,8 +17,8 @@ from robodyn_cli.loops.base import closure_of
 from robodyn_cli.observe.places import in_world
 from robodyn_cli.record import record
 from robodyn_cli.solve.closing.assembly import assemble
-from robodyn_cli.solve.closure import Numbers, rank
-from robodyn_cli.solve.guided import Guide, GuidedPlace, Stuck
+from robodyn_cli.solve.closure import CLOSED, Numbers, rank
+from robodyn_cli.solve.guided import SAME, Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.trajectories.course import Course, interpolated
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
@@ -86,15 +86,28 @@ def _apart(problem: Problem, times: Array) -> Planned:
 
 
 def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
-    """Return a closed configuration in which the led joints are where their motion begins."""
+    """Return a closed configuration in which the led joints are where their motion begins.
+
+    Raises
+    ------
+    CapabilityError : rows contradict each other by rounding in the data.
+    """
     scene = problem.scene
     check_prescribed(problem)
     first = conditions.asked(0.0)[0]
     led = dict(zip(lead.positions, first.tolist()))
     guess = dict(scene.trajectory.ik.guess) if lead.led is not None else {}
     held = {**prescribed_starts(scene), **led}
-    given = {**scene.initial.q, **guess, **held}
-    return assemble(problem, given, {}, tuple(held)).q
+    closed = assemble(problem, {**scene.initial.q, **guess, **held}, {}, tuple(held))
+    off = np.abs(conditions.at(closed.q, 0.0)[0] / conditions.sizes).max(initial=0.0)
+    if closed.closure is not None and closed.closure.tolerance > CLOSED and off > SAME:
+        raise CapabilityError(
+            f"{listed(closed.redundant)} follow from the other rows but for rounding in the data, which leaves the loops "
+            f"open by {closed.position_residual:.2g} m or rad: a motion that is led has to close them at every sample; "
+            "allowed: lengths and angles with all their digits, or simulate, with the motion in 'prescribed'",
+            row=closed.redundant[0], residual=closed.position_residual,
+        )  # fmt: skip
+    return closed.q
 
 
 def _check_determined(problem: Problem, conditions: LoopConditions, q: Array, t: float) -> None:

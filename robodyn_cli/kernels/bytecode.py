@@ -63,20 +63,15 @@ def kinds_of(program: Program) -> tuple[str, ...]:
 
 def encode(program: Program, order: tuple[str, ...]) -> Bytecode:
     """Return a program as data, of which each round takes the kinds in ``order``."""
-    code = program.instructions
     registers = _Registers(program)
     text: list[int] = []
-    rounds = 0
-    for members in _rounds(code, order):
-        rounds += 1
-        for kind in order:
-            chosen = members.get(kind, ())
-            text.append(len(chosen))
-            for k in chosen:
-                text += registers.entry(k, code[k])
+    turns = _turns(program.instructions, order)
+    for chosen in turns:
+        text.append(len(chosen))
+        registers.write(chosen, text)
     return Bytecode(
         kinds=order,
-        code=np.array([rounds, *text], dtype=np.int32),
+        code=np.array([len(turns) // len(order), *text], dtype=np.int32),
         inputs=program.inputs,
         first_constant=sum(program.inputs.values()),
         constants=np.array(registers.constants),
@@ -89,43 +84,32 @@ def encode(program: Program, order: tuple[str, ...]) -> Bytecode:
     )
 
 
-def _rounds(code: Sequence[Instruction], order: Sequence[str]) -> list[dict[str, list[int]]]:
-    """Return the operations of each round by kind, each after its arguments."""
-    waiting = [len(i.args) for i in code]
-    users: list[list[int]] = [[] for _ in code]
-    for k, i in enumerate(code):
-        for a in i.args:
-            users[a].append(k)
-    ready: dict[str, list[int]] = {kind: [] for kind in (*order, *LEAVES)}
-
-    def finish(k: int) -> None:
-        for user in users[k]:
-            waiting[user] -= 1
-            if not waiting[user]:
-                ready[code[user].op].append(user)
-
-    for k, i in enumerate(code):
-        if not i.args:
-            finish(k)
-    rounds = []
-    while any(ready[kind] for kind in order):
-        members: dict[str, list[int]] = {}
-        for kind in order:
-            if chosen := ready[kind]:
-                ready[kind] = []
-                members[kind] = chosen
-                for k in chosen:
-                    finish(k)
-        rounds.append(members)
-    return rounds
+def _turns(code: Sequence[Instruction], order: Sequence[str]) -> list[list[int]]:
+    """Return the operations that each kind works off when it has its turn, round by round: as soon as their arguments
+    are there."""
+    kinds, place = len(order), {kind: k for k, kind in enumerate(order)}
+    turns: list[list[int]] = []
+    turn: list[int] = []  # of each instruction; -1 for what is there from the start
+    for k, (op, args, _) in enumerate(code):
+        if op not in place:
+            turn.append(-1)
+            continue
+        own = place[op]
+        known = max(map(turn.__getitem__, args))
+        at = own + kinds * ((known - own) // kinds + 1)
+        turn.append(at)
+        while at >= len(turns):
+            turns += [[] for _ in order]
+        turns[at].append(k)
+    return turns
 
 
 class _Registers:
     """Places of values; those of inputs, constants and outputs are not used again."""
 
     def __init__(self, program: Program) -> None:
-        code = program.instructions
-        self.of: dict[int, int] = {}
+        self._code = code = program.instructions
+        self.of = [-1] * len(code)
         self.constants = [i.value for i in code if i.op == "const"]
         first: dict[str, int] = {}
         self.count = 0
@@ -148,24 +132,31 @@ class _Registers:
                 self.of[k] = at_number[i.value]
         self.count += len(self.numbers)
         kept = {e for entries in program.outputs.values() for e in entries if not isinstance(e, float)}
-        for k in (*self.of, *kept):
-            self._uses[k] = len(code) * len(KINDS)  # never free
+        for k, i in enumerate(code):
+            if not i.args or k in kept:
+                self._uses[k] = len(code) * len(KINDS)  # never free
         self._free: list[int] = []
 
-    def entry(self, k: int, instruction: Instruction) -> list[int]:
-        """Return the registers of an operation, of its result, then of its arguments, and the shape of a look-up."""
-        arguments = [self.of[a] for a in instruction.args]
-        for a in instruction.args:
-            self._uses[a] -= 1
-            if not self._uses[a]:
-                self._free.append(self.of[a])
-        if self._free:
-            place = self._free.pop()
-        else:
-            place = self.count
-            self.count += 1
-        self.of[k] = place
-        return [place, *arguments, *(shape(instruction) if instruction.op in SHAPE else ())]
+    def write(self, chosen: Sequence[int], text: list[int]) -> None:
+        """Append the registers of operations, of results, then of arguments, and the shapes of look-ups."""
+        code, of, uses, free = self._code, self.of, self._uses, self._free
+        for k in chosen:
+            op, args, _ = code[k]
+            at = len(text)
+            text.append(0)
+            for a in args:
+                text.append(of[a])
+                uses[a] -= 1
+                if not uses[a]:
+                    free.append(of[a])
+            if free:
+                place = free.pop()
+            else:
+                place = self.count
+                self.count += 1
+            of[k] = text[at] = place
+            if op in SHAPE:
+                text += shape(code[k])
 
 
 def shape(look_up: Instruction) -> list[int]:

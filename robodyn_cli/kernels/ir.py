@@ -37,7 +37,6 @@ STRICT = ""
 # 0.18 us per sample instead of 0.6; derivatives of forward dynamics of 7 joints 0.34 us instead of 0.9; one block ahead
 # is too late).
 BLOCKS_AHEAD = 4
-BYTES = [f"\\{byte:02X}" for byte in range(256)]  # as a string's constant has them
 
 __all__ = [
     "BLOCKS_AHEAD",
@@ -312,7 +311,7 @@ class Function(Flow):
 
     def integers(self, name: str, numbers: NDArray[np.int32]) -> str:
         """Keep 32-bit integers in the module's memory, under a name of their own, and return their address."""
-        text = "".join(np.array(BYTES)[numbers.astype("<i4").view(np.uint8)].tolist())
+        text = "\\" + numbers.astype("<i4").tobytes().hex("\\")
         kind = f"[{4 * len(numbers)} x i8]"
         self.globals.append(f'@{name} = private unnamed_addr constant {kind} c"{text}", align 64')
         return f"@{name}"

@@ -12,7 +12,7 @@ import math
 import zlib
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,8 +30,7 @@ OFF = 4.0 * 2.0**-53  # part of a number: what a few operations leave
 LEAVES = frozenset({"sym", "const", "number"})
 
 
-@record
-class Instruction:
+class Instruction(NamedTuple):
     """One operation on earlier instructions.
 
     value : a constant's value, a symbol's (group, position), or the first of its entries in the table of numbers.
@@ -87,15 +86,9 @@ class Program:
     @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical text of the program."""
-        hasher = hashlib.sha256()
-        lines = []
-        for i in self.instructions:
-            value = i.value.hex() if i.op == "const" else i.value
-            lines.append(f"{i.op} {i.args} {value}\n")
-        for name, entries in self.outputs.items():
-            lines.append(f"{name}: {[e.hex() if isinstance(e, float) else e for e in entries]}\n")
-        hasher.update("".join(lines).encode())
-        return hasher.hexdigest()
+        # Python writes floats with as many digits as they have
+        lines = [*map(tuple.__repr__, self.instructions), repr(self.outputs)]
+        return hashlib.sha256("\n".join(lines).encode()).hexdigest()
 
 
 def make_program(outputs: dict[str, Sequence[Scalar]], known: Sequence[str]) -> Program:
@@ -111,18 +104,10 @@ def make_program(outputs: dict[str, Sequence[Scalar]], known: Sequence[str]) -> 
     SceneError : the outputs depend on something that the scene does not say (an unknown mass or inertia).
     """
     nodes = reachable([e for array in outputs.values() for e in array])
-    collected = _Collected()
-    missing: list[str] = []
-    for node in nodes:
-        value = node.value
-        if node.op == "sym":
-            name, group, position = node.value
-            if group not in known:
-                missing.append(name)
-            value = (group, position)
-        collected.add(node, value)
-    if missing:
+    symbols = [node.value for node in nodes if node.op == "sym"]
+    if missing := [name for name, group, _ in symbols if group not in known]:
         raise unknown_data(missing)
+    collected = _Collected(nodes)
     entries = {name: tuple(collected.entry(e) for e in array) for name, array in outputs.items()}
     return Program(tuple(collected.instructions), entries, tuple(collected.numbers))
 
@@ -130,22 +115,29 @@ def make_program(outputs: dict[str, Sequence[Scalar]], known: Sequence[str]) -> 
 class _Collected:
     """The instructions of a program and its table of numbers, in the order of the nodes."""
 
-    def __init__(self) -> None:
+    def __init__(self, nodes: Sequence[Expr]) -> None:
         self.instructions: list[Instruction] = []
         self.numbers: list[float] = []
-        self._place: dict[int, int] = {}  # instructions by index of the node
+        self._place = [-1] * (1 + nodes[-1].index if nodes else 0)  # instructions by index of the node
         self._read: dict[int, int] = {}  # instructions by identity of the number
-
-    def add(self, node: Expr, value: Any) -> None:
-        if node.op == "const" and isinstance(value, Fixed):
-            self._place[node.index] = self._number(value)
-            return
-        self._place[node.index] = len(self.instructions)
-        if node.op == "table":
-            knots, rows, held = value
-            value = (len(self.numbers), len(knots), len(rows) - 1, held is not None)
-            self.numbers += [*knots, *(x for row in rows for x in row), *(held or ())]
-        self.instructions.append(Instruction(node.op, tuple(self._place[a.index] for a in node.args), value))
+        place, add = self._place, self.instructions.append
+        for node in nodes:
+            op, args, value = node.op, node.args, node.value
+            if op == "const" and isinstance(value, Fixed):
+                place[node.index] = self._number(value)
+                continue
+            if op == "sym":
+                value = value[1:]
+            elif op == "table":
+                knots, rows, held = value
+                value = (len(self.numbers), len(knots), len(rows) - 1, held is not None)
+                self.numbers += [*knots, *(x for row in rows for x in row), *(held or ())]
+            place[node.index] = len(self.instructions)
+            if len(args) == 2:  # most have; a list is made in twice the time
+                first, second = args
+                add(Instruction(op, (place[first.index], place[second.index]), value))
+            else:
+                add(Instruction(op, tuple([place[a.index] for a in args]), value))
 
     def entry(self, e: Scalar) -> int | float:
         if isinstance(e, Expr):

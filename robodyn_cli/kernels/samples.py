@@ -19,7 +19,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.compiler import compile_module, machine
-from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Value, module
+from robodyn_cli.kernels.ir import BLOCKS_AHEAD, RELAXED, Function, Int, Value, module
 from robodyn_cli.kernels.lower import LoadedNumbers, lower
 from robodyn_cli.kernels.program import NUMBERS, PARAMETERS, Program, make_program
 from robodyn_cli.spatial.algebra import Array
@@ -57,14 +57,29 @@ def write_sample_kernel(program: Program, lanes: int, fused: bool) -> str:
                 inputs[group] = [f.load(f.offset(address, samples * k + t), lanes) for k in range(count)]
         for place, entries in enumerate(program.outputs.values()):
             if len(entries) > FOLLOWED:
-                for k in range(len(entries)):
-                    later = samples * k + t + BLOCKS_AHEAD * lanes
+                with f.count(len(entries)) as j:
+                    later = samples * j + t + BLOCKS_AHEAD * lanes
                     f.prefetch(f.offset(f"%out.{place}", later), write=True)
-        for place, values in enumerate(lower(f, program, inputs, lanes, fused).values()):
+            _store_constants(f, place, entries, t, lanes)
+        outputs = zip(program.outputs.values(), lower(f, program, inputs, lanes, fused).values())
+        for place, (entries, values) in enumerate(outputs):
             for k, value in enumerate(values):
-                f.store(f.splat(value, lanes), f.offset(f"%out.{place}", samples * k + t))
+                if not isinstance(entries[k], float):
+                    f.store(f.splat(value, lanes), f.offset(f"%out.{place}", samples * k + t))
     f.ret()
     return module([f])
+
+
+def _store_constants(f: Function, place: int, entries: Sequence[int | float], t: Int, lanes: int) -> None:
+    """Store the entries of an output that are the same for all samples: in a loop, since matrices have many zeros."""
+    constants = {k: e for k, e in enumerate(entries) if isinstance(e, float)}
+    if not constants:
+        return
+    columns = f.integers(f"columns.{place}", np.array(list(constants), dtype=np.int32))
+    values = f.table(f"constants.{place}", constants.values())
+    with f.count(len(constants)) as j:
+        address = f.offset(f"%out.{place}", f.int_argument("T") * f.load_index(columns, j) + t)
+        f.store(f.splat(f.load(f.offset(values, j)), lanes), address)
 
 
 class SampleKernel:
@@ -74,14 +89,17 @@ class SampleKernel:
     Arrays in column order (``order="F"``) are read in place; others are copied once. Parameters ``p`` have
     shape (n,), or (T, n) where they change a few times: the samples between changes are evaluated piece by piece.
 
-    table : numbers of another scene of this structure, which are read in place of the program's own.
+    table : numbers of another scene of this structure, which are read in place of the program's own. stepwise : whether
+    a short program is worked off operation by operation, too.
     """
 
     compiled = True
     table: Array | None = None
 
-    def __init__(self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str]) -> None:
-        self.program = make_program(dict(outputs), known)
+    def __init__(
+        self, outputs: Mapping[str, Sequence[Scalar]], known: Sequence[str], stepwise: bool = False
+    ) -> None:
+        self.program, self._stepwise = make_program(dict(outputs), known), stepwise
         self.lanes = machine().lanes
         self._seen = 0  # samples so far
 
@@ -99,7 +117,7 @@ class SampleKernel:
     @cached_property
     def _interpreted(self) -> InterpretedSamples | None:
         """The program as data; None for a program that is compiled at once."""
-        if self.program.operations <= LONG:
+        if self.program.operations <= LONG and not self._stepwise:
             return None
         from robodyn_cli.kernels.bytecode import InterpretedSamples
 

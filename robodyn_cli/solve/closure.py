@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robodyn_cli.expr.fixed import derived
-from robodyn_cli.expr.graph import Expr
+from robodyn_cli.expr.graph import Expr, Scalar
 from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.loops.base import Row
 from robodyn_cli.model.manifold import Manifold
@@ -31,6 +31,7 @@ PATIENT = 3  # steps in a row that may fail to halve the residual
 TINY = 1e-300
 CLOSED = 1e-11  # rad, or part of the size of the mechanism, up to which loops count as closed
 CUT = 1e-12  # ratio of singular values below which steps leave a direction alone
+WORTH = 200_000  # operations in Python from which on reading code that works them off takes less time
 ROUNDED = (
     1e-6  # the same, and the residual, for redundant rows that contradict each other by rounding in the data
 )
@@ -109,6 +110,39 @@ class ClosureEquations(Protocol):
     def constraint_rows(self) -> tuple[Row, ...]: ...
 
 
+class PointValues:
+    """Expressions of q, t and parameters at one point after another: worked off in Python at first, in compiled code
+    where that has taken a while.
+
+    The number of operations decides and not their time, so that the same closing gives the same bits again.
+    """
+
+    def __init__(self, outputs: Sequence[Scalar], parameters: Sequence[float]) -> None:
+        self._values = np.array([0.0 if isinstance(e, Expr) else float(e) for e in outputs])
+        self._places = [k for k, e in enumerate(outputs) if isinstance(e, Expr)]
+        self._moving, self._parameters = [outputs[k] for k in self._places], list(parameters)
+        self._evaluate, self._done = Evaluator(self._moving), 0
+        self._compiled: Callable[..., dict[str, Array]] | None = None
+
+    def __call__(self, q: Array, t: float) -> Array:
+        """Return the values at q (nq,) and t."""
+        values = self._values.copy()
+        values[self._places] = self._at(q, t)
+        return values
+
+    def _at(self, q: Array, t: float) -> list[float] | Array:
+        if self._done <= WORTH:
+            self._done += self._evaluate.operations
+            return self._evaluate({"q": q.tolist(), "t": [t], "p": self._parameters})
+        if self._compiled is None:
+            from robodyn_cli.kernels.samples import SampleKernel, of_one_sample
+
+            # stepwise, so that the order of nodes in the graph decides no bits
+            kernel = SampleKernel({"x": self._moving}, ("q", "t", "p"), stepwise=True)
+            self._compiled = of_one_sample(kernel, q=len(q), t=1, p=len(self._parameters))
+        return self._compiled(q=q, t=t, p=self._parameters)["x"]
+
+
 class Numbers:
     """eta (m,), Psi (m, nv) and eta_t (m,) as functions of numbers q (nq,) and t; the ``Conditions`` of assembly."""
 
@@ -117,30 +151,30 @@ class Numbers:
         self.q_names, self.couplers = equations.model.q_names, equations.model.couplers
         self.manifold = Manifold(equations.model)
         self.nv = equations.model.nv
-        self._eta = Evaluator([row.eta for row in self.rows])
-        self._eta_t = Evaluator([row.eta_t for row in self.rows])
-        self._psi = Evaluator([x for row in self.rows for x in row.psi])
-        self._both = Evaluator([x for row in self.rows for x in (row.eta, *row.psi)])
-        self._cosines = Evaluator([row.cosine for row in self.rows])
         self.parameters = list(parameters)
+        self._eta = self.values_of([row.eta for row in self.rows])
+        self._eta_t = self.values_of([row.eta_t for row in self.rows])
+        self._psi = self.values_of([x for row in self.rows for x in row.psi])
+        self._both = self.values_of([x for row in self.rows for x in (row.eta, *row.psi)])
+        self._cosines = self.values_of([row.cosine for row in self.rows])
         self.size = mechanism_size(equations.model)
         self.sizes = np.array([self.size if row.kind in ("force", "m") else 1.0 for row in self.rows])
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in equations.model.v_units])
 
-    def evaluate(self, outputs: Evaluator, q: Array, t: float) -> Array:
-        return np.array(outputs({"q": q.tolist(), "t": [t], "p": self.parameters}), dtype=float)
+    def values_of(self, outputs: Sequence[Scalar]) -> PointValues:
+        return PointValues(outputs, self.parameters)
 
     def eta(self, q: Array, t: float = 0.0) -> Array:
-        return self.evaluate(self._eta, q, t)
+        return self._eta(q, t)
 
     def relative(self, q: Array) -> Array:
         return self.eta(q) / self.sizes
 
     def psi(self, q: Array, t: float = 0.0) -> Array:
-        return self.evaluate(self._psi, q, t).reshape(len(self.rows), self.nv)
+        return self._psi(q, t).reshape(len(self.rows), self.nv)
 
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        both = self.evaluate(self._both, q, t).reshape(len(self.rows), 1 + self.nv)
+        both = self._both(q, t).reshape(len(self.rows), 1 + self.nv)
         return both[:, 0], both[:, 1:]
 
     def step(self, q: Array, dq: Array) -> Array:
@@ -148,11 +182,11 @@ class Numbers:
 
     def turned(self, q: Array) -> list[str]:
         """Return the loops whose links are half a turn away from the attitude that is asked for."""
-        cosines = self.evaluate(self._cosines, q, 0.0)
+        cosines = self._cosines(q, 0.0)
         return sorted({row.closure for row, cosine in zip(self.rows, cosines) if cosine < 0.5})
 
     def eta_t(self, q: Array, t: float = 0.0) -> Array:
-        return self.evaluate(self._eta_t, q, t)
+        return self._eta_t(q, t)
 
 
 def newton(
@@ -295,9 +329,8 @@ def halton(count: int, dimensions: int) -> Array:
 
 
 def search(
-    conditions: Conditions,
+    close: Callable[[Array], tuple[Array, float]],
     starts: Iterable[Array],
-    free: Sequence[int],
     signature: Callable[[Array], Array],
     accepted: Callable[[Array], bool],
 ) -> ClosureSearch:
@@ -305,15 +338,15 @@ def search(
 
     Parameters
     ----------
-    starts : configurations (nq,) to begin with; the search ends early when nothing new turns up.
-    free : velocity coordinates that may move. signature : numbers that agree, to ``SAME``, if and only if
+    close : gives the configuration that a start leads to, and what is left of the conditions there.
+    starts : configurations (nq,) to begin with; the search ends early when nothing new turns up. signature : numbers that agree, to ``SAME``, if and only if
     configurations do. accepted : whether a closed configuration has the attitudes that the closures ask for.
     """
     poses: list[Array] = []
     marks: list[Array] = []
     closed, last, count = 0, 0, 0
     for count, start in enumerate(starts, start=1):
-        q, residual = newton(conditions, start, free, SLOW)
+        q, residual = close(start)
         if residual <= CLOSED and accepted(q):
             closed += 1
             mark = signature(q)

@@ -6,6 +6,7 @@ the start alone, or where freedoms of first order are no motions, the start is s
 
 from __future__ import annotations
 
+import heapq
 import itertools
 import math
 from collections.abc import Sequence
@@ -122,15 +123,26 @@ def _best_rows(samples: list[Array], rank: int, m: int) -> tuple[tuple[int, ...]
     """Return the rows with the largest worst ratio of singular values over all samples of Psi, and the others."""
     psi = np.stack(samples)
     largest = np.linalg.svd(psi, compute_uv=False)[:, 0]
-
-    def worth(rows: Sequence[int]) -> float:
-        return float((np.linalg.svd(psi[:, list(rows)], compute_uv=False)[:, -1] / largest).min())
-
+    keep: tuple[int, ...] = ()
     if math.comb(m, rank) <= MOST_CHOICES:
-        keep = max(itertools.combinations(range(m), rank), key=worth)
+        keep = _best_choice(psi, largest, list(itertools.combinations(range(m), rank)))
     else:
-        chosen: list[int] = []
-        while len(chosen) < rank:
-            chosen.append(max((i for i in range(m) if i not in chosen), key=lambda i: worth([*chosen, i])))
-        keep = tuple(sorted(chosen))
-    return keep, tuple(i for i in range(m) if i not in keep)
+        while len(keep) < rank:
+            keep = _best_choice(psi, largest, [(*keep, i) for i in range(m) if i not in keep])
+    return tuple(sorted(keep)), tuple(i for i in range(m) if i not in keep)
+
+
+def _best_choice(psi: Array, largest: Array, choices: Sequence[tuple[int, ...]]) -> tuple[int, ...]:
+    """Return the rows whose worst ratio of singular values over all samples (T, m, n) is largest, the first of equals.
+
+    Some of the samples bound that ratio from above, so that all are looked at for the most promising rows only.
+    """
+    bounds = [(-math.inf, k, 0) for k in range(len(choices))]
+    while True:
+        bound, k, done = heapq.heappop(bounds)
+        if done == len(psi):
+            return choices[k]
+        some = slice(done, 1 + 2 * done)
+        sigma = np.linalg.svd(psi[some][:, list(choices[k])], compute_uv=False)[:, -1]
+        ratio = float((sigma / largest[some]).min())
+        heapq.heappush(bounds, (max(bound, -ratio), k, min(some.stop, len(psi))))

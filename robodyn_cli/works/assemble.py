@@ -24,8 +24,9 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closing.assembly import assemble as close_loops
+from robodyn_cli.solve.closing.descent import Aligned, descend
 from robodyn_cli.solve.closing.nearest import ClosedPose
-from robodyn_cli.solve.closure import RANK, halton, rank, search
+from robodyn_cli.solve.closure import RANK, SLOW, Numbers, halton, newton, rank, search
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import (
     AssembleSummary,
@@ -83,8 +84,15 @@ def find_branches(problem: Problem, conditions: LoopConditions, q: Array, held: 
     def closed_as_meant(q: Array) -> bool:
         return bool(np.all(np.array(cosines({"q": q.tolist(), "t": [0.0], "p": []}), dtype=float) > 0.5))
 
+    aligned = Aligned(Numbers(problem, problem.at_start))
+
+    def close(start: Array) -> tuple[Array, float]:
+        if len(aligned.rotated):  # sines of attitudes vanish at half a turn, too, and lead there
+            start, _ = descend(aligned, start, free, aligned.sizes)
+        return newton(conditions, start, free, SLOW)
+
     starts = chain([q], _starts(problem, conditions, q, free, held))
-    closures = search(conditions, starts, free, signature, closed_as_meant)
+    closures = search(close, starts, signature, closed_as_meant)
     first, *others = closures.found
     configurations = [first, *(np.where(angles, (x + np.pi) % (2 * np.pi) - np.pi, x) for x in others)]
     described = [_describe(problem, conditions, x, free, k == 0) for k, x in enumerate(configurations)]
@@ -288,17 +296,17 @@ def _undriven(problem: Problem, J: Array, tolerance: float) -> list[UndrivenFree
 
     Two coordinates belong together if the projector onto the freedoms couples them.
     """
-    from scipy.sparse.csgraph import connected_components
-
     model, passive = problem.model, list(passive_coordinates(problem))
     if len(passive) == model.nv:
         return ABSENT
     motions = np.linalg.svd(J[:, passive])[2][rank(J[:, passive], tolerance) :]
     P = motions.T @ motions
-    _, part = connected_components(np.abs(P) > COUPLED, directed=False)
+    together = (np.abs(P) > COUPLED) | np.eye(len(P), dtype=bool)
+    for _ in range(len(P).bit_length()):  # twice as many couplings in a row each time
+        together = together @ together
     parts = []
-    for k in range(part.max(initial=-1) + 1):
-        own = np.flatnonzero(part == k)
+    for row in np.unique(together, axis=0)[::-1] if passive else ():  # the part of the first coordinate first
+        own = np.flatnonzero(row)
         if (count := round(float(np.trace(P[np.ix_(own, own)])))) > 0:
             joints = list(dict.fromkeys(model.joint_of(passive[j]) for j in own))
             parts.append(UndrivenFreedoms(count, joints))

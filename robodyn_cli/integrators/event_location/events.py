@@ -13,6 +13,7 @@ method.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -22,6 +23,7 @@ from robodyn_cli.formulations.events import EventFunction
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status, resolution
 from robodyn_cli.integrators.stepping.stepper import Stepper
 from robodyn_cli.integrators.stepping.writer import Exit, Writer
+from robodyn_cli.kernels.arrays import Array as Rows
 from robodyn_cli.kernels.ir import Condition, Function, Int, Value
 from robodyn_cli.kernels.lower import LANES
 from robodyn_cli.record import record
@@ -224,14 +226,15 @@ class EventSearch:
         self.closer, self.dips = f.int_slot(), f.int_slot()
         self.first, self.which, self.dip = f.int_slot(), f.int_slot(), f.int_slot()
         self.rows, self.ends = f.slot(1, ROW * self.count), f.slot(1, self.count)
+        self.armed = f.offset("%w", DoubleSlot.SIZE)
         f.store(-1.0, self.base)
         f.store(1.0, self.span)
         f.store_int(0, self.closer)
         f.store_int(0, self.dips)
-        for k in range(self.count):
-            f.store(w.get(DoubleSlot.SIZE + k), self._row(k))
+        with f.count(self.count) as k:
+            f.store(f.load(f.offset(self.armed, k)), self._row(k))
 
-    def _row(self, k: int) -> str:
+    def _row(self, k: Int) -> str:
         """Return the address of the values of function k."""
         return self.f.offset(self.rows, ROW * k)
 
@@ -247,10 +250,16 @@ class EventSearch:
         for place in (self.first, self.dip):
             f.store_int(LANES, place)
         f.store_int(0, self.which)
-        for k, (g, event) in enumerate(zip(values, w.system.events)):
-            self._note(k, f.splat(g, LANES), event.direction)
+        functions = Rows(f, f.slot(LANES, self.count), LANES)
+        for k, g in enumerate(values):
+            functions[k] = f.splat(g, LANES)
+        first = 0
+        for direction, alike in itertools.groupby(event.direction for event in w.system.events):
+            start, first = first, first + len(list(alike))
+            with f.count(first, start=start) as j:
+                self._note(j, functions[j], direction)
 
-    def _note(self, k: int, g: Value, direction: int) -> None:
+    def _note(self, k: Int, g: Value, direction: int) -> None:
         """Take the values of function k in the window."""
         f, row = self.f, self._row(k)
         start = f.load(row)
@@ -307,18 +316,18 @@ class EventSearch:
     def _narrow_to(self, lane: Int, start: Value, length: Value) -> None:
         """Take a window that starts right before a lane."""
         f = self.f
-        for k in range(self.count):
+        with f.count(self.count) as k:
             f.store(f.load(f.offset(self._row(k), lane)), self._row(k))
         f.store(start, self.base)
         f.store(length, self.span)
 
     def arm(self) -> None:
         """Watch the functions on from where they are at the end of the step."""
-        f, w = self.f, self.w
-        for k in range(self.count):
-            g, armed = f.load(f.offset(self.ends, k)), DoubleSlot.SIZE + k
+        f = self.f
+        with f.count(self.count) as k:
+            g, armed = f.load(f.offset(self.ends, k)), f.offset(self.armed, k)
             # a function that is zero at the end of the step keeps its sign: the next step shows whether it crosses
-            w.put(armed, f.select(f.compare("oeq", g, 0.0), w.get(armed), g))
+            f.store(f.select(f.compare("oeq", g, 0.0), f.load(armed), g), armed)
 
 
 def _lowest(f: Function, mask: Int) -> Int:

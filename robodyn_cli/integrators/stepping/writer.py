@@ -15,9 +15,7 @@ from robodyn_cli.kernels.ir import RELAXED, Block, Condition, Function, Int, Val
 from robodyn_cli.kernels.lower import INLINE_LIMIT, LANES, REGISTERS, Programs, is_inlined
 from robodyn_cli.kernels.program import NUMBERS, Program, off_by_rounding
 
-LONG = (
-    24  # velocities, or states of a sampled controller, from which on what is done for each of them is a loop
-)
+LONG = 24  # velocities, or further states, from which on what is done for each of them is a loop
 LONG_INTERPRETED = 4  # the same where programs are interpreted, to write little
 ARGUMENTS = ("w", "n", "y", "p", "dense", "out", "tables", "scratch", "work", NUMBERS, REGISTERS, "updates")
 
@@ -102,13 +100,13 @@ class Writer:
         self._taken = [0, 0]
         self.nv: Int | int = system.nv
         long = LONG_INTERPRETED if programs.interpreted else LONG
-        held = system.updates is not None and system.updates.count > LONG
-        if system.dynamics.any_size or (loops and system.nv == system.nq and (held or system.nv > long)):
+        many = system.nz > long
+        if system.dynamics.any_size or (loops and system.nv == system.nq and (many or system.nv > long)):
             with f.entry():
                 self.nv = f.load_int(self.integer_at(IntegerSlot.VELOCITIES))
                 # a multiple of the lanes, so that every row starts aligned
                 self._padded = (self.nv + (LANES - 1)) & -LANES
-                self.nz: Int | int = f.integer(system.nz) if held else system.nz
+                self.nz: Int | int = f.integer(system.nz) if many else system.nz
                 self.rates: Int | int = self.nv + self.nz
                 self.size: Int | int = self.nv * 2 + self.nz
         else:

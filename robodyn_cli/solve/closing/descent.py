@@ -6,7 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robodyn_cli.expr.rebuild import Evaluator
 from robodyn_cli.solve.closure import MOST_STEP, SLOW, TINY, Conditions, Numbers
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.spatial.quaternion import logarithm
@@ -28,16 +27,19 @@ class Aligned:
         turned = {id(row.attitude): row for row in numbers.rows if row.attitude is not None}
         self._plain = [k for k, row in enumerate(numbers.rows) if row.attitude is None]
         attitudes = [row.attitude for row in turned.values() if row.attitude is not None]
-        self._ends = Evaluator([x for a in attitudes for part in (a.e, a.f, a.Jw) for x in part.ravel()])
+        self.rotated = [row.closure for row in turned.values()]
+        ends = [x for a in attitudes for part in (a.e, a.f, a.Jw) for x in part.ravel()]
+        plain = [x for k in self._plain for x in (numbers.rows[k].eta, *numbers.rows[k].psi)]
+        self._all, self._cut = numbers.values_of([*plain, *ends]), len(plain)
         self.loops = [numbers.rows[k].closure for k in self._plain] + [
-            row.closure for row in turned.values() for _ in range(3)
+            loop for loop in self.rotated for _ in range(3)
         ]
         self.units = [numbers.rows[k].unit for k in self._plain] + ["rad"] * 3 * len(turned)
         self.sizes = np.append(numbers.sizes[self._plain], np.ones(3 * len(turned)))
 
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
-        eta, psi = self.numbers.at(q, t)
-        ends = self.numbers.evaluate(self._ends, q, t).reshape(-1, 18 + 3 * self.numbers.nv)
+        values, nv = self._all(q, t), self.numbers.nv
+        plain, ends = values[: self._cut].reshape(-1, 1 + nv), values[self._cut :].reshape(-1, 18 + 3 * nv)
         e, f = ends[:, :9].reshape(-1, 3, 3), ends[:, 9:18].reshape(-1, 3, 3)
         e = e.transpose(0, 2, 1)
         phi = logarithm(e @ f)
@@ -45,11 +47,8 @@ class Aligned:
         k = 0.25 * (1.0 - half / np.tan(half)) / half**2
         skew = np.cross(np.eye(3), phi[:, None, :])
         inverse = np.eye(3) - 0.5 * skew + k[:, None, None] * (skew @ skew)
-        turning = inverse @ e @ ends[:, 18:].reshape(-1, 3, self.numbers.nv)
-        return (
-            np.append(eta[self._plain], phi),
-            np.concatenate([psi[self._plain], turning.reshape(-1, self.numbers.nv)]),
-        )
+        turning = inverse @ e @ ends[:, 18:].reshape(-1, 3, nv)
+        return np.append(plain[:, 0], phi), np.concatenate([plain[:, 1:], turning.reshape(-1, nv)])
 
     def step(self, q: Array, dq: Array) -> Array:
         return self.numbers.step(q, dq)

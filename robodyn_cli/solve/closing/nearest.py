@@ -15,7 +15,11 @@ NEAREST = 2  # closed configurations that are moved nearer
 FEW = 8  # random starts of damped steps at each distance
 NEARLY = 1e-4  # rad, or part of the size, that Newton's steps, or rounding, may account for
 SLIDES = 60  # steps towards the nearest configuration at most
+ARRIVED = 1e-11  # rad, or part of the size, that it may be left along the freedoms
+UNSURE = 1e-14  # part of the square of a distance that rounding may account for
+MOST_STRETCH = 8.0  # of a step over the way that is left
 REGULAR = 1e-2  # ratio of singular values down to which the nearest configuration is approached
+LOST = 0.5  # part of the first ratio that may be lost where it is less than that
 
 Pose = tuple[float, Array]  # distance from the start, or residual, and a configuration
 
@@ -66,9 +70,10 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
         if rounded and (exact is None or _spends_freedom(numbers, exact, rounded)):
             return ClosedPose(rounded[1], ROUNDED)
     if not poses:
+        aligned = Aligned(numbers)
         for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
             around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
-            descended, further = _descend_from(numbers, q, task, around)
+            descended, further = _descend_from(aligned, q, task, around)
             tried += further
             if descended:
                 break
@@ -107,13 +112,15 @@ def _spends_freedom(numbers: Numbers, exact: Pose, rounded: Pose) -> bool:
 
 def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Array]) -> Pose | None:
     """Return the nearest configuration with redundant rows that contradict each other by rounding in the data, if the
-    starts lead to one."""
+    starts lead to one; first where these rows stay redundant nearby, since far off rounding may look like a row."""
     poses = [
         pose
         for pose in _close_from(numbers, q, task, starts, ROUNDED)[0]
         if rank(numbers.psi(pose[1]), ROUNDED) < len(numbers.rows)
     ]
-    return _regular(numbers, poses)[0] if poses else None
+    nearest = sorted(poses, key=lambda pose: pose[0])
+    lasting = (pose for pose in nearest if _hides_dependence(numbers, pose[1]))
+    return next(lasting, None) or (_regular(numbers, poses)[0] if poses else None)
 
 
 def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
@@ -138,16 +145,18 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
     poses: list[Pose] = []
     tried: list[Pose] = []
     starts: list[Array] = []
+    aligned = Aligned(numbers)
     for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
         if spread == np.pi and poses:
             break
         around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
-        closed, more = _descend_from(numbers, q, task, around)
+        closed, more = _descend_from(aligned, q, task, around)
         poses, tried, starts = poses + closed, tried + more, starts + around
     if not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1]):
         near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
         if rounded := _close_rounded(numbers, q, task, near):
-            return ClosedPose(rounded[1], ROUNDED, Nearest(len(tried), len(near), distance(rounded[1])))
+            nearest = _slide_nearer(numbers, q, rounded[1], ROUNDED)
+            return ClosedPose(nearest, ROUNDED, Nearest(len(tried), len(near), distance(nearest)))
     if not poses:
         raise open_loop(numbers, task, tried)
 
@@ -156,31 +165,37 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
     return ClosedPose(nearest, CLOSED, Nearest(len(tried), len(poses), distance(nearest)))
 
 
-def _slide_nearer(numbers: Numbers, q: Array, closed: Array) -> Array:
+def _slide_nearer(numbers: Numbers, q: Array, closed: Array, tolerance: float = CLOSED) -> Array:
     """Return the configuration nearest to q that the closed mechanism moves to, short of singular ones.
 
-    Steps go along the freedoms, Psi n = 0, as far as they lessen the distance; Newton's closes the loops again.
+    Steps go along the freedoms, Psi n = 0, as far as the distance bends (Barzilai and Borwein 1988); Newton's close the
+    loops again.
     """
 
-    def regularity(q: Array) -> float:
-        sigma = np.linalg.svd(numbers.psi(q) * lengths / numbers.sizes[:, None], compute_uv=False)
-        return float(sigma[kept - 1] / sigma[0]) if kept else 1.0
+    def look(there: Array) -> tuple[Array, Array, float]:
+        """Return the way to q, its part along the freedoms, and the ratio of singular values."""
+        _, sigma, Vt = np.linalg.svd(numbers.psi(there) * lengths / numbers.sizes[:, None])
+        away, freedoms = numbers.manifold.difference(there, q) / lengths, Vt[kept:]
+        return away, freedoms.T @ (freedoms @ away), float(sigma[kept - 1] / sigma[0]) if kept else 1.0
 
     lengths, step = numbers.lengths, 1.0
-    kept = rank(numbers.psi(closed), RANK_TOLERANCE)
-    least = min(regularity(closed), REGULAR)
-    away = numbers.manifold.difference(closed, q) / lengths
+    kept = rank(numbers.psi(closed), ROUNDED if tolerance == ROUNDED else RANK_TOLERANCE)
+    cut = ROUNDED if tolerance == ROUNDED else CUT
+    away, along, regularity = look(closed)
+    least = min(LOST * regularity, REGULAR)
     for _ in range(SLIDES):
-        freedoms = np.linalg.svd(numbers.psi(closed) * lengths / numbers.sizes[:, None])[2][kept:]
-        along = freedoms.T @ (freedoms @ away)
-        if np.linalg.norm(along) < 1e-8 or step < 1e-3:
+        if np.linalg.norm(along) < ARRIVED or step < 1e-3:
             break
-        bounded = min(step, MOST_STEP / np.abs(along).max())
-        trial, residual = newton(numbers, numbers.step(closed, bounded * along * lengths), range(numbers.nv))
-        there = numbers.manifold.difference(trial, q) / lengths
-        nearer = residual <= CLOSED and not numbers.turned(trial) and there @ there < away @ away
-        if nearer and regularity(trial) >= least:
-            closed, away, step = trial, there, min(1.0, 2.0 * step)
+        moved = min(step, MOST_STEP / np.abs(along).max()) * along
+        trial, residual = newton(numbers, numbers.step(closed, moved * lengths), range(numbers.nv), cut=cut)
+        there, left, regularity = look(trial)
+        gained = away @ away - there @ there
+        # where rounding hides whether the distance lessens, its slope has to
+        nearer = gained > 0.0 if abs(gained) > UNSURE * (away @ away) else left @ left < along @ along
+        if nearer and residual <= tolerance and regularity >= least and not numbers.turned(trial):
+            bend = moved @ (along - left)
+            step = min(moved @ moved / bend, MOST_STRETCH) if bend > 0.0 else 1.0
+            closed, away, along = trial, there, left
         else:
             step *= 0.5
     return closed
@@ -205,10 +220,10 @@ def _close_from(
 
 
 def _descend_from(
-    numbers: Numbers, q: Array, task: Closable, starts: list[Array]
+    aligned: Aligned, q: Array, task: Closable, starts: list[Array]
 ) -> tuple[list[Pose], list[Pose]]:
     """Return the same by damped steps on rotation vectors, from each start; Newton's make the end exact."""
-    aligned = Aligned(numbers)
+    numbers = aligned.numbers
     poses, tried = [], []
     for start in starts:
         near, left = descend(aligned, start, task.free, aligned.sizes)
