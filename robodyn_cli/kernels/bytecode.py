@@ -12,7 +12,7 @@ from robodyn_cli.kernels.arrays import Array, aligned_zeros
 from robodyn_cli.kernels.compiler import compile_module, machine
 from robodyn_cli.kernels.ir import RELAXED, Function, Int, module
 from robodyn_cli.kernels.mathematics import LIBRARY, halvings, operation, piecewise_of_shape
-from robodyn_cli.kernels.program import LEAVES, PARAMETERS, Instruction, Program
+from robodyn_cli.kernels.program import PARAMETERS, Instruction, Program
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array as Floats
 

@@ -15,7 +15,7 @@ from robodyn_cli.model.build import build_model
 from robodyn_cli.over.findings import findings
 from robodyn_cli.scene.load import examine, load_description, load_scene, load_scene_text
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.scene.urdf.elements import mesh_file
+from robodyn_cli.scene.urdf.meshes import mesh_file
 from robodyn_cli.scene.urdf.xml import joint_names, link_names, scene_names
 
 INERTIA = '<inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.1"/>'

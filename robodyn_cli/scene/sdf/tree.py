@@ -21,7 +21,8 @@ from robodyn_cli.scene.text.nodes import Faults, plain, sequence
 from robodyn_cli.scene.text.nodes import Mapping as MappingNode
 from robodyn_cli.scene.ties import Closure, Coupling, LoopEnd, Ties, motors_by_effort, tie_entries
 from robodyn_cli.scene.urdf.closures import OF_DRAKE
-from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape, drawn_shapes
+from robodyn_cli.scene.urdf.elements import Inertial, UrdfLink, UrdfPose, UrdfShape
+from robodyn_cli.scene.urdf.meshes import drawn_shapes
 from robodyn_cli.scene.urdf.tree import ROOT_JOINT, LinkEntries, origin_of, rotor_entries
 from robodyn_cli.scene.urdf.xml import GROUND, XmlElement, joint_names, link_names, scene_names
 

@@ -12,8 +12,9 @@ from robodyn_cli.scene.dialects import Description, Packages, RobotTree
 from robodyn_cli.scene.text.nodes import Faults, Mapping, Sequence
 from robodyn_cli.scene.ties import Ties, motors_by_effort
 from robodyn_cli.scene.urdf.closures import closures_of, couplings_of
-from robodyn_cli.scene.urdf.elements import UrdfRobot, missing_meshes, read_elements
+from robodyn_cli.scene.urdf.elements import UrdfRobot, read_elements
 from robodyn_cli.scene.urdf.extended import with_file_beside
+from robodyn_cli.scene.urdf.meshes import missing_meshes
 from robodyn_cli.scene.urdf.structure import (
     SINGLE,
     Relation,
