@@ -23,8 +23,8 @@ from robodyn_cli.scene.urdf.elements import (
     UrdfPose,
     UrdfRobot,
     UrdfShape,
-    drawn_shapes,
 )
+from robodyn_cli.scene.urdf.meshes import drawn_shapes
 from robodyn_cli.scene.urdf.structure import SINGLE, Relation, root_of
 from robodyn_cli.scene.urdf.xml import GROUND, joint_names, link_names, scene_names
 
