@@ -103,7 +103,8 @@ def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     if closed.closure is not None and closed.closure.tolerance > CLOSED and off > SAME:
         raise CapabilityError(
             f"{listed(closed.redundant)} follow from the other rows but for rounding in the data, which leaves the "
-            f"loops open by {closed.position_residual:.2g} m or rad: a motion that is led has to close them at every sample; "
+            f"loops open by {closed.position_residual:.2g} m or rad: a motion that is led has to close them "
+            "at every sample; "
             "allowed: lengths and angles with all their digits, or simulate, with the motion in 'prescribed'",
             row=closed.redundant[0], residual=closed.position_residual,
         )  # fmt: skip

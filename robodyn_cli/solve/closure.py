@@ -340,7 +340,8 @@ def search(
     ----------
     close : gives the configuration that a start leads to, and what is left of the conditions there.
     starts : configurations (nq,) to begin with; the search ends early when nothing new turns up.
-    signature : numbers that agree, to ``SAME``, if and only if configurations do. accepted : whether a closed configuration has the attitudes that the closures ask for.
+    signature : numbers that agree, to ``SAME``, if and only if configurations do.
+    accepted : whether a closed configuration has the attitudes that the closures ask for.
     """
     poses: list[Array] = []
     marks: list[Array] = []
