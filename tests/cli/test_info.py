@@ -107,7 +107,7 @@ def test_tree_for_people() -> None:
     assert code == 0
     assert output.splitlines()[1:5] == [
         "  base",
-        "  |-- theta1 (revolute) -> crank, 20.15 kg",
+        "  |-- theta1 (revolute, motor) -> crank, 20.15 kg",
         "  |   `-- phi2 (revolute) -> coupler, 8.25 kg",
         "  `-- phi1 (revolute) -> follower, 8.25 kg",
     ]
