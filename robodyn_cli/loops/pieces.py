@@ -114,9 +114,7 @@ def parallel(
     """
     e, f = first.R @ rotation_to_z(axis), second.R @ rotation_to_z(axis2 or axis)
     attitude = Attitude(e, f, second.Jw - first.Jw, of_axes=True)
-    return [
-        perpendicular(f"{name}.axis{k + 1}", e[:, k], f[:, 2], first, second, attitude) for k in range(2)
-    ]
+    return [perpendicular(f"{name}.axis{k + 1}", e[:, k], f[:, 2], first, second, attitude) for k in range(2)]
 
 
 def aligned(name: str, rpy: Sequence[float], first: LoopFrame, second: LoopFrame) -> list[Row]:

@@ -17,6 +17,7 @@ from scipy.spatial.transform import Rotation
 from robodyn_cli import Mechanism, load_scene_text
 from robodyn_cli.integrators.runtime.stopped import rates_at
 from robodyn_cli.motion.build import build_motion
+from robodyn_cli.over.plan.plan import plan
 from robodyn_cli.ready.integrable import integrable
 from tests.mechanisms import close
 
@@ -234,3 +235,28 @@ def oracle(data: Data, model: Any, q: np.ndarray, v: np.ndarray) -> np.ndarray:
             own[body.joint_name], rates[body.joint_name] = at[0], rate[0]
     there = accelerations(data, own, rates)
     return np.concatenate([there[b.joint_name] for b in sorted(model.bodies, key=lambda b: b.v)])
+
+
+CONTROLLERS = [
+    {"type": "pd", "gains": {"kp": 100, "kd": 20}},
+    {"type": "gravity", "gains": {"kp": 100, "kd": 20}},
+    {"type": "feed_forward", "gains": {"kp": 100, "kd": 20}},
+    {"type": "computed_torque", "gains": {"kp": 100, "kd": 20}},
+    {"type": "computed_torque", "gains": {"kp": 100, "kd": 20}, "period": 0.001, "delay": 0.0005},
+    {
+        "type": "computed_torque",
+        "gains": {"kp": 100, "kd": 20},
+        "model": {"set": {"robot.links.bl10.mass": 0.35}},
+    },
+]
+
+
+@pytest.mark.parametrize("control", CONTROLLERS)
+def test_controllers_of_redundant_loops_have_a_plan(control: Data) -> None:
+    """A page shows the plan, which also counts what terms would cost that the scene does not have."""
+    data = mechanism(3, 1.0, "fixed")
+    goal = {name: data["initial"]["q"][name] for name in ("l10", "r10")}
+    points = [{"t": 0, "q": goal}, {"t": 0.1, "q": {name: x + 0.1 for name, x in goal.items()}}]
+    data |= {"trajectory": {"type": "quintic", "points": points}, "torques": {}, "actuated": list(goal)}
+    scene = load_scene_text(json.dumps({**data, "control": control}))
+    assert "prescribed motion" in json.dumps(plan(scene, "simulate"), default=str)
