@@ -103,9 +103,10 @@ class LoopRows:
 def vanishes(row: Row) -> bool:
     """Tell whether a row is identically zero and may be dropped, such as the rows of a planar loop out of its
     plane."""
-    if not isinstance(row.cosine, Expr) and row.cosine < 0.5:
-        return False  # the links are half a turn off and no joint can turn them: assembly refuses that
-    return not any(is_nonzero(x) for x in (row.eta, row.gamma, row.eta_t, *row.psi))
+    if any(is_nonzero(x) for x in (row.eta, row.gamma, row.eta_t, *row.psi)):
+        return False
+    # where the links are half a turn off and no joint can turn them, assembly is to refuse that
+    return isinstance(row.cosine, Expr) or row.cosine >= 0.5
 
 
 @record

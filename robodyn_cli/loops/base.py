@@ -59,18 +59,22 @@ class LoopClosure:
 
 @record
 class Attitude:
-    """Two frames that a closure holds aligned.
+    """Two frames that a closure holds aligned, or of which it holds the axes z alone parallel.
 
-    e, f : (3, 3) axes as columns. Jw : (3, nv) Jacobian of the angular velocity of f relative to e.
+    e, f : (3, 3) axes as columns. Jw : (3, nv) Jacobian of the angular velocity of f relative to e. of_axes : whether
+    it is the axes alone.
     """
 
     e: Matrix
     f: Matrix
     Jw: Matrix
+    of_axes: bool = False
 
     @property
     def cosine(self) -> Any:
-        """Cosine of the angle between the frames: (trace of e^T f - 1) / 2."""
+        """Cosine of the angle between the axes, or between the frames: (trace of e^T f - 1) / 2."""
+        if self.of_axes:
+            return dot(self.e[:, 2], self.f[:, 2])
         return (sum(dot(self.e[:, k], self.f[:, k]) for k in range(3)) - 1.0) * 0.5
 
 

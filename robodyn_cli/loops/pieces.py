@@ -108,12 +108,13 @@ def perpendicular(
 def parallel(
     name: str, axis: Sequence[float], axis2: Sequence[float] | None, first: LoopFrame, second: LoopFrame
 ) -> list[Row]:
-    """Return the rows axis1, axis2 of parallel axes: components of the second across the first."""
-    n = direction(second, axis2 or axis)
-    return [
-        perpendicular(f"{name}.axis{k}", u, n, first, second)
-        for k, u in enumerate(across(first, axis), start=1)
-    ]
+    """Return the rows axis1, axis2 of parallel axes: components of the second across the first.
+
+    They vanish where the axes point opposite ways as well; the rows' attitude tells that apart.
+    """
+    e, f = first.R @ rotation_to_z(axis), second.R @ rotation_to_z(axis2 or axis)
+    attitude = Attitude(e, f, second.Jw - first.Jw, of_axes=True)
+    return [perpendicular(f"{name}.axis{k + 1}", e[:, k], f[:, 2], first, second, attitude) for k in range(2)]
 
 
 def aligned(name: str, rpy: Sequence[float], first: LoopFrame, second: LoopFrame) -> list[Row]:

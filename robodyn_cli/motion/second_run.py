@@ -33,6 +33,7 @@ from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.motion import NOT_MEANINGFUL, MotionErrors
 
 Tick = Callable[[float], None] | None
+REST = 1e-14  # of 1 rad, 1 m or their rates, or of larger ones: what rounding moves of a structure at rest
 
 
 @record
@@ -220,8 +221,9 @@ def estimate_error(
     # where an estimate says no more than that the digits of a motion are lost
     lost = np.zeros(len(dq), dtype=bool)
     for error, x in ((dq, recorder.array("q")[: len(dq)]), (dv, recorder.array("qd")[: len(dv)])):
-        spread = max(float(np.ptp(x, axis=0).max(initial=0.0)), 1e-300)
-        lost |= error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
+        spread = float(np.ptp(x, axis=0).max(initial=0.0))
+        rounding = REST * max(float(np.abs(x).max(initial=0.0)), 1.0)
+        lost |= error.max(axis=1, initial=0.0) > max(NOT_MEANINGFUL * spread, rounding)
     time = float(recorder.array("time")[int(np.argmax(lost))])
     q_end, qd_end, _ = motion.system.split(courses.at_end(floor)[0])
     errors = MotionErrors(

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robodyn_cli.algorithms.aba import factor_joint
 from robodyn_cli.algorithms.composite import crba
@@ -21,7 +22,7 @@ from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.model.model import BASE, Body, Model, unknown_among
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
-from robodyn_cli.solve.closure import mechanism_size
+from robodyn_cli.solve.closure import ROUNDED, mechanism_size
 from robodyn_cli.spatial.algebra import Array, Matrix, Transform, Vector, columns
 from robodyn_cli.spatial.inertia import ArticulatedInertia, RigidInertia
 
@@ -131,7 +132,7 @@ def braces(problem: Problem, model: Model, q: Array) -> dict[str, float]:
     M = _numbers(numbers, q)
     if M is None:
         return {}
-    psi = problem.numbers(constraints.psi(model.nv), q)
+    psi = _moving_rows(problem, q)
     if not (_is_light(felt, M) or _is_lost(problem, model, M, psi) or _may_be_light(model, q, felt)):
         return {}
     if (least := _least_felt(model, M, psi)) is not None and least[0] < SINGULAR:
@@ -147,8 +148,26 @@ def _along(problem: Problem, model: Model) -> list[float]:
     q, psi = moved(model, Manifold(model).neutral().tolist(), step), problem.all_constraints.psi(model.nv)
     with witnessed():
         entries = renamed(psi.ravel().tolist(), {"q": dict(enumerate(q)), "t": {0: 0.0}})
-        known = np.array([x if is_number(x) else 0.0 for x in entries], dtype=object)
-        return inertias_along(crba(model, q), known.reshape(psi.shape))
+        known = np.array([x if is_number(x) else 0.0 for x in entries], dtype=object).reshape(psi.shape)
+        known[_is_rounding(problem, known.astype(float))] = 0.0
+        return inertias_along(crba(model, q), known)
+
+
+def _is_rounding(problem: Problem, psi: Array) -> NDArray[np.bool_]:
+    """Tell which rows of Psi (m, nv) are nothing but rounding, such as those of a planar loop's axes in a tilted plane.
+
+    Such a row moves nothing, and nothing may be divided by its length.
+    """
+    size = mechanism_size(problem.model)
+    lengths = np.array([size if unit == "m" else 1.0 for unit in problem.model.v_units])
+    sizes = np.array([size if row.unit == "m" else 1.0 for row in problem.all_constraints.rows])
+    return np.asarray(np.abs(psi * lengths).max(axis=1, initial=0.0) < ROUNDED * sizes)
+
+
+def _moving_rows(problem: Problem, q: Array, time: float = 0.0) -> Array:
+    """Return Psi (m, nv) of all rows at q (nq,), with zeros in those that are rounding."""
+    psi = problem.numbers(problem.all_constraints.psi(problem.model.nv), q, time)
+    return np.where(_is_rounding(problem, psi)[:, None], 0.0, psi)
 
 
 def _is_light(felt: list[Felt], M: Array) -> bool:
@@ -330,7 +349,7 @@ def nearly_singular(problem: Problem, q: Array, time: float) -> str:
         return ""
     model = problem.model
     if problem.braces:
-        M, psi = _numbers(model, q), problem.numbers(problem.all_constraints.psi(model.nv), q, time)
+        M, psi = _numbers(model, q), _moving_rows(problem, q, time)
         least = None if M is None else _least_felt(model, M, psi)
         if least is None or least[0] >= NEARLY:
             return ""

@@ -236,6 +236,7 @@ CLOSED = 1e-10
 BALANCED = 1e-13  # step below which the iteration has converged, rad or part of the mechanism's size
 INDIFFERENT = 1e-12  # eigenvalue over the largest one below which it is rounding and counts as zero
 FLAT = 1e-6  # of the largest eigenvalue: the stiffness that steps take where there is none
+LEFT = 1e-14  # of the forces in play: what rounding leaves of a force
 
 
 class Forces(Protocol):
@@ -282,6 +283,14 @@ class _Here:
     N: Array
     lam: Array
     free: Array  # N^T r
+    carried: Array  # |r| + |Psi|^T |lambda|
+
+    def is_rounding(self, lengths: Array) -> bool:
+        """Tell whether the forces that are left are what rounding leaves of those in play, as torques."""
+        torques = float(np.abs(self.carried * lengths).max(initial=0.0))
+        return bool(
+            np.all(np.abs(self.free) <= LEFT * torques * np.abs(self.N / lengths[:, None]).sum(axis=0))
+        )
 
 
 def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
@@ -322,10 +331,12 @@ def balance(conditions: Conditions, forces: Forces, q: Array) -> Balance:
         bound = min(MOST_STEP, 2.0 * float(np.abs(here.N @ step / scale).max()))
         if there is here or not np.all(np.isfinite(there.free)):
             break
-        at_rounding = float(np.abs(there.free).max()) >= float(np.abs(here.free).max()) and length < 1e-9
-        here = there
-        if at_rounding:
+        before, after = (float(np.abs(x.free).max()) for x in (here, there))
+        # steps along what nothing holds go on for ever, led by rounding
+        if after >= 0.5 * before and here.is_rounding(scale):
             converged = True
+            break
+        converged, here = after >= before and length < 1e-9, there
     K = here.N.T @ forces.stiffness(here.q, here.lam) @ here.N
     values = np.linalg.eigvals(K) if K.size else np.zeros(0)
     order = np.argsort(values.real)
@@ -344,7 +355,7 @@ def _at(conditions: Conditions, forces: Forces, q: Array) -> _Here:
     N, _ = allowed_motions(J[None])
     r = forces.load(q)
     lam = np.linalg.pinv(J.T, rcond=1e-8) @ r if len(J) else np.zeros(0)
-    return _Here(q, N[0], lam, N[0].T @ r)
+    return _Here(q, N[0], lam, N[0].T @ r, np.abs(r) + np.abs(J).T @ np.abs(lam))
 
 
 def _downhill(K: Array, force: Array) -> Array:

@@ -95,7 +95,7 @@ def closing(kind: str, axis: np.ndarray, first: np.ndarray, second: np.ndarray) 
     turn = first[:3, :3].T @ second[:3, :3]
     u = axis / np.linalg.norm(axis)
     across = [*(gap - u * (u @ gap))]
-    parallel = [*np.cross(u, turn @ u)]
+    parallel = [*(turn @ u - u)]  # upside down is not closed
     apart = {
         "spherical": [*gap],
         "revolute": [*gap, *parallel],

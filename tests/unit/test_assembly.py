@@ -292,6 +292,7 @@ def test_a_truss_is_named() -> None:
     assert any(
         text.startswith("nothing can move: the loops (pin, brace)") for text in result.summary["warnings"]
     )
+    assert not any("not meaningful" in text for text in result.summary["warnings"])
     assert "nothing can move" not in str(
         simulate(load_scene_text("schema: 1\n" + bars(PIN))).summary.get("warnings")
     )

@@ -44,6 +44,15 @@ def weld(axes: str, at: str = "[0.3, 0.4, 0.2]", rpy: str = "[0.4, -1.1, 2.5]") 
     )
 
 
+def pinned(kind: str, axes: str = "zyxzyxz") -> str:
+    last = len(axes) - 1
+    return chain(
+        axes,
+        f"    goal: {{link: base, at: [0.3, 0.4, 0.2]}}\n    hand: {{link: l{last}, at: [0.3, 0, 0]}}\n"
+        f"loops: [{{name: pin, type: {kind}, between: [goal, hand], axis: [0.3, -0.2, 1], axis2: [1, 0.5, 0.2]}}]\n",
+    )
+
+
 def numbers_of(text: str) -> Numbers:
     return Numbers(Problem(load_scene_text(text)), ())
 
@@ -53,9 +62,10 @@ def assembled(text: str, *overrides: str) -> Result:
 
 
 # -- attitudes -----------------------------------------------------------------------------------------------
-def test_rotation_vectors_have_their_own_jacobian() -> None:
+@pytest.mark.parametrize("text", [weld("zyxzyxz"), pinned("revolute")])
+def test_rotation_vectors_have_their_own_jacobian(text: str) -> None:
     """Against central differences, from small angles to almost half a turn."""
-    numbers = numbers_of(weld("zyxzyxz"))
+    numbers = numbers_of(text)
     aligned, rng = Aligned(numbers), np.random.default_rng(3)
     largest = 0.0
     for q in starts_around(numbers, numbers.manifold.neutral(), list(range(numbers.nv)), np.pi, 4):
@@ -68,9 +78,13 @@ def test_rotation_vectors_have_their_own_jacobian() -> None:
     assert largest > 2.5
 
 
-@pytest.mark.parametrize("axes", ["zyxzyxz", "xyzxyzxy", "zyzyxyz"])
-def test_sines_fall_into_half_turns_and_rotation_vectors_do_not(axes: str) -> None:
-    numbers = numbers_of(weld(axes))
+WELDS = [weld(axes) for axes in ("zyxzyxz", "xyzxyzxy", "zyzyxyz")]
+PINS = [pinned(kind) for kind in ("revolute", "planar", "cylindrical")]
+
+
+@pytest.mark.parametrize("text", [*WELDS, *PINS])
+def test_sines_fall_into_half_turns_and_rotation_vectors_do_not(text: str) -> None:
+    numbers = numbers_of(text)
     aligned, free = Aligned(numbers), range(numbers.nv)
     turned, closed = 0, 0
     for start in starts_around(numbers, numbers.manifold.neutral(), list(free), np.pi, 8):
@@ -82,14 +96,17 @@ def test_sines_fall_into_half_turns_and_rotation_vectors_do_not(axes: str) -> No
     assert turned >= 3 and closed >= 10  # of 24; an arm near its full reach has other least gaps too
 
 
-def test_a_weld_closes_from_nothing_as_it_is_meant() -> None:
-    text = weld("zyxzyxz")
+@pytest.mark.parametrize("text", [weld("zyxzyxz"), *PINS])
+def test_what_holds_an_attitude_closes_from_nothing_as_it_is_meant(text: str) -> None:
     result = assembled(text)
     q = result["q"][0]
     numbers = numbers_of(text)
     F, _ = Aligned(numbers).at(q, 0.0)
     assert np.abs(F).max() < 1e-13 and not numbers.turned(q)
-    assert result.summary["nearest"]["closed"] > 5 and result.summary["mobility"]["actual"] == 1
+    alike = [row.attitude.cosine for row in numbers.rows if row.attitude is not None]
+    np.testing.assert_allclose(Problem(load_scene_text(text)).numbers(alike, q), 1.0, atol=1e-12)
+    assert result.summary["nearest"]["closed"] > 5
+    assert result.summary["mobility"]["actual"] == 7 - len(numbers.rows)
     assert result.summary["tolerance"] == CLOSED
     assert "nearest to q = 0" in describe(result.summary) and "other branches may exist" in describe(
         result.summary

@@ -141,6 +141,23 @@ def test_estimate_says_where_it_means_nothing() -> None:
     assert found["at_rounding"] and "meaningful_until" not in found
 
 
+def test_a_structure_at_rest_loses_no_digits() -> None:
+    """Its coordinates range over nothing, and are off by rounding."""
+    text = """
+schema: 1
+gravity: [0.3, -0.5, -9.81]
+robot:
+  joints: [{name: a, type: revolute, axis: [1, 2, 3]}, {name: b, type: revolute, axis: [0, 0.2, 1], origin: {xyz: [0.2, 0.1, 0]}}]
+  links: [{name: one, mass: 1, com: [0.1, 0, 0], inertia: ALL}, {name: two, mass: 2, com: [0.1, 0.1, 0], inertia: ALL}]
+  points: {tip: {link: two, at: [0.3, 0, 0]}, wall: {link: base, at: [0.5, 0.1, 0]}}
+loops: [{name: weld, type: fixed, between: [wall, tip]}]
+simulate: {duration: 0.001, samples: 2}
+"""
+    summary = simulate(load_scene_text(text.replace("ALL", "{xx: 1, yy: 1, zz: 1}"))).summary
+    assert summary["error_estimate"]["q_max"] < 1e-15
+    assert not any("not meaningful" in text for text in summary["warnings"])
+
+
 def test_without_an_estimate() -> None:
     scene = load_scene(ROOT / "configs" / "four_bar_deploy.yaml", ["simulate.error_estimate=false"])
     summary = deploy(scene).summary

@@ -8,6 +8,7 @@ import pytest
 from robodyn_cli import load_scene_text, simulate
 from robodyn_cli.errors import GeometryError
 from robodyn_cli.results.result import Result
+from tests.mechanisms import SLIDER, run
 from tests.numeric import assert_close
 
 BODY = "{name: body, mass: 2, com: [0.3, 0.1, -0.2], inertia: {xx: 0.07, yy: 0.09, zz: 0.05, xy: 0.01, yz: -0.02}}"
@@ -171,3 +172,32 @@ loops: [{name: weld, type: fixed, between: [stop, block.origin], rpy: [0, 0, 180
 """
     with pytest.raises(GeometryError, match="weld in another attitude"):
         simulate(load_scene_text(text))
+
+
+BALL_ON_A_PIN = """
+schema: 1
+gravity: [0, 0, 0]
+robot:
+  joints: [{name: ball, type: spherical}]
+  links: [{name: block, mass: 1, com: [0, 0, 0], inertia: {xx: 1, yy: 1, zz: 1}}]
+  points: {seat: {link: base, at: [0, 0, 0]}}
+loops: [{name: pin, type: KIND, between: [seat, block.origin], axis: [0, 0, 1]}]
+initial: {q: {ball: {rpy: [TILT deg, 0, 0]}}}
+"""
+
+
+@pytest.mark.parametrize("kind", ["revolute", "cylindrical", "planar"])
+def test_a_pin_does_not_close_upside_down(kind: str) -> None:
+    """From beyond a right angle it turns back; where it is upside down already it says so."""
+    text = BALL_ON_A_PIN.replace("KIND", kind)
+    q = simulate(load_scene_text(text.replace("TILT", "100")))["q"][0]
+    assert np.abs(q[1:3]).max() < 1e-12
+    with pytest.raises(GeometryError, match="pin upside down.* check its axis and axis2, or start"):
+        simulate(load_scene_text(text.replace("TILT", "180")))
+
+
+def test_a_plane_whose_pin_is_upside_down_in_every_pose_is_refused() -> None:
+    """No start helps there, and the rows of its axes vanish whatever the joints do."""
+    text = SLIDER.replace("axis2: [-1, 0, 0]", "axis2: [1, 0, 0]")
+    with pytest.raises(GeometryError, match="upside down: .* check its axis and axis2"):
+        run(text)

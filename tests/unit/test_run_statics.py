@@ -9,6 +9,7 @@ from scipy.optimize import minimize_scalar
 from robodyn_cli import inverse, load_scene, load_scene_text
 from robodyn_cli.errors import CapabilityError, NumericalError, RobodynError, SceneError
 from robodyn_cli.results.result import Result
+from robodyn_cli.solve.load_sharing import balance
 from robodyn_cli.works.statics import statics
 from tests.mechanisms import BENNETT, CONFIGS, SLIDER, close
 
@@ -156,3 +157,29 @@ def test_what_is_refused() -> None:
     with pytest.raises(RobodynError) as caught:
         of(SLIDER, *dead)
     assert caught.value.exit_code == 4
+
+
+def test_what_rounding_leaves_of_a_force_is_balanced() -> None:
+    """Two hinges beside a bar that carries a weight: what nothing holds is not moved on and on by rounding."""
+    rng = np.random.default_rng(5)
+
+    class Bar:
+        lengths, sizes = np.ones(3), np.ones(1)
+
+        def at(self, q: np.ndarray, t: float) -> tuple[np.ndarray, np.ndarray]:
+            return np.array([q[2]]), np.array([[0.0, 0.0, 1.0]])
+
+        def step(self, q: np.ndarray, dq: np.ndarray) -> np.ndarray:
+            return np.array(q + dq)
+
+    class Forces:
+        def load(self, q: np.ndarray) -> np.ndarray:
+            spring = 1e-3 * np.sin(q[0] - 0.2)
+            return np.array([spring, 0.0, 3.0]) + 3e-16 * rng.normal(size=3) * [1, 1, 0]
+
+        def stiffness(self, q: np.ndarray, lam: np.ndarray) -> np.ndarray:
+            return np.diag([1e-3 * np.cos(q[0] - 0.2), 0.0, 0.0])
+
+    rest = balance(Bar(), Forces(), np.array([0.9, 0.4, 0.0]))
+    assert rest.converged and rest.iterations < 20 and rest.stability == "indifferent"
+    assert abs(rest.q[0] - 0.2) < 1e-12 and abs(rest.q[1] - 0.4) < 1e-5

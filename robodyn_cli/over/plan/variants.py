@@ -260,8 +260,11 @@ def general_drives(v: Variant) -> Variant:
 
 
 def one_prescribed(v: Variant) -> Variant:
-    """The first coordinate whose rate is a velocity as a quadratic function of time; none may be such."""
-    motion = Polynomial(list(v.symbols.vector()))
+    """The first coordinate whose rate is a velocity as a quadratic function of time; none may be such.
+
+    It has numbers in place of symbols: the model of a controller, which has a graph of its own, moves as it does.
+    """
+    motion = Polynomial([0.3, 0.7, 0.9])
     driven = [name for name in v.model.q_names if name in v.model.v_names][:1]
     return v.with_scene(prescribed=dict.fromkeys(driven, motion))
 

@@ -12,10 +12,11 @@ from robodyn_cli.spatial.quaternion import logarithm
 
 DESCENT = 300  # damped steps
 ATTEMPTS = 24  # random starts
+UPSIDE_DOWN = 1e-2  # rad from upside down, where the direction of an axis turns without bound
 
 
 class Aligned:
-    """The conditions of ``Numbers`` with a rotation vector in the place of each attitude's sines.
+    """The conditions of ``Numbers`` with a rotation vector, or that of two axes, in the place of each attitude's sines.
 
     phi = log(e^T f) vanishes in one attitude alone, sines in others as well. Its rate is J^-1 e^T Jw v with the left
     Jacobian J of rotation vectors: J^-1 = 1 - [phi]/2 + k [phi]^2, k = (1 - a/2 cot(a/2)) / a^2, a = |phi|
@@ -26,32 +27,59 @@ class Aligned:
         self.numbers, self.lengths = numbers, numbers.lengths
         turned = {id(row.attitude): row for row in numbers.rows if row.attitude is not None}
         self._plain = [k for k, row in enumerate(numbers.rows) if row.attitude is None]
-        attitudes = [row.attitude for row in turned.values() if row.attitude is not None]
-        self.rotated = [row.closure for row in turned.values()]
-        ends = [x for a in attitudes for part in (a.e, a.f, a.Jw) for x in part.ravel()]
+        attitudes = [(row, row.attitude) for row in turned.values() if row.attitude is not None]
+        ends = [x for _, a in attitudes for part in (a.e, a.f, a.Jw) for x in part.ravel()]
         plain = [x for k in self._plain for x in (numbers.rows[k].eta, *numbers.rows[k].psi)]
         self._all, self._cut = numbers.values_of([*plain, *ends]), len(plain)
-        self.loops = [numbers.rows[k].closure for k in self._plain] + [
-            loop for loop in self.rotated for _ in range(3)
-        ]
-        self.units = [numbers.rows[k].unit for k in self._plain] + ["rad"] * 3 * len(turned)
-        self.sizes = np.append(numbers.sizes[self._plain], np.ones(3 * len(turned)))
+        self._of_axes = np.array([a.of_axes for _, a in attitudes], dtype=bool)
+        self.rotated = [row.closure for row, _ in attitudes]
+        closures = [row.closure for row, a in attitudes for _ in range(2 if a.of_axes else 3)]
+        self._kept = np.array([k < 2 or not a.of_axes for _, a in attitudes for k in range(3)], dtype=bool)
+        self.loops = [numbers.rows[k].closure for k in self._plain] + closures
+        self.units = [numbers.rows[k].unit for k in self._plain] + ["rad"] * len(closures)
+        self.sizes = np.append(numbers.sizes[self._plain], np.ones(len(closures)))
 
     def at(self, q: Array, t: float) -> tuple[Array, Array]:
         values, nv = self._all(q, t), self.numbers.nv
         plain, ends = values[: self._cut].reshape(-1, 1 + nv), values[self._cut :].reshape(-1, 18 + 3 * nv)
-        e, f = ends[:, :9].reshape(-1, 3, 3), ends[:, 9:18].reshape(-1, 3, 3)
-        e = e.transpose(0, 2, 1)
-        phi = logarithm(e @ f)
-        half = 0.5 * np.maximum(np.linalg.norm(phi, axis=1), 1e-4)  # 1e-4: k is 1/12 to rounding
-        k = 0.25 * (1.0 - half / np.tan(half)) / half**2
-        skew = np.cross(np.eye(3), phi[:, None, :])
-        inverse = np.eye(3) - 0.5 * skew + k[:, None, None] * (skew @ skew)
-        turning = inverse @ e @ ends[:, 18:].reshape(-1, 3, nv)
-        return np.append(plain[:, 0], phi), np.concatenate([plain[:, 1:], turning.reshape(-1, nv)])
+        e, f = ends[:, :9].reshape(-1, 3, 3).transpose(0, 2, 1), ends[:, 9:18].reshape(-1, 3, 3)
+        relative, Jw = e @ f, e @ ends[:, 18:].reshape(-1, 3, nv)
+        phi, turning = _rotation_vectors(relative, Jw)
+        axes = self._of_axes
+        phi[axes], turning[axes] = _tilts(relative[axes, :, 2], Jw[axes])
+        return (
+            np.append(plain[:, 0], phi.ravel()[self._kept]),
+            np.concatenate([plain[:, 1:], turning.reshape(-1, nv)[self._kept]]),
+        )
 
     def step(self, q: Array, dq: Array) -> Array:
         return self.numbers.step(q, dq)
+
+
+def _rotation_vectors(R: Array, Jw: Array) -> tuple[Array, Array]:
+    """Return phi (n, 3) of rotations (n, 3, 3) and its rates (n, 3, nv) for those of the angular velocity."""
+    phi = logarithm(R)
+    half = 0.5 * np.maximum(np.linalg.norm(phi, axis=1), 1e-4)  # 1e-4: k is 1/12 to rounding
+    k = 0.25 * (1.0 - half / np.tan(half)) / half**2
+    skew = np.cross(np.eye(3), phi[:, None, :])
+    return phi, (np.eye(3) - 0.5 * skew + k[:, None, None] * (skew @ skew)) @ Jw
+
+
+def _tilts(n: Array, Jw: Array) -> tuple[Array, Array]:
+    """Return a u (n, 3) of axes n (n, 3), at angles a from z in the directions u across it, and its rates (n, 3, nv).
+
+    With k = z x u: a' = k.w and u' = k (n x k).w / sin a; both tell an axis that points the other way.
+    """
+    across = np.hypot(n[:, 0], n[:, 1])
+    angle, zero = np.arctan2(across, n[:, 2]), np.zeros(len(n))
+    # upside down any way round leads back
+    u = np.where(across[:, None] > TINY, n / np.maximum(across, TINY)[:, None], [1.0, 0.0, 0.0])
+    u[:, 2] = 0.0
+    k = np.stack([-u[:, 1], u[:, 0], zero], axis=1)
+    ratio = np.where(n[:, 2] > 0.0, 1.0 / np.sinc(angle / np.pi), angle / np.maximum(across, UPSIDE_DOWN))
+    tilting = (k[:, None, :] @ Jw) * u[:, :, None]
+    turning = (np.cross(n, k)[:, None, :] @ Jw) * (ratio[:, None] * k)[:, :, None]
+    return angle[:, None] * u, tilting + turning
 
 
 def descend(

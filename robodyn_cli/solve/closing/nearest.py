@@ -6,7 +6,7 @@ import numpy as np
 
 from robodyn_cli.record import record
 from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
-from robodyn_cli.solve.closing.open_loops import Closable, open_loop
+from robodyn_cli.solve.closing.open_loops import Closable, open_loop, refuse_turned
 from robodyn_cli.solve.closure import CLOSED, CUT, MOST_STEP, ROUNDED, Numbers, newton, rank
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
@@ -63,6 +63,7 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
         return _nearest_to_neutral(numbers, q, task)
     starts = [q, *starts_around(numbers, q, task.missing, np.pi, 1)]
     poses, tried = _close_from(numbers, q, task, starts)
+    refuse_turned(numbers, task, q, tried[0][1], tried[0][0])
     near = [start for start, (left, _) in zip(starts, tried) if left < NEARLY]
     exact = _regular(numbers, poses)[0] if poses else None
     if exact is None or _hides_dependence(numbers, exact[1]):

@@ -126,8 +126,31 @@ def _closed_elsewhere(numbers: Numbers, q: Array) -> GeometryError:
             f"the loops close only far from 'initial.q', at {there}; give a start near that, or another one"
         )
         return GeometryError(text, gap=0.0, q=q.tolist())
-    text = f"the loops closed only with {names} in another attitude than asked for; check its rpy"
+    text = f"the loops closed only with {names} {_turned_words(numbers, q)}"
     return GeometryError(text, loop=names, gap=0.0, q=q.tolist())
+
+
+def _turned_words(numbers: Numbers, q: Array) -> str:
+    turned = numbers.turned(q)
+    attitudes = [row.attitude for row in numbers.rows if row.closure in turned and row.attitude is not None]
+    if all(x.of_axes for x in attitudes):
+        return "upside down: the axes of its two links point opposite ways; check its axis and axis2"
+    return "in another attitude than asked for; check its rpy"
+
+
+def refuse_turned(numbers: Numbers, task: Closable, q: Array, closed: Array, residual: float) -> None:
+    """Refuse a start q (nq,) with all its values given that closes where it is, but half a turn off.
+
+    Raises
+    ------
+    GeometryError
+    """
+    moved = np.abs(numbers.manifold.difference(q, closed) / numbers.lengths).max(initial=0.0)
+    if task.missing or residual > CLOSED or moved > SAME_POSE or not numbers.turned(closed):
+        return
+    names = ", ".join(numbers.turned(closed))
+    text = f"'initial.q' closes the loops with {names} {_turned_words(numbers, closed)}, or start in another pose"
+    raise GeometryError(text, loop=names, gap=0.0, q=closed.tolist())
 
 
 def _where_free(numbers: Numbers, task: Closable, q: Array) -> str:
