@@ -105,8 +105,10 @@ def along_motion(drawing: Drawing, most: int) -> list[int]:
     The length of a step is how far the vertex has moved that has moved furthest.
     """
     count = len(drawing.times)
-    steps = np.linalg.norm(np.diff(drawing.vertices, axis=0), axis=2)
-    moved = np.nan_to_num(steps, posinf=0.0).max(axis=1, initial=0.0)
+    steps = np.nan_to_num(np.linalg.norm(np.diff(drawing.vertices, axis=0), axis=2), posinf=0.0)
+    # the way of a payload that flies says little of the mechanism
+    own = [k for k in range(steps.shape[1]) if k not in drawing.carried]
+    moved = (steps[:, own] if steps[:, own].any() else steps).max(axis=1, initial=0.0)
     length = np.concatenate([[0.0], np.cumsum(moved)])
     if not length[-1] > 0.0:
         return [0] if count == 1 else [0, count - 1]
@@ -137,6 +139,37 @@ def moving_paths(result: Result) -> dict[str, Array]:
             paths[name] = path
     size = max((_extent(path) for path in paths.values()), default=0.0)
     return {name: path for name, path in paths.items() if _extent(path) > STILL * size}
+
+
+FINE = 1500  # places of a path, about, where samples are fewer
+STRAY = (
+    0.2  # part of a way by which rates at its ends may miss it, where a curve through them shows the motion
+)
+
+
+def motion_between(result: Result) -> tuple[Array, Array] | None:
+    """Return times (K,) and positions (K, nq) at samples and between them, on the cubic polynomials that have the rates
+    there, too; None where samples are near enough, or too few.
+
+    Positions go straight where rates do not fit them: something happened on the way, or samples are too far apart.
+    """
+    t, q = result.time, result["q"]
+    if not 2 <= len(t) < FINE or not np.isfinite(q).all():
+        return None
+    pieces, h = -(-FINE // (len(t) - 1)), np.diff(t)[:, None]
+    rates = result["qd"] if "qd" in result and result["qd"].shape == q.shape else np.gradient(q, t, axis=0)
+    way, first, last = np.diff(q, axis=0), h * rates[:-1], h * rates[1:]
+    size = np.abs(way) + np.abs(first) + np.abs(last)
+    strays = (np.abs(way - 0.5 * (first + last)) > STRAY * size).any(axis=1)
+    happened = np.searchsorted(t, [float(event["time"]) for event in result.events]) - 1
+    strays[happened[(happened >= 0) & (happened < len(strays))]] = True
+    first, last = (np.where(strays[:, None], way, x)[:, None] for x in (first, last))
+    s = (np.arange(pieces) / pieces)[None, :, None]
+    x = q[:-1, None] + s * (
+        first + s * (3.0 * way[:, None] - 2.0 * first - last + s * (first + last - 2.0 * way[:, None]))
+    )
+    times = (t[:-1, None] + s[0, :, 0] * h).ravel()
+    return np.append(times, t[-1]), np.vstack([x.reshape(-1, q.shape[1]), q[-1:]])
 
 
 def drawing_of_paths(paths: list[Array], gravity: Array) -> Drawing:

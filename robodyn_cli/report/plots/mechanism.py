@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.drawing import paper
-from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing
+from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
 from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
 from robodyn_cli.report.drawing.paper import Painted, name_lines
 from robodyn_cli.report.drawing.places import along_motion, drawing_of_paths, evenly, moving_paths
@@ -27,6 +27,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 POSES = 8
+FAR = 1.5  # times the size of the mechanism, beyond which a flight has a view of its own
 MOST_NAMES = 8
 # of frames: Okabe and Ito's vermilion, green and blue
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
@@ -39,15 +40,15 @@ def mechanism(result: Result) -> Any:
     drawing = make_drawing(result, evenly(len(result.time), 400))
     chosen = along_motion(drawing, POSES)
     poses = drawing.at(chosen)
-    view = View(poses, default_camera(drawing))
+    view = View(poses, default_camera(drawing), near=True)
     locked = lock_time(result)
     times = [f"{number(float(t), 4)} s" for t in poses.times]
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
     height = paper.height_of(view, paper.WIDTH)
-    views = [] if view.flat else [View(poses, along_axis(axis)) for axis in (1, 0, 2)]
+    views = _views_below(view)
     more = paper.room_below(views)
-    sheet = Sheet(result, _subtitle(view, len(chosen)), labels=labels, height=height + more)
+    sheet = Sheet(result, _subtitle(view, len(chosen), bool(views)), labels=labels, height=height + more)
     for one, below in zip(views, paper.axes_below(sheet, views)):
         paper.put(below, one, len(chosen) - 1, _ghosts(one, 0.7), grid=False)
     ax = sheet.ax
@@ -64,9 +65,20 @@ def mechanism(result: Result) -> Any:
     return sheet.figure
 
 
-def _subtitle(view: View, count: int) -> str:
+def _views_below(view: View) -> list[View]:
+    """Return the views along the axes of a drawing in space; in a plane that of a flight that leads far away."""
+    if not view.flat:
+        return [View(view.drawing, along_axis(axis)) for axis in (1, 0, 2)]
+    whole = View(view.drawing, view.camera)
+    (low, high), (own_low, own_high) = whole.extent, view.extent
+    return [whole] if float((high - low).max()) > FAR * float((own_high - own_low).max()) else []
+
+
+def _subtitle(view: View, count: int, below: bool) -> str:
     instants = f"{count} instants, light to dark" if count > 1 else "1 instant"
     where = paper.where(view) + ("" if view.flat else " and along the axes")
+    if view.flat and below:
+        instants += "; below with the whole flight"
     told = paper.caption(view, grid=not view.flat)
     return f"The mechanism {where} at {instants}{'; ' if told else ''}{told}"
 
@@ -89,7 +101,7 @@ START: dict[str, Any] = {"marker": "o", "color": "white", "markeredgewidth": 1.8
 def tip_path(result: Result) -> Any:
     """Paths of the named points that move, and of their targets: flat in a plane, in space with views along the
     axes."""
-    points = moving_paths(result)
+    samples, points = moving_paths(result), {name: path for name, (_, path) in paths_of(result).items()}
     targets = {name: item.data for name, item in result.group("targets").items() if name in points}
     drawn = list(points)[:FEW]
     shown = {name: points[name] for name in drawn}
@@ -99,7 +111,7 @@ def tip_path(result: Result) -> Any:
     views = [] if view.flat else [View(paths, along_axis(axis)) for axis in (1, 0, 2)]
     labels = [*drawn, *(["target"] if targets else []), "start"]
     height = paper.height_of(view, paper.WIDTH) + paper.room_below(views)
-    sheet = Sheet(result, _subtitle_of_paths(view, points, targets, drawn), labels=labels, height=height)
+    sheet = Sheet(result, _subtitle_of_paths(view, samples, targets, drawn), labels=labels, height=height)
     for one, ax in zip(views, paper.axes_below(sheet, views)):
         _paths(ax, one, shown, targets, 0.6)
     paper.set_up(sheet.ax, view)
