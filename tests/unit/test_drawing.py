@@ -13,6 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from robodyn_cli import assemble, deploy, inverse, kinematics, load_scene, load_scene_text, simulate, statics
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.report.drawing import paper, symbols
 from robodyn_cli.report.drawing.build import make_drawing, paths_of
@@ -440,7 +441,8 @@ def test_paths_go_straight_where_something_happens_between_samples() -> None:
     """Rates on both sides of a bounce say nothing of the way between."""
     path = next(p for p in SCENES if p.stem == "bouncing_pendulum")
     result = simulate(load_scene(path, ["simulate.error_estimate=false", "simulate.samples=61"]))
-    times, q = motion_between(result) or (None, None)
+    problem = Problem(load_scene_text(result.scene_text))
+    times, q = motion_between(result, problem) or (None, None)
     assert times is not None and q is not None
     np.testing.assert_array_equal(q[np.searchsorted(times, result.time)], result["q"])
     k = int(np.searchsorted(result.time, result.events[0]["time"])) - 1
@@ -448,4 +450,13 @@ def test_paths_go_straight_where_something_happens_between_samples() -> None:
     share = (times[inside] - result.time[k]) / np.diff(result.time)[k]
     straight = result["q"][k] + share[:, None] * (result["q"][k + 1] - result["q"][k])
     np.testing.assert_allclose(q[inside], straight, atol=1e-12)
-    assert motion_between(simulate(load_scene(path, ["simulate.samples=2001"]))) is None
+    assert motion_between(simulate(load_scene(path, ["simulate.samples=2001"])), problem) is None
+
+
+def test_paths_of_a_ball_joint_stay_at_their_distance_however_far_apart_samples_are() -> None:
+    path = next(p for p in SCENES if p.stem == "spinning_top")
+    for samples, least in ((401, 1000), (21, 21)):  # with 21 of them the top turns several times between two
+        result = simulate(load_scene(path, ["simulate.error_estimate=false", f"simulate.samples={samples}"]))
+        _, peg = paths_of(result)["peg"]
+        radius = np.linalg.norm(peg, axis=1)
+        assert len(peg) >= least and np.ptp(radius) < 1e-9 * radius.max()

@@ -22,6 +22,7 @@ from robodyn_cli.report.drawing.parts import (
     put_payloads,
 )
 from robodyn_cli.report.drawing.places import (
+    FINE,
     STILL,
     DrawnExpressions,
     arrows,
@@ -205,10 +206,12 @@ def _trails(result: Result, problem: Problem) -> tuple[Trail, ...]:
 def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[Array, Array]]:
     """Return times (K,) and places (K, 3) of the named points that move, between samples where these are few."""
     paths = {name: (result.time, path) for name, path in moving_paths(result).items()}
-    between = motion_between(result) if paths and can_draw(result) else None
-    if between is None:
+    if not paths or len(result.time) >= FINE or not can_draw(result):
         return paths
     problem = problem or Problem(scene_of(result.scene_text))
+    between = motion_between(result, problem)
+    if between is None:
+        return paths
     expressions, frames = DrawnExpressions(problem), problem.model.points
     own = {name: expressions.vertex(frames[name].body, frames[name].p) for name in paths if name in frames}
     t, q = between

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.expr.rebuild import Interpreter
@@ -142,25 +143,36 @@ def moving_paths(result: Result) -> dict[str, Array]:
 
 
 FINE = 1500  # places of a path, about, where samples are fewer
-STRAY = (
-    0.2  # part of a way by which rates at its ends may miss it, where a curve through them shows the motion
-)
+# part of a way by which rates at its ends may miss it, where a curve through them shows the motion
+STRAY = 0.2
+ROUNDED = 1e-6  # part of the largest position, below which it does not matter how a joint goes
 
 
-def motion_between(result: Result) -> tuple[Array, Array] | None:
+def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | None:
     """Return times (K,) and positions (K, nq) at samples and between them, on the cubic polynomials that have the rates
     there, too; None where samples are near enough, or too few.
 
     Positions go straight where rates do not fit them: something happened on the way, or samples are too far apart.
+    Attitudes have nothing between samples then.
     """
-    t, q = result.time, result["q"]
-    if not 2 <= len(t) < FINE or not np.isfinite(q).all():
+    t, q, model = result.time, result["q"], problem.model
+    qd = result["qd"] if "qd" in result else np.zeros((0, 0))
+    if not 2 <= len(t) < FINE or (q.shape[1], *qd.shape) != (model.nq, len(t), model.nv):
+        return None
+    if not (np.isfinite(q).all() and np.isfinite(qd).all()):
         return None
     pieces, h = -(-FINE // (len(t) - 1)), np.diff(t)[:, None]
-    rates = result["qd"] if "qd" in result and result["qd"].shape == q.shape else np.gradient(q, t, axis=0)
+    columns = Interpreter(position_rates(model, problem.q, problem.v))({"q": q.T, "v": qd.T})
+    rates = np.column_stack([np.broadcast_to(column, len(t)) for column in columns])
     way, first, last = np.diff(q, axis=0), h * rates[:-1], h * rates[1:]
-    size = np.abs(way) + np.abs(first) + np.abs(last)
-    strays = (np.abs(way - 0.5 * (first + last)) > STRAY * size).any(axis=1)
+    attitudes = [slice(k, k + 4) for k, name in enumerate(model.q_names) if name.endswith(".qw")]
+    ways = [np.abs(x) for x in (way - 0.5 * (first + last), way, first, last)]
+    for x in ways:
+        for four in attitudes:
+            x[:, four] = np.linalg.norm(x[:, four], axis=1)[:, None]
+    off = ways[0] > STRAY * (sum(ways[1:]) + ROUNDED * np.abs(q).max())
+    known = ~off[:, [k for four in attitudes for k in range(*four.indices(model.nq))]].any(axis=1)
+    strays = off.any(axis=1)
     happened = np.searchsorted(t, [float(event["time"]) for event in result.events]) - 1
     strays[happened[(happened >= 0) & (happened < len(strays))]] = True
     first, last = (np.where(strays[:, None], way, x)[:, None] for x in (first, last))
@@ -168,8 +180,10 @@ def motion_between(result: Result) -> tuple[Array, Array] | None:
     x = q[:-1, None] + s * (
         first + s * (3.0 * way[:, None] - 2.0 * first - last + s * (first + last - 2.0 * way[:, None]))
     )
-    times = (t[:-1, None] + s[0, :, 0] * h).ravel()
-    return np.append(times, t[-1]), np.vstack([x.reshape(-1, q.shape[1]), q[-1:]])
+    for four in attitudes:
+        x[:, :, four] /= np.linalg.norm(x[:, :, four], axis=2)[:, :, None]
+    kept = (s[0, :, 0] == 0.0) | known[:, None]
+    return np.append((t[:-1, None] + s[0, :, 0] * h)[kept], t[-1]), np.vstack([x[kept], q[-1:]])
 
 
 def drawing_of_paths(paths: list[Array], gravity: Array) -> Drawing:

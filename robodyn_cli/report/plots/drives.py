@@ -285,8 +285,8 @@ def motorisation(result: Result) -> Any:
         " or ".join(dict.fromkeys(u for name, u in zip(column_names(q), units_of(q)) if name in names))
         or "rad"
     )
-    way = labelled(names[0] if len(names) == 1 else position_word(units), units)
-    for ax, over, label in zip(sheet.axes, ({}, angles), ("time [s]", way)):
+    place = labelled(names[0] if len(names) == 1 else position_word(units), units)
+    for ax, over, label in zip(sheet.axes, ({}, angles), ("time [s]", place)):
         handles, drawn, ways = [], [], []
         for k, name in enumerate(names):
             for kind in kinds:
