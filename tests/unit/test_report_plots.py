@@ -664,6 +664,9 @@ def test_a_flight_has_a_view_of_its_own_below_the_mechanism() -> None:
         load_scene_text(CATAPULT.replace("until: {when: ", "until: {when: 1000 + ").replace('"', ""))
     )
     assert len(draw(stays, "mechanism").axes) == 1
+    short = CATAPULT.replace("[0, -3, 0]", "[-1.2, 0, 0], normal: [1, 0, 0]")
+    (near,) = draw(simulate(load_scene_text(short)), "mechanism").axes
+    assert near.get_xlim()[0] < -1.2 < -1.1  # where it lands
 
 
 def test_commands_do_not_make_what_help_on_matplotlib_would_show() -> None:

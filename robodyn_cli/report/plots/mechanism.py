@@ -14,10 +14,10 @@ from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.drawing import paper
 from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
-from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
+from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
 from robodyn_cli.report.drawing.paper import Painted, name_lines
 from robodyn_cli.report.drawing.places import along_motion, drawing_of_paths, evenly, moving_paths
-from robodyn_cli.report.drawing.record import Stroke
+from robodyn_cli.report.drawing.record import Drawing, Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
 from robodyn_cli.report.lines import finite, largest, thin_path
 from robodyn_cli.report.registry import plot
@@ -40,13 +40,12 @@ def mechanism(result: Result) -> Any:
     drawing = make_drawing(result, evenly(len(result.time), 400))
     chosen = along_motion(drawing, POSES)
     poses = drawing.at(chosen)
-    view = View(poses, default_camera(drawing), near=True)
+    view, views = _views(poses, default_camera(drawing))
     locked = lock_time(result)
     times = [f"{number(float(t), 4)} s" for t in poses.times]
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
     height = paper.height_of(view, paper.WIDTH)
-    views = _views_below(view)
     more = paper.room_below(views)
     sheet = Sheet(result, _subtitle(view, len(chosen), bool(views)), labels=labels, height=height + more)
     for one, below in zip(views, paper.axes_below(sheet, views)):
@@ -65,13 +64,15 @@ def mechanism(result: Result) -> Any:
     return sheet.figure
 
 
-def _views_below(view: View) -> list[View]:
-    """Return the views along the axes of a drawing in space; in a plane that of a flight that leads far away."""
+def _views(drawing: Drawing, camera: Camera) -> tuple[View, list[View]]:
+    """Return the view of a drawing, and those below it: along the axes in space, in a plane of a flight that leads so
+    far away that the first one leaves it out."""
+    whole, near = (View(drawing, camera, near=x) for x in (False, True))
+    sizes = [float(np.ptp(view.extent, axis=0).max()) for view in (whole, near)]
+    view = near if sizes[0] > FAR * sizes[1] else whole
     if not view.flat:
-        return [View(view.drawing, along_axis(axis)) for axis in (1, 0, 2)]
-    whole = View(view.drawing, view.camera)
-    (low, high), (own_low, own_high) = whole.extent, view.extent
-    return [whole] if float((high - low).max()) > FAR * float((own_high - own_low).max()) else []
+        return view, [View(drawing, along_axis(axis)) for axis in (1, 0, 2)]
+    return view, [whole] if view is near else []
 
 
 def _subtitle(view: View, count: int, below: bool) -> str:
