@@ -266,7 +266,7 @@ class Stored:
         """Return the latches that are closed at the sample, by name, with the event at which each closed."""
         closed: dict[str, Mapping[str, Any]] = {}
         for event in self.events:
-            if event["kind"] == "latched" and event["time"] <= self.time:
+            if event["kind"] in ("latched", "held") and event["time"] <= self.time:
                 closed[event["name"]] = event
             elif event["kind"] == "opened" and event["time"] <= self.time:
                 closed.pop(event["name"], None)

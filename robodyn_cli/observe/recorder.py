@@ -56,6 +56,7 @@ class Recorder:
         self._borne: list[dict[str, Array]] = []  # blocks of loads that are not looked at yet
         self.not_finite: NumericalError | None = None
         self._start: float | None = None
+        self._potential = np.zeros(0)
         self.last_time = -np.inf
 
     @staticmethod
@@ -86,9 +87,10 @@ class Recorder:
         if self._start is None:
             self._start = float(balance[0])
         self.drift = _largest(self.drift, np.abs(balance - self._start))
-        self.energy_scale = _largest(
-            self.energy_scale, np.ptp(data["energy/potential"]), data["energy/kinetic"]
-        )
+        # from the lowest to the highest of the whole run, whatever the blocks
+        self._potential = np.append(self._potential, data["energy/potential"])
+        self._potential = np.array([self._potential.min(), self._potential.max()])
+        self.energy_scale = _largest(self.energy_scale, np.ptp(self._potential), data["energy/kinetic"])
         if "constraints/position_residual" in data:
             self.position_residual = _largest(
                 self.position_residual, np.abs(data["constraints/position_residual"])

@@ -12,12 +12,14 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from robodyn_cli.report import style
-from robodyn_cli.report.canvas import Sheet, legend_shape
+from robodyn_cli.report.canvas import CHARACTER, Sheet, legend_shape
 from robodyn_cli.report.style import GREY, HANDLE_LENGTH, PowerFormatter, labelled
 from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 MOST_PANELS = 8  # outputs beyond these are in the file alone
+SMALLEST = 6.5  # size of letters of a label [pt]
+ROOM = 0.62  # of a number below an axis [inch]
 
 
 def inputs(result: Result) -> dict[str, Array]:
@@ -39,10 +41,23 @@ def axis_label(result: Result, key: str, group: str = "inputs", short: bool = Fa
     return labelled(name, units) if units not in ("", "1") else name
 
 
+def fit_label(ax: Any, axis: str, text: str, **look: Any) -> None:
+    """Label an axis, ``x`` or ``y``, as long as its panel: smaller where it must be, then without its beginning."""
+    width, height = ax.get_position().size * ax.figure.get_size_inches()
+    room = (width if axis == "x" else height) / CHARACTER  # characters
+    size = max(SMALLEST, style.FONT_SIZE * min(1.0, room / len(text)))
+    most = int(room * style.FONT_SIZE / size)
+    text = text if len(text) <= most else "…" + text[1 - most :]
+    getattr(ax, f"set_{axis}label")(text, fontsize=size, **look)
+
+
 def panels(result: Result, subtitle: str, names: list[str], height: float = 2.2, **layout: Any) -> Sheet:
     """Return a sheet with a panel for each output, two side by side unless ``layout`` says otherwise."""
     layout = {"across": 1 if len(names) == 1 else 2, "height": height, "gap": 0.62, **layout}
-    return Sheet(result, subtitle, panels=len(names), **layout)
+    sheet = Sheet(result, subtitle, panels=len(names), **layout)
+    for ax in sheet.axes:
+        ax.xaxis.set_major_formatter(style.PlainFormatter())
+    return sheet
 
 
 def runs_text(result: Result) -> str:
@@ -76,8 +91,9 @@ def tornado(ax: Any, label: str, swings: dict[str, float], figures: bool = False
             va="bottom",
             bbox=behind,
         )
-    ax.set_xlabel(label)
-    ax.locator_params(axis="x", nbins=6)
+    fit_label(ax, "x", label)
+    width = ax.get_position().width * ax.figure.get_size_inches()[0]
+    ax.locator_params(axis="x", nbins=min(6, int(width / ROOM)))
 
 
 # colour-blind safe, and told apart by hatch and word too

@@ -181,6 +181,18 @@ class FourBar:
         pins[last] = pins[beyond] + (near if outer or near > far else -near) / size * way
         return pins
 
+    def dead_slide(self, end: DeadPose) -> Array | None:
+        """Return the pins with the slide in a dead point, both links in a line; None where that has no direction."""
+        assert self.slide is not None
+        (a, b), pins = self.lengths, self.pins.copy()
+        pins[2] = pins[0] + self.offset * self.across + end.value * self.slide
+        way = pins[2] - pins[0]
+        size = float(np.linalg.norm(way))
+        if size <= ROUNDED * float(a + b):
+            return None
+        pins[1] = pins[0] + (a if end.outer or a > b else -a) / size * way
+        return pins
+
 
 def _angle(first: Array, second: Array) -> float:
     """Return the angle from one vector (2,) to another, in (-pi, pi]."""

@@ -190,6 +190,10 @@ class ClosedChain:
                 if end is not None:
                     pose = self.bar.dead_pose(pin, end.value - theta, fixed, end.outer)
                     flat += [] if pose is None else [pose]
+        if self.bar.slide is not None and fixed == 3:
+            _, between = self.bar.at_slide()
+            ends = (between.low, between.high)
+            flat += [x for end in ends if end is not None and (x := self.bar.dead_slide(end)) is not None]
         origin, axes = self.frame
         if self.bar.slide is not None:
             flat = [np.vstack([x, self.bar.pins[0] + self.bar.offset * self.bar.across]) for x in flat]

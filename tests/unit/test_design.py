@@ -204,7 +204,8 @@ def test_slider_cranks(a: float, b: float, e: float, phi: float, way: int) -> No
     x = a * math.cos(phi) + math.sqrt(b * b - reach * reach)
     rod = math.asin(reach / b) - phi
     text = SLIDER.format(a=a, b=b, e=e, way=way, phi=phi, rod=rod, x=way * x, end=phi + 1e-3)
-    found = design(text)["four_bars"]["ring"]
+    result = run(text)
+    found = result.summary["design"]["four_bars"]["ring"]
     assert found["margin"] == pytest.approx(max(a, b) - min(a, b) - abs(e), abs=1e-12)
     assert found["grashof"] == (found["margin"] > 0)
     turns = all(abs(e - a * math.sin(t)) <= b for t in np.linspace(0, 2 * math.pi, 721))
@@ -216,6 +217,15 @@ def test_slider_cranks(a: float, b: float, e: float, phi: float, way: int) -> No
         for end in ("lower", "upper"):
             assert abs(e - a * math.sin(joints["crank"][end])) == pytest.approx(b, abs=1e-9)
             assert abs(joints["crank"][end] - phi) < 2 * math.pi
+    drawn = result["four_bars/ring"]
+    normals = np.cross(drawn[:, 1] - drawn[:, 0], drawn[:, 2] - drawn[:, 0])[:, 2]
+    dead = drawn[1:][np.abs(normals[1:]) < 1e-9]  # crank and rod in a line
+    ends = [way * (pose[2] - pose[0])[0] for pose in dead]
+    assert sorted(map(abs, ends)) == pytest.approx(
+        sorted(abs(joints["slide"][x]) for x in ("lower", "upper"))
+    )
+    sizes = np.linalg.norm(np.diff(drawn[:, :3], axis=1), axis=2)
+    np.testing.assert_allclose(sizes, np.broadcast_to(sizes[0], sizes.shape), rtol=1e-9)
     ways = sorted(abs(joints["slide"][end]) for end in ("lower", "upper"))
     assert ways[1] == pytest.approx(math.sqrt((a + b) ** 2 - e * e))
     if abs(a - b) > abs(e):

@@ -424,3 +424,17 @@ def test_where_the_motion_cannot_be_followed_the_search_stops_before() -> None:
         [BOTH], lambda t: np.array([np.nan if t > 0.4 else 0.3 - t]), np.array([1.0]), 0, (0.0, 0.0, 1.0)
     )
     assert crossing.roots[0].high == pytest.approx(0.3, abs=1e-16)
+
+
+def test_grid_of_a_run_that_begins_between_samples_has_its_beginning_first() -> None:
+    grid = Grid.over(2.0, 21).from_time(0.73)
+    assert grid.times(0, grid.count)[:3] == pytest.approx([0.73, 0.8, 0.9]) and grid.count == 14
+    for first, last in ((0, 1), (1, 4), (3, 14), (2, 2)):
+        np.testing.assert_array_equal(grid.times(first, last), grid.times(0, grid.count)[first:last])
+    for n in (2, 4, 13):
+        coarse = grid.every(n)
+        np.testing.assert_allclose(coarse.times(0, coarse.count), grid.times(0, grid.count)[::n], rtol=1e-15)
+    assert [grid.first_at(t) for t in (0.0, 0.73, 0.75, 0.8, 1.95)] == [0, 0, 1, 1, 13]
+    assert grid.begins_by(0, 0.73) and not grid.begins_by(1, 0.79)
+    on_grid = Grid.over(2.0, 21).from_time(0.7)
+    assert on_grid.head is None and on_grid.count == 14

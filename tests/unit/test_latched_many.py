@@ -25,7 +25,7 @@ OF = (
     "locks.latch0.time", "locks.latch1.speed", "locks.latch2.energy_lost", "locks.latch0.angular_impulse",
     "locks.latch1.order", "locks.latch1.errors.speed", "missed.latch0.nearest", "missed.latch2.time", "lock.time",
     "lock.time_error", "lock.angles.hinge1", "lock.rates.hinge0", "lock.errors.rates", "termination.time",
-    "counters.steps", "error_estimate.steps",
+    "counters.steps", "error_estimate.steps", "energy_drift", "energy_drift_relative",
 )  # fmt: skip
 
 
@@ -83,8 +83,11 @@ def test_couplers_and_a_latch_that_opens(tmp_path: Path) -> None:
         written(tree, tmp_path), KEYS[:3], rows(tree, KEYS[:3]), (*OF, "locks.latch0.opened"), alone=False
     )
     synchronised = Panels.random(np.random.default_rng(6), 3).synchronised().scene()
-    keys = KEYS[:2]
-    compare(written(synchronised, tmp_path), keys, rows(synchronised, keys), OF[:6], alone=False)
+    keys, of = (
+        KEYS[:2],
+        (*OF[:6], "energy_drift", "constraint_residual.position", "constraint_residual.velocity"),
+    )
+    compare(written(synchronised, tmp_path), keys, rows(synchronised, keys), of, alone=False)
 
 
 @pytest.mark.parametrize("keys", [KEYS[:2], (*KEYS[:1], "deploy.latches.latch1.hold.stiffness")])
@@ -108,4 +111,22 @@ def test_words_of_a_run_with_latches_are_its_own(tmp_path: Path) -> None:
     summary = deploy(scene).summary
     for key, word in command.words.items():
         assert summary["lock"][key.removeprefix("lock.")] == word
-    assert not command.is_plain("criteria.chosen") and not command.is_plain("constraint_residual.position")
+    assert not command.is_plain("criteria.chosen") and not command.is_plain("lock.multipliers.start")
+
+
+SHIPPED = [
+    path
+    for path in sorted((Path(__file__).parents[2] / "configs").rglob("*.yaml"))
+    if "  latches:" in path.read_text(encoding="utf-8")
+]
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_studies_of_shipped_scenes_with_latches_run_in_compiled_code(path: Path) -> None:
+    """What they expect of a run is among what compiled code gives."""
+    from robodyn_cli.over.study.rows import Task
+    from robodyn_cli.over.study.runs import beyond
+    from robodyn_cli.scene.load import Family
+
+    task = Task(Family.of(path), "deploy", (), ("lock.time",))
+    assert beyond(task) == [] and len(SHIPPED) > 3

@@ -10,6 +10,7 @@ import pytest
 import yaml
 
 from robodyn_cli.errors import NumericalError, RobodynError, SceneError
+from robodyn_cli.report.drawing.build import make_drawing
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import load_scene, load_scene_text
 from robodyn_cli.works.deploy.deploy import deploy
@@ -474,6 +475,22 @@ def test_deployment_goes_on_from_its_first_lock(tmp_path: Path) -> None:
     assert own["time"] == pytest.approx(other["time"], abs=1e-9)
     assert own["energy_lost"] == pytest.approx(other["energy_lost"], abs=1e-9)
     assert np.ptp(rest["q"][:, 0]) == 0.0
+    held = [e for e in rest.events if e["kind"] == "held"]
+    assert [(e["name"], e["time"]) for e in held] == [("catch", first.time[-1])]
+    closed = {latch.vertices: latch.is_closed(rest.time[0]) for latch in make_drawing(rest).latches}
+    assert sorted(closed.values()) == [False, True]
+
+
+def test_third_run_knows_the_latches_that_the_first_has_closed(tmp_path: Path) -> None:
+    """The second one carries them on; the hinge, which is pulled, would move if its latch were open."""
+    stored(pair(until="catch"), tmp_path)
+    for end in (None, 80.0):
+        again = pair(until="lower" if end is None else "end")
+        again["initial"]["from"] = str(tmp_path)
+        again["simulate"]["duration"] = end or again["simulate"]["duration"]
+        last = stored(again, tmp_path)
+    names = {e["name"] for e in last.events if e["kind"] == "held"}
+    assert names == {"catch", "lower"} and np.ptp(last["q"], axis=0).max() == 0.0
 
 
 def test_simulation_goes_on_with_the_locked_mechanism(tmp_path: Path) -> None:
@@ -501,8 +518,10 @@ def test_stage_that_is_released_starts_from_a_lock_without_the_joints_that_are_g
     told = " ".join(result.summary["warnings"])
     assert "joints of the stored run that this scene does not have: hinge" in told
     assert "catch, lower" in told and "open" in told
-    # samples keep to the grid, the first one lies up to 0.8 s behind the lock
-    assert result["q"][0, 0] == pytest.approx(first.summary["final"]["q"]["elbow"], abs=0.05)
+    # the first sample is that of the lock, those behind it keep to the grid
+    assert result.time[0] == first.time[-1] and result["q"][0, 0] == first.summary["final"]["q"]["elbow"]
+    count, step = 80.0 / (tree["simulate"]["samples"] - 1), result.time[1:-1]
+    np.testing.assert_allclose(step / count, np.round(step / count), atol=1e-9)
     assert "other" in result.summary["locks"]
 
 

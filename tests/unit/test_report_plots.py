@@ -15,11 +15,12 @@ import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from robodyn_cli import inverse, load_scene, simulate
+from robodyn_cli import inverse, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.app import run
 from robodyn_cli.commands import PLOT_FORMATS
 from robodyn_cli.errors import OutputError
 from robodyn_cli.report import draw, draw_all, plot_files
+from robodyn_cli.report.analysis import fit_label, panels
 from robodyn_cli.report.lines import crest, envelope, finite, thin_path
 from robodyn_cli.report.overlay import draw_over, labels_of
 from robodyn_cli.report.plots.methods import MOST_METHODS, work_precision
@@ -617,3 +618,62 @@ def test_loads_that_are_not_unique_are_said_to_be_so() -> None:
     )
     drawn = texts(more, "torques").replace("\n", " ")
     assert "Not unique: those of least norm: more actuators than degrees of freedom" in drawn
+
+
+@pytest.mark.parametrize("across", [1, 2])
+def test_labels_are_no_longer_than_their_panels(across: int) -> None:
+    """The longest keys of summaries, of keys of scenes even longer ones."""
+    labels = ["lock.time [s]", "constraint_residual.position [m or rad]", "x" * 70, "robot.joints." * 12]
+    with styled():
+        sheet = panels(result_of_a_hinge(), "", labels, across=across)
+        for ax, label in zip(sheet.axes, labels):
+            fit_label(ax, "x", label)
+            fit_label(ax, "y", label)
+        renderer = FigureCanvasAgg(sheet.figure).get_renderer()
+        for ax in sheet.axes:
+            box = ax.get_window_extent()
+            assert ax.xaxis.label.get_window_extent(renderer).width <= 1.1 * box.width
+            assert (
+                ax.yaxis.label.get_window_extent(renderer).height <= 1.1 * box.height
+            )  # wide letters; panels are further apart
+            assert ax.xaxis.label.get_fontsize() >= 6.5
+        texts = [ax.get_xlabel() for ax in sheet.axes]
+    assert texts[0] == labels[0] and texts[3].startswith("…") and texts[3].endswith("joints.")
+
+
+def result_of_a_hinge() -> Result:
+    return simulate(load_scene(Path("configs/benchmarks/simple_pendulum.yaml"), ["simulate.samples=11"]))
+
+
+def test_margins_are_over_the_joint_by_name_and_static_ones_lie_on_dynamic_ones() -> None:
+    result = inverse(load_scene(Path("configs/deployable_hinge.yaml")))
+    figure = draw(result, "motorisation")
+    over_time, over_angle = figure.axes
+    assert over_time.get_xlabel() == "time [s]" and over_angle.get_xlabel() == "hinge [rad]"
+    dynamic, static, _ = over_time.lines
+    assert dynamic.get_linewidth() > 2.0 * static.get_linewidth() and static.get_linestyle() == "--"
+
+
+def test_a_flight_has_a_view_of_its_own_below_the_mechanism() -> None:
+    from tests.unit.test_drawing import CATAPULT
+
+    result = simulate(load_scene_text(CATAPULT))
+    near, whole = draw(result, "mechanism").axes
+    assert np.ptp(near.get_xlim()) < 4.0 and np.ptp(whole.get_xlim()) > 8.0
+    stays = simulate(
+        load_scene_text(CATAPULT.replace("until: {when: ", "until: {when: 1000 + ").replace('"', ""))
+    )
+    assert len(draw(stays, "mechanism").axes) == 1
+    short = CATAPULT.replace("[0, -3, 0]", "[-1.2, 0, 0], normal: [1, 0, 0]")
+    (near,) = draw(simulate(load_scene_text(short)), "mechanism").axes
+    assert near.get_xlim()[0] < -1.2 < -1.1  # where it lands
+
+
+def test_commands_do_not_make_what_help_on_matplotlib_would_show() -> None:
+    """Tables of properties in its docstrings take a third of its import; others who draw keep them."""
+    code = "import sys; {}import robodyn_cli.report.plots; from matplotlib.lines import Line2D; print(len(Line2D.set.__doc__))"
+    sizes = [
+        int(subprocess.run([sys.executable, "-c", code.format(own)], capture_output=True, check=True).stdout)
+        for own in ("import robodyn_cli.cli.main; ", "")
+    ]
+    assert 2 * sizes[0] < sizes[1]

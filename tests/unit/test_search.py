@@ -202,6 +202,23 @@ def test_a_four_bar_through_five_points_is_that_of_the_closed_form() -> None:
     assert abs(abs(O1 + W + b * attitude[0] - O2) - c) <= 1e-10
 
 
+def test_derivatives_at_a_zero_come_from_the_structure_in_which_it_is_a_number(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The scene as it stands has zeros among its lengths; other starts have none."""
+    family = Family(EXAMPLES / "five_point_four_bar.yaml")
+    search = prepare(family, options_of(family.own.search, {}))
+    with SearchJournal() as kept:
+        maker = PointMaker(search, 1, kept, lambda runs: None)
+        stands = np.array(search.stands)
+        points = maker.runs([stands, stands + 0.01])
+        assert (stands == 0.0).any() and all(point.compiled for point in points)
+        alone = maker._exactly(points[0])
+        monkeypatch.setattr(PointMaker, "_exactly", None)
+        at_zero, _ = maker.slopes(points)
+    np.testing.assert_allclose(at_zero.values, alone.values, rtol=1e-9, atol=1e-11)
+
+
 # -- bounds, constraints, choices ------------------------------------------------------------------------------
 def test_a_bound_that_holds_has_its_price() -> None:
     result, *_ = searched(arm(), vary={STIFFNESS: "uniform(10, 100)"}, minimise="peak_torque.arm", starts=2)

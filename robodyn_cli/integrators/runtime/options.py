@@ -53,7 +53,7 @@ class Grid:
     """Uniform sample times start + k step, k = 0 .. count - 1; the last one is ``end`` without rounding, if given.
 
     knots : times (P + 1,), so many samples from each to the next one, ``count`` of them with the last knot; then start
-    and step do not count.
+    and step do not count. head : where a run begins between samples: one more, the first [s].
     """
 
     start: float
@@ -61,6 +61,7 @@ class Grid:
     count: int
     end: float | None = None
     knots: Array | None = None
+    head: float | None = None
 
     @staticmethod
     def between(knots: Array, inside: int) -> Grid:
@@ -79,10 +80,19 @@ class Grid:
             places, inside = np.arange(first, last), (self.count - 1) // (len(self.knots) - 1)
             steps = np.append(np.diff(self.knots), 0.0) / inside
             return np.asarray(self.knots[places // inside] + places % inside * steps[places // inside])
+        if self.head is not None:
+            return np.append(
+                [self.head] * (first == 0 < last), self._rest.times(max(first - 1, 0), max(last - 1, 0))
+            )
         times = self.start + np.arange(first, last) * self.step
         if self.end is not None and first < last == self.count:
             times[-1] = self.end
         return times
+
+    @property
+    def _rest(self) -> Grid:
+        """The samples but for the head."""
+        return Grid(self.start, self.step, self.count - 1, self.end)
 
     def every(self, n: int) -> Grid:
         """Return every n-th sample, from the first."""
@@ -90,24 +100,30 @@ class Grid:
             return self
         count = (self.count - 1) // n + 1
         whole = (count - 1) * n == self.count - 1
-        return Grid(self.start, self.step * n, count, self.end if whole else None)
+        start = self.start if self.head is None else self.start + (n - 1) * self.step
+        return Grid(start, self.step * n, count, self.end if whole else None, head=self.head)
 
     def from_time(self, time: float) -> Grid:
-        """Return the samples that do not lie before ``time``, but for rounding."""
+        """Return the samples of a run that begins at ``time``: this, and those behind it."""
         k = self.first_at(time)
-        return Grid(self.start + k * self.step, self.step, self.count - k, self.end) if k else self
+        if self.begins_by(k, time):
+            return Grid(self.start + k * self.step, self.step, self.count - k, self.end) if k else self
+        return Grid(self.start + k * self.step, self.step, self.count - k + 1, self.end, head=time)
 
     def up_to(self, count: int) -> Grid:
         """Return the first samples."""
-        return self if count >= self.count else Grid(self.start, self.step, count)
+        return self if count >= self.count else Grid(self.start, self.step, count, head=self.head)
 
     def begins_by(self, k: int, time: float) -> bool:
         """Tell whether sample k lies at or before ``time``, but for rounding."""
-        sample = self.start + k * self.step if self.knots is None else float(self.times(k, k + 1)[0])
+        uniform = self.knots is None and self.head is None
+        sample = self.start + k * self.step if uniform else float(self.times(k, k + 1)[0])
         return sample <= time or sample <= time + self._slack(time)
 
     def first_at(self, time: float) -> int:
         """Return the first sample that does not lie before ``time``, but for rounding."""
+        if self.head is not None:
+            return 1 + self._rest.first_at(time) if time > self.head + self._slack(time) else 0
         if time == self.start:
             return 0
         if self.step <= 0.0:

@@ -46,7 +46,8 @@ class SampleBlocks:
             rows = self.engine.out.reshape(self.size, self.capacity)[:, self.row : end]
             self.emit(self.grid.times(k - end + self.row, k), rows.T.copy())
         grid, inside, memory = self.grid, self.inside, self.engine.memory
-        start, step, self.first, last, self.row = grid.start, grid.step, 0, grid.count - 1, 0
+        start, step, last = grid.start, grid.step, grid.count - 1
+        self.first, self.row = int(grid.head is not None), 0
         if grid.knots is not None:
             j = min(k // inside, len(grid.knots) - 1)
             self.first = j * inside

@@ -47,7 +47,7 @@ class Latches(LatchStates):
         if given:
             self._note_brisk(t, x)
         for k, event in given:
-            self._take_up(x, k, event)
+            self._take_up(t, x, k, event)
         if self.closed:
             self._rearrange(t, x)
         return x
@@ -57,12 +57,14 @@ class Latches(LatchStates):
         if self.problem.constraints.rows:
             self._brisk = max(self._brisk, float(np.abs(self.rates(t, x)[0]).max()))
 
-    def _take_up(self, x: Array, k: int, event: Mapping[str, Any]) -> None:
-        """Close a latch as an earlier run has closed it, at this event."""
+    def _take_up(self, t: float, x: Array, k: int, event: Mapping[str, Any]) -> None:
+        """Close a latch as an earlier run has closed it, at this event, and tell those that go on from this run."""
         latch, place = self.latches[k], self._v_of[k]
         self.closed.append(k)
         self._direction[k] = 1.0 if event["speed"] >= 0.0 else -1.0
         self._rest[k] = event["rest"]
+        facts = {name: event[name] for name in ("rest", "speed")}
+        self._log.append({"time": t, "name": self.names[k], "kind": "held", **facts})
         if latch.rigid and place is not None:
             x[place] = 0.0
 

@@ -10,11 +10,13 @@ import numpy as np
 from robodyn_cli.expr.many import Expressions
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.fleet import Runs, Sampling
-from robodyn_cli.integrators.runtime.memory import DoubleSlot, Note, Status, first_note
+from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Note, Status, first_note
 from robodyn_cli.motion.contact.events import LatchChange, LatchClosing, LatchFunction
 from robodyn_cli.motion.contact.latches import TORN
 from robodyn_cli.motion.error import First, Masks, remainder
+from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.integrate import RunBatch, first_run, second_runs
+from robodyn_cli.over.many.locks import recorded_along
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.motion import LatchLock, MissedLatch, MissedLatchErrors
@@ -64,6 +66,20 @@ class ClosedRuns:
             if each is not None:
                 _note_ends(batch, each)
         return ClosedRuns(batch, runs, second, factor, sound)
+
+    def along(self) -> Array:
+        """Return the figures of ``ALONG`` of the first runs (N, 4); an open chain has but energies, and these do not
+        depend on what is closed."""
+        structure, runs, rows = self.batch.structure, self.runs, []
+        step = self.batch.ends / (structure.motion.scene.simulate.samples - 1)
+        for k, observer in enumerate(structure.observers(self.batch.numbers)):
+            count = int(runs.n[k, IntegerSlot.NEXT_SAMPLE]) - 1
+            states = np.vstack([self.batch.states[k], runs.out[k, :, :count].T, runs.y[k]])
+            recorder = Recorder(observer)
+            times = np.append(step[k] * np.arange(count + 1), runs.time[k])
+            recorder.emit(times, np.asfortranarray(states), runs.p[k])
+            rows.append(recorded_along(recorder))
+        return np.array(rows)
 
     def facts(self, runs: Runs, k: int) -> LatchFacts:
         """Return what the latches did in run k, of the first or of the second runs."""

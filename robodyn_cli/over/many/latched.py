@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -24,11 +24,13 @@ from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
+from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.closings import ClosedRuns, LatchFacts, suits
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
 from robodyn_cli.over.many.groups import first_of, table_rows
 from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
-from robodyn_cli.over.many.simulate import COUNTERS, LOCK_ERRORS, SECOND_STEPS, Deploy
+from robodyn_cli.over.many.locks import ALONG, recorded_along
+from robodyn_cli.over.many.simulate import LOCK_ERRORS, SECOND_STEPS, Deploy
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
 from robodyn_cli.scene.checks.columns import column_of
@@ -36,11 +38,12 @@ from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.summaries.facts import Fact
-from robodyn_cli.works.deploy.latched import time_error, told_of, watcher_of
+from robodyn_cli.works.deploy.latched import Pending, time_error, told_of, watcher_of
 
 SAMPLES = 4_000_000  # numbers that samples of runs in compiled code take at a time
 OF_LATCHES = ("locks", "missed")
 ENDS = ("lock.time", "lock.time_error", "termination.time")
+NOTHING_ALONG = (math.nan,) * len(ALONG)
 # what the summary says of every run that locks
 WORDS: dict[str, Any] = {"lock.kind": "latched", "lock.criterion": "latches", "lock.driven": False}
 
@@ -73,9 +76,6 @@ class DeployLatches(Deploy):
         on_the_way = bool(column_of(self.scene, key))  # the largest load of a rigid one
         return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1 and not on_the_way)
 
-    def is_plain(self, key: str) -> bool:
-        return key in (*COUNTERS, SECOND_STEPS, *self.words) or self.gives(key)
-
     def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
         choice, result = structure.motion.choice, asked.result
         q, qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
@@ -84,26 +84,30 @@ class DeployLatches(Deploy):
         trusted = batch.starts.sound.copy()
         if choice.may_change:  # those are looked into by the command
             trusted &= decays_of(batch) * batch.ends < FAST_DECAYS
+        if along := any(key in ALONG for key in result.outputs):
+            trusted &= structure.observed_alike(batch.numbers)
         made: list[int] = []
-        for runs in _closed(batch, method, trusted):
+        for runs in _closed(batch, method, trusted, along):
             made += _keep(batch, runs, rows, result)
         if (left := np.setdiff1d(np.flatnonzero(trusted), made)).size:
-            runner = _Runner(batch, method)
+            runner = _Runner(batch, method, along)
             alone = {k: runner.make(k) for k in left.tolist()}
             made += _keep(batch, {k: run for k, run in alone.items() if run is not None}, rows, result)
         return np.delete(rows, made).tolist()
 
 
-def _closed(batch: RunBatch, method: str, trusted: Masks) -> Iterator[dict[int, LatchedRun]]:
-    """Yield the runs that compiled code makes alone, of those that are trusted, by their numbers."""
+def _closed(batch: RunBatch, method: str, trusted: Masks, along: bool) -> Iterator[dict[int, LatchedRun]]:
+    """Yield the runs that compiled code makes alone, of those that are trusted, by their numbers; ``along`` : with
+    the figures of samples."""
     if not (trusted.any() and suits(batch, method)):
         return
     samples = batch.structure.motion.scene.simulate.samples
     parts = 1 + np.count_nonzero(trusted) * samples * batch.states.shape[1] // SAMPLES
     for rows in np.array_split(np.flatnonzero(trusted), parts):
         closed = ClosedRuns.of(batch.part(rows), method)
+        figures = closed.along() if along else [NOTHING_ALONG] * len(closed.sound)
         runs = {
-            int(rows[k]): LatchedRun.in_compiled_code(closed, k)
+            int(rows[k]): LatchedRun.in_compiled_code(closed, k, figures[k])
             for k in np.flatnonzero(closed.sound).tolist()
         }
         yield {k: run for k, run in runs.items() if run is not None}
@@ -147,7 +151,7 @@ class LatchedRun:
     """What a run came to: its end, what its latches did, and those of the second run (None: there is none).
 
     y, p : state and parameters at the end at ``time``. counts : by name of ``counters``. factor : times a difference is
-    an error.
+    an error. along : the figures of ``ALONG``.
     """
 
     time: float
@@ -158,11 +162,12 @@ class LatchedRun:
     factor: float
     own: LatchFacts
     second: LatchFacts | None
+    along: Sequence[float]
     reason: str
     is_locked: bool
 
     @staticmethod
-    def in_compiled_code(closed: ClosedRuns, k: int) -> LatchedRun | None:
+    def in_compiled_code(closed: ClosedRuns, k: int, along: Sequence[float]) -> LatchedRun | None:
         """Return run k of those in compiled code; None where the second one closes other latches."""
         runs, second = closed.runs, closed.second
         own = closed.facts(runs, k)
@@ -173,7 +178,7 @@ class LatchedRun:
         steps = math.nan if second is None else float(second.steps[k])
         motion, time, factor = closed.batch.structure.motion, float(runs.time[k]), float(closed.factor[k])
         told = told_of(motion.scene.deploy.until, [*own.locks, *own.missed], own.locks)
-        return LatchedRun(time, runs.y[k], runs.p[k], counts, steps, factor, own, again, *told)
+        return LatchedRun(time, runs.y[k], runs.p[k], counts, steps, factor, own, again, along, *told)
 
     @cached_property
     def _facts(self) -> dict[str, Any]:
@@ -235,6 +240,8 @@ class LatchedRun:
             return float(self.counts[names[0]]), math.nan
         if key == SECOND_STEPS:
             return self.second_steps, math.nan
+        if key in ALONG:
+            return float(self.along[ALONG.index(key)]), math.nan
         if key == "termination.time":
             return self.time, float(result.time_error[row])
         if isinstance(WORDS.get(key), bool):
@@ -273,7 +280,8 @@ def _of_latch(entry: Any, names: list[str]) -> tuple[float, float]:
 class _Runner:
     """Drives runs of a batch one after another, each with its own numbers, and once more for the errors."""
 
-    def __init__(self, batch: RunBatch, method: str) -> None:
+    def __init__(self, batch: RunBatch, method: str, along: bool) -> None:
+        """``along`` : whether figures of samples are wanted."""
         motion, options = batch.structure.motion, batch.options
         if motion.choice.may_change:  # more steps: the command thinks about another method
             options = dataclasses.replace(options, max_steps=min(options.max_steps, FIRST_LOOK + WORTH))
@@ -286,7 +294,9 @@ class _Runner:
         self._tables = [
             table_rows(driver.integrator.engine.tables, batch.numbers) for driver in self._drivers
         ]
+        self._observer = batch.structure.observer if along else None
         kernels = [kernel for watcher in motion.watchers for kernel in watcher.kernels.values()]
+        kernels += [] if self._observer is None else batch.structure.sampled
         self._kernels = [
             (x, np.ascontiguousarray(batch.numbers.table(x.program.numbers or (0.0,)))) for x in kernels
         ]
@@ -301,20 +311,30 @@ class _Runner:
             kernel.table = rows[k]
         for driver, tables in zip(self._drivers, self._tables):
             driver.integrator.engine.take(tables[k])
+        recorder = None if self._observer is None else Recorder(self._observer)
         try:
-            self._drive(self.first, self.options, k, self.batch.states)
+            self._drive(self.first, self.options, k, self.batch.states, recorder)
             second_steps = self._again(k) if self.motion.scene.simulate.error_estimate else None
         except RobodynError:
             return None
         finally:
             for kernel, _ in self._kernels:
                 kernel.table = None
-        return self._run(second_steps)
+        return self._run(second_steps, NOTHING_ALONG if recorder is None else recorded_along(recorder))
 
-    def _drive(self, driver: Driver, options: Options, k: int, states: Array) -> None:
+    def _drive(
+        self, driver: Driver, options: Options, k: int, states: Array, recorder: Recorder | None = None
+    ) -> None:
         end = float(self.batch.ends[k])
         driver.start(0.0, states[k], options)
-        driver.run(end, Grid.over(end, self.motion.scene.simulate.samples), lambda t, x: None)
+        grid = Grid.over(end, self.motion.scene.simulate.samples)
+        if recorder is None:
+            driver.run(end, grid, lambda t, x: None)
+            return
+        pending = Pending(driver, recorder)
+        driver.run(end, grid, pending.take)
+        pending.record()
+        recorder.keep_last_state(driver.time, driver.state, driver.parameters)
 
     def _again(self, k: int) -> int:
         """Make the second run; return its steps."""
@@ -331,7 +351,7 @@ class _Runner:
         driver = self.first
         return First(self.options, self.method, np.array([driver.counters.steps]), np.array([driver.time]))
 
-    def _run(self, second_steps: int | None) -> LatchedRun | None:
+    def _run(self, second_steps: int | None, along: Sequence[float]) -> LatchedRun | None:
         driver, latches, other = self.first, watcher_of(self.first.watchers), watcher_of(self.second.watchers)
         factor = math.nan
         if second_steps is not None:
@@ -349,7 +369,7 @@ class _Runner:
         return LatchedRun(
             driver.time, driver.state, driver.parameters, vars(counters).copy(),
             math.nan if second_steps is None else float(second_steps), factor,
-            _facts_of(latches, driver.time), second, *told,
+            _facts_of(latches, driver.time), second, along, *told,
         )  # fmt: skip
 
 

@@ -131,6 +131,13 @@ def _norms(locks: Locks, starts: Array, ends: Array | Sequence[Array]) -> Array:
     return norms
 
 
+def recorded_along(recorder: Recorder) -> tuple[float, ...]:
+    """Return the figures of ``ALONG`` of what a recorder has seen."""
+    residuals = recorder.position_residual, recorder.velocity_residual
+    constrained = bool(recorder.observer.problem.constraints.rows)
+    return *(residuals if constrained else (np.nan, np.nan)), recorder.drift, recorder.relative_drift
+
+
 def figures_along(batch: RunBatch, method: str, times: Array, keys: Sequence[str]) -> dict[str, Figure]:
     """Return figures of the samples of the scene up to the ends of the runs at times (N,) [s], which have no error:
     largest residuals of position and velocity, and those of ``ENERGIES`` where they are among the keys."""
@@ -151,11 +158,7 @@ def figures_along(batch: RunBatch, method: str, times: Array, keys: Sequence[str
             if wanted:
                 recorder = Recorder(observer)
                 recorder.emit(at, states, observer.parameters)
-                largest[k] = (
-                    recorder.position_residual, recorder.velocity_residual, recorder.drift, recorder.relative_drift,
-                )  # fmt: skip
+                largest[k] = recorded_along(recorder)
             elif constrained:
                 largest[k, : len(RESIDUALS)] = observer.largest_residuals(at, states)
-            if not constrained:
-                largest[k, : len(RESIDUALS)] = np.nan
     return {key: (largest[:, k], np.full(count, np.nan)) for k, key in enumerate(ALONG)}

@@ -35,17 +35,23 @@ class Mechanism(ModelFunctions):
     vary : keys of the scene, as in ``--set``, that vary between runs: masses, lengths, springs, ``parameters``, the
         initial state, the duration. Any key that holds a number may vary. A value that changes the structure (a mass of
         zero, an angle of a placement) gives its runs a structure of their own, which is built when it is met.
+    keys : what these keys are, where that is known.
 
     Raises
     ------
     SceneError : the scene is wrong, or has no such key.
     """
 
-    def __init__(self, scene: Scene | Family | str | os.PathLike[str], vary: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        scene: Scene | Family | str | os.PathLike[str],
+        vary: Sequence[str] = (),
+        keys: tuple[Key, ...] = (),
+    ) -> None:
         self.family = Family.of(scene)
         super().__init__(self.family.own)
         refuse_doubles(self.family.root, vary, "vary")
-        self.keys: tuple[Key, ...] = tuple(understand(self.family, name) for name in vary)
+        self.keys = keys or tuple(understand(self.family, name) for name in vary)
         self._allowed = Allowed(self.family, self.keys)
         self._structures: dict[str, Structures] = {}
 

@@ -90,19 +90,27 @@ class Structure(Built):
             observer = self.motion.observer
         return observer, self.recipe.deciding(witnesses)
 
+    @property
+    def observer(self) -> Observer:
+        """What is evaluated at samples."""
+        return self._observer[0]
+
+    @cached_property
+    def sampled(self) -> list[SampleKernel]:
+        """Its kernels with numbers."""
+        return [kernel for kernel in self.observer.kernels.values() if isinstance(kernel, SampleKernel)]
+
     def observed_alike(self, numbers: ManyNumbers) -> NDArray[np.bool_]:
         """Tell in which runs (N,) samples are evaluated by the same equations."""
         return numbers.decided_alike(self._observer[1])
 
     def observers(self, numbers: ManyNumbers) -> Iterator[Observer]:
         """Yield the observer of samples with the numbers of one run after another."""
-        observer = self._observer[0]
-        kernels = [kernel for kernel in observer.kernels.values() if isinstance(kernel, SampleKernel)]
-        tables = [numbers.table(kernel.program.numbers or (0.0,)) for kernel in kernels]
+        tables = [numbers.table(kernel.program.numbers or (0.0,)) for kernel in self.sampled]
         for rows in zip(*tables):
-            for kernel, row in zip(kernels, rows):
+            for kernel, row in zip(self.sampled, rows):
                 kernel.table = np.ascontiguousarray(row)
-            yield observer
+            yield self.observer
 
     @cached_property
     def psi_at_samples(self) -> SampleKernel:

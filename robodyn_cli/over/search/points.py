@@ -13,7 +13,7 @@ import numpy as np
 
 from robodyn_cli.commands import places
 from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.over.many.keys import settings
+from robodyn_cli.over.many.keys import STRUCTURE, settings
 from robodyn_cli.over.search.asked import EDGE, Search
 from robodyn_cli.over.search.journal import SearchJournal
 from robodyn_cli.over.sensitivity.asked import AskedSlopes
@@ -85,7 +85,7 @@ class PointMaker:
         self.failures: Counter[int] = Counter()
         self.reasons: dict[int, str] = {}
         self.not_exact: dict[str, str] = {}
-        self._compiled = Compiled(search.task, jobs) if suits(search.task) else None
+        self._compiled = Compiled(search.task, jobs, search.keys) if suits(search.task) else None
         if self._compiled is not None and search.continuous:
             for values in search.combinations():
                 ends = [search.value_of(np.full(len(search.continuous), u), values) for u in (0.0, 1.0)]
@@ -167,9 +167,19 @@ class PointMaker:
         together = {}
         values = np.array([point.x for point in points])
         slopes = np.full((len(points), len(points[0].y), len(points[0].x)), np.nan)
-        for structure, rows in self._compiled.structures(values):
+        served = self._compiled.structures(values)
+        # what is zero is structure, and its derivative is in another structure, where it is a number
+        others = [(structure, np.arange(len(points))) for structure, _ in served]
+        same = [k for k, key in enumerate(self.search.keys) if key.sort == STRUCTURE]
+        for structure, rows in [*served, *others]:
+            is_like = (values[rows][:, same] == structure.row[same]).all(axis=1) & structure.fits(
+                values[rows]
+            )
+            own = rows[is_like & ~np.isfinite(slopes[rows][:, :, keys]).all(axis=(1, 2))]
+            if not len(own):
+                continue
             with contextlib.suppress(CapabilityError, np.linalg.LinAlgError):
-                slopes[rows] = self._slopes_at_once(structure, values[rows], self.search.task.outputs)
+                slopes[own] = self._slopes_at_once(structure, values[own], self.search.task.outputs)
         for point, J in zip(points, slopes):
             if not np.isfinite(J[:, keys]).all():
                 continue

@@ -27,7 +27,7 @@ from robodyn_cli.over.batch.criteria import EXIT_CODE, judge
 from robodyn_cli.over.commands import execute
 from robodyn_cli.over.many.command import BatchCommand, ManyRuns, ended, error_of, number_of
 from robodyn_cli.over.many.groups import Built
-from robodyn_cli.over.many.keys import settings
+from robodyn_cli.over.many.keys import Key, settings
 from robodyn_cli.over.many.mechanism import Mechanism
 from robodyn_cli.over.study.rows import Missing, Points, RowFile, RunRows, Task, joined, killed
 from robodyn_cli.registry import Registry
@@ -92,11 +92,12 @@ def why_slow(task: Task) -> str:
 class Compiled:
     """Makes runs of a study in compiled code, as far as that can be trusted."""
 
-    def __init__(self, task: Task, threads: int) -> None:
+    def __init__(self, task: Task, threads: int, keys: tuple[Key, ...] = ()) -> None:
+        """``keys`` : what the keys of the task are, where that is known."""
         self.task, self.threads = task, threads
         command = _command_of(task)
         assert command is not None
-        self._mechanism, self._command = Mechanism(task.family, task.keys), command
+        self._mechanism, self._command = Mechanism(task.family, task.keys, keys), command
         expected = (
             key for key in task.family.own.expect if command.is_plain(key) and key not in command.words
         )

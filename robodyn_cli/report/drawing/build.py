@@ -12,8 +12,25 @@ import numpy as np
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, RobodynError
 from robodyn_cli.model.build import moved_link, parent_link
-from robodyn_cli.report.drawing.parts import Connections, Links, colour_of, payload_parts, put_payloads
-from robodyn_cli.report.drawing.places import STILL, DrawnExpressions, arrows, evenly, loads, moving_paths
+from robodyn_cli.report.drawing.parts import (
+    OF_PAYLOADS,
+    Connections,
+    Links,
+    colour_of,
+    flown,
+    payload_parts,
+    put_payloads,
+)
+from robodyn_cli.report.drawing.places import (
+    FINE,
+    STILL,
+    DrawnExpressions,
+    arrows,
+    evenly,
+    loads,
+    motion_between,
+    moving_paths,
+)
 from robodyn_cli.report.drawing.record import Drawing, Pin, Stretches, Trail
 from robodyn_cli.report.lines import finite
 from robodyn_cli.results.moments import lock_time
@@ -26,6 +43,7 @@ from robodyn_cli.spatial.algebra import Array
 NEVER = math.inf
 THIN = 0.1  # of the drawing's size: a mechanism that extends less along an axis is drawn flat
 TRAIL = 2000  # places of a path
+FLOWN = 200  # places of the path of a payload in flight
 INSTANTS = 9  # at which distances of joints are measured
 FAR = 1e30  # distance of the nearest other joint, where there is none [m]
 
@@ -124,7 +142,7 @@ def drawing_of(
         masses=tuple(masses),
         bobs=tuple(bobs),
         arrows=arrows(acting, axes, forces),
-        trails=_trails(result) if samples is not None else (),
+        trails=_trails(result, problem) if samples is not None else (),
         latches=tuple(
             drawn
             for between, closed in _latches(result, scene)
@@ -142,8 +160,8 @@ def _latches(result: Result, scene: Scene) -> Iterator[tuple[Sequence[str], Stre
         yield scene.deploy.latch.between, () if locked is None else ((locked, NEVER),)
     for latch in scene.deploy.latches:
         starts, ends = (
-            [float(e["time"]) for e in result.events if (e["kind"], e["name"]) == (kind, latch.name)]
-            for kind in ("latched", "opened")
+            [float(e["time"]) for e in result.events if e["kind"] in kinds and e["name"] == latch.name]
+            for kinds in (("latched", "held"), ("opened",))
         )
         yield _held_links(scene, latch), tuple(zip(starts, [*ends, NEVER]))
 
@@ -171,13 +189,35 @@ def _with_room(pins: Sequence[Pin], vertices: Array) -> tuple[Pin, ...]:
     return tuple(kept)
 
 
-def _trails(result: Result) -> tuple[Trail, ...]:
-    """Return the paths of the named points that move."""
+def _trails(result: Result, problem: Problem) -> tuple[Trail, ...]:
+    """Return the paths of the named points that move, and of payloads in flight."""
     trails = []
-    for place, (name, path) in enumerate(moving_paths(result).items()):
+    for place, (name, (times, path)) in enumerate(paths_of(result, problem).items()):
         keep = evenly(len(path), TRAIL)
-        trails.append(Trail(name, result.time[keep], path[keep], colour_of(place)))
+        trails.append(Trail(name, times[keep], path[keep], colour_of(place)))
+    for payload in problem.model.payloads:
+        if f"flights/{payload.name}/time" in result:
+            known = result[f"flights/{payload.name}/time"]
+            times = np.linspace(known[0], known[-1], FLOWN)
+            trails.append(Trail(payload.name, times, flown(result, payload.name, times), OF_PAYLOADS, True))
     return tuple(trails)
+
+
+def paths_of(result: Result, problem: Problem | None = None) -> dict[str, tuple[Array, Array]]:
+    """Return times (K,) and places (K, 3) of the named points that move, between samples where these are few."""
+    paths = {name: (result.time, path) for name, path in moving_paths(result).items()}
+    if not paths or len(result.time) >= FINE or not can_draw(result):
+        return paths
+    problem = problem or Problem(scene_of(result.scene_text))
+    between = motion_between(result, problem)
+    if between is None:
+        return paths
+    expressions, frames = DrawnExpressions(problem), problem.model.points
+    own = {name: expressions.vertex(frames[name].body, frames[name].p) for name in paths if name in frames}
+    t, q = between
+    places, _, _ = expressions.evaluate(t, q, np.zeros((len(t), problem.model.nv)))
+    fine = {name: (t, finite(places[:, k])) for name, k in own.items() if k is not None}
+    return {**paths, **fine}
 
 
 def flat_axis(points: Array) -> int | None:

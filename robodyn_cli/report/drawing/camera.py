@@ -123,14 +123,17 @@ class View:
 
     Parameters
     ----------
-    follow : (T, 3), where the camera looks at each instant; by default always at its target.
+    follow : (T, 3), where the camera looks at each instant; by default always at its target. near : whether what is
+    shown leaves out how far payloads fly.
 
     ``corners`` : (T, N, 3), the vertices' places and depths. ``low``, ``high`` : (2,), of the plane that is shown, and
     ``pt``, the length of a printer's point in it, once ``fit`` has been told the room.
     """
 
-    def __init__(self, drawing: Drawing, camera: Camera, follow: Array | None = None) -> None:
-        self.drawing, self.camera, self.follow = drawing, camera, follow
+    def __init__(
+        self, drawing: Drawing, camera: Camera, follow: Array | None = None, near: bool = False
+    ) -> None:
+        self.drawing, self.camera, self.follow, self.near = drawing, camera, follow, near
         if follow is None:
             self.corners = camera.project(drawing.vertices)
         else:
@@ -203,9 +206,12 @@ class View:
 
     def _extent(self) -> tuple[Array, Array]:
         """Return the corners (2,) of what is to be seen."""
-        clouds = [self.corners[..., :2].reshape(-1, 2)]
+        out = self.drawing.carried if self.near else set()
+        kept = [k for k in range(self.corners.shape[1]) if k not in out]
+        trails = [trail for trail in self.drawing.trails if not (self.near and trail.flight)]
+        clouds = [self.corners[:, kept, :2].reshape(-1, 2)]
         if self.follow is None:
-            clouds += [self.camera.project(trail.points)[:, :2] for trail in self.drawing.trails]
+            clouds += [self.camera.project(trail.points)[:, :2] for trail in trails]
             clouds += [np.array([a + v for a, v in self.tips(k)]).reshape(-1, 2) for k in self._some()]
         points = np.concatenate(clouds)
         points = points[np.isfinite(points).all(axis=1) & (np.abs(points) < 1e100).all(axis=1)]

@@ -234,12 +234,12 @@ def put_payloads(result: Result, model: Model, parts: list[DrawnPart], times: Ar
         flying = absent[times[absent] > events.get("let_go", np.inf)]
         if len(last) and len(flying) and f"{path}/time" in result:
             since = times[flying] - times[last]
-            flown = _flown(result, payload.name, times[flying])
+            places_then = flown(result, payload.name, times[flying])
             turned = _turned(corners[0] - corners[0].mean(axis=0), result, payload.name, since)
-            vertices[np.ix_(flying, places[payload.name])] = flown[:, None, :] + turned
+            vertices[np.ix_(flying, places[payload.name])] = places_then[:, None, :] + turned
 
 
-def _flown(result: Result, name: str, times: Array) -> Array:
+def flown(result: Result, name: str, times: Array) -> Array:
     """Return where the centre of mass of a released payload is (T, 3), at its landing from then on."""
     flight = result.group(f"flights/{name}")
     known, places, rates = (flight[key].data for key in ("time", "position", "velocity"))

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.expr.rebuild import Interpreter
@@ -105,8 +106,10 @@ def along_motion(drawing: Drawing, most: int) -> list[int]:
     The length of a step is how far the vertex has moved that has moved furthest.
     """
     count = len(drawing.times)
-    steps = np.linalg.norm(np.diff(drawing.vertices, axis=0), axis=2)
-    moved = np.nan_to_num(steps, posinf=0.0).max(axis=1, initial=0.0)
+    steps = np.nan_to_num(np.linalg.norm(np.diff(drawing.vertices, axis=0), axis=2), posinf=0.0)
+    # the way of a payload that flies says little of the mechanism
+    own = [k for k in range(steps.shape[1]) if k not in drawing.carried]
+    moved = (steps[:, own] if steps[:, own].any() else steps).max(axis=1, initial=0.0)
     length = np.concatenate([[0.0], np.cumsum(moved)])
     if not length[-1] > 0.0:
         return [0] if count == 1 else [0, count - 1]
@@ -137,6 +140,50 @@ def moving_paths(result: Result) -> dict[str, Array]:
             paths[name] = path
     size = max((_extent(path) for path in paths.values()), default=0.0)
     return {name: path for name, path in paths.items() if _extent(path) > STILL * size}
+
+
+FINE = 1500  # places of a path, about, where samples are fewer
+# part of a way by which rates at its ends may miss it, where a curve through them shows the motion
+STRAY = 0.2
+ROUNDED = 1e-6  # part of the largest position, below which it does not matter how a joint goes
+
+
+def motion_between(result: Result, problem: Problem) -> tuple[Array, Array] | None:
+    """Return times (K,) and positions (K, nq) at samples and between them, on the cubic polynomials that have the rates
+    there, too; None where samples are near enough, or too few.
+
+    Positions go straight where rates do not fit them: something happened on the way, or samples are too far apart.
+    Attitudes have nothing between samples then.
+    """
+    t, q, model = result.time, result["q"], problem.model
+    qd = result["qd"] if "qd" in result else np.zeros((0, 0))
+    if not 2 <= len(t) < FINE or (q.shape[1], *qd.shape) != (model.nq, len(t), model.nv):
+        return None
+    if not (np.isfinite(q).all() and np.isfinite(qd).all()):
+        return None
+    pieces, h = -(-FINE // (len(t) - 1)), np.diff(t)[:, None]
+    columns = Interpreter(position_rates(model, problem.q, problem.v))({"q": q.T, "v": qd.T})
+    rates = np.column_stack([np.broadcast_to(column, len(t)) for column in columns])
+    way, first, last = np.diff(q, axis=0), h * rates[:-1], h * rates[1:]
+    attitudes = [slice(k, k + 4) for k, name in enumerate(model.q_names) if name.endswith(".qw")]
+    ways = [np.abs(x) for x in (way - 0.5 * (first + last), way, first, last)]
+    for x in ways:
+        for four in attitudes:
+            x[:, four] = np.linalg.norm(x[:, four], axis=1)[:, None]
+    off = ways[0] > STRAY * (sum(ways[1:]) + ROUNDED * np.abs(q).max())
+    known = ~off[:, [k for four in attitudes for k in range(*four.indices(model.nq))]].any(axis=1)
+    strays = off.any(axis=1)
+    happened = np.searchsorted(t, [float(event["time"]) for event in result.events]) - 1
+    strays[happened[(happened >= 0) & (happened < len(strays))]] = True
+    first, last = (np.where(strays[:, None], way, x)[:, None] for x in (first, last))
+    s = (np.arange(pieces) / pieces)[None, :, None]
+    x = q[:-1, None] + s * (
+        first + s * (3.0 * way[:, None] - 2.0 * first - last + s * (first + last - 2.0 * way[:, None]))
+    )
+    for four in attitudes:
+        x[:, :, four] /= np.linalg.norm(x[:, :, four], axis=2)[:, :, None]
+    kept = (s[0, :, 0] == 0.0) | known[:, None]
+    return np.append((t[:-1, None] + s[0, :, 0] * h)[kept], t[-1]), np.vstack([x[kept], q[-1:]])
 
 
 def drawing_of_paths(paths: list[Array], gravity: Array) -> Drawing:

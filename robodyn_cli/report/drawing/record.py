@@ -105,12 +105,13 @@ class Arrow:
 
 @record
 class Trail:
-    """The path of a named point: times (K,) [s] and places (K, 3) [m]."""
+    """The path of a named point, or of a payload in its ``flight``: times (K,) [s] and places (K, 3) [m]."""
 
     name: str
     times: Array
     points: Array
     colour: str
+    flight: bool = False
 
 
 Stretches = tuple[tuple[float, float], ...]
@@ -162,6 +163,11 @@ class Drawing:
     def shaped(self) -> frozenset[str]:
         """Names of the links that are drawn by shapes of their own."""
         return frozenset(part.name for part in self.parts if part.kind == "shape")
+
+    @property
+    def carried(self) -> set[int]:
+        """Vertices of payloads."""
+        return {vertex for part in self.parts if part.kind == "payload" for vertex in part.vertices}
 
     @cached_property
     def everything(self) -> Array:

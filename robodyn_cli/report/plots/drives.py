@@ -12,8 +12,8 @@ from robodyn_cli.report import style
 from robodyn_cli.report.abscissa import over_joint
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
-from robodyn_cli.report.style import log_axis, number
-from robodyn_cli.results.result import Result, column_names
+from robodyn_cli.report.style import labelled, log_axis, number, position_word
+from robodyn_cli.results.result import Result, column_names, units_of
 from robodyn_cli.spatial.algebra import Array
 
 MOST = 8  # motors that are drawn: those that use most of their envelope
@@ -253,7 +253,11 @@ def _finish(ax: Any, result: Result, name: str, by: str, prices: Array) -> None:
                  fontsize=style.FONT_SIZE, loc="left", pad=4)  # fmt: skip
 
 
-RATIOS: dict[str, Any] = {"dynamic": "-", "static": (0, (4, 1.6))}
+# where both are the same, dashes lie on a broad line
+RATIOS: dict[str, dict[str, Any]] = {
+    "dynamic": {"linewidth": 3.2, "alpha": 0.55, "solid_capstyle": "butt"},
+    "static": {"linewidth": 1.3, "linestyle": (0, (4, 1.6))},
+}
 HIGHEST = 3.0  # times what is required, or 1.5 times a least ratio, up to which ratios are drawn
 
 
@@ -276,17 +280,19 @@ def motorisation(result: Result) -> Any:
     )
     handles: list[Any] = []
     angles = dict(zip(column_names(result.variables["q"]), result["q"].T))
-    for ax, over, label in zip(sheet.axes, ({}, angles), ("time [s]", "position of the joint [rad or m]")):
+    q = result.variables["q"]
+    units = (
+        " or ".join(dict.fromkeys(u for name, u in zip(column_names(q), units_of(q)) if name in names))
+        or "rad"
+    )
+    place = labelled(names[0] if len(names) == 1 else position_word(units), units)
+    for ax, over, label in zip(sheet.axes, ({}, angles), ("time [s]", place)):
         handles, drawn, ways = [], [], []
         for k, name in enumerate(names):
             for kind in kinds:
                 x = over.get(name, result.time) if ax is sheet.axes[0] or name in over else NONE
                 y = _ratios(result, kind, k, highest)[: len(x)]
-                look: dict[str, Any] = {
-                    "color": style.COLOURS[k % len(style.COLOURS)],
-                    "linestyle": RATIOS[kind],
-                }
-                handles += ax.plot(x, y, **look)
+                handles += ax.plot(x, y, color=style.COLOURS[k % len(style.COLOURS)], **RATIOS[kind])
                 drawn.append(y)
                 ways.append(x)
         handles.append(ax.axhline(required, color=style.ALARM, linewidth=1.0))

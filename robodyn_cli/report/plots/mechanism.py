@@ -13,11 +13,11 @@ from matplotlib.lines import Line2D
 from robodyn_cli.report import style
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.drawing import paper
-from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing
-from robodyn_cli.report.drawing.camera import View, along_axis, default_camera
+from robodyn_cli.report.drawing.build import can_draw, drawing_of, gravity_of, make_drawing, paths_of
+from robodyn_cli.report.drawing.camera import Camera, View, along_axis, default_camera
 from robodyn_cli.report.drawing.paper import Painted, name_lines
 from robodyn_cli.report.drawing.places import along_motion, drawing_of_paths, evenly, moving_paths
-from robodyn_cli.report.drawing.record import Stroke
+from robodyn_cli.report.drawing.record import Drawing, Stroke
 from robodyn_cli.report.drawing.strokes import silhouette
 from robodyn_cli.report.lines import finite, largest, thin_path
 from robodyn_cli.report.registry import plot
@@ -27,6 +27,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 POSES = 8
+FAR = 1.5  # times the size of the mechanism, beyond which a flight has a view of its own
 MOST_NAMES = 8
 # of frames: Okabe and Ito's vermilion, green and blue
 AXIS_COLOURS = ("#D55E00", "#009E73", "#0072B2")
@@ -39,15 +40,14 @@ def mechanism(result: Result) -> Any:
     drawing = make_drawing(result, evenly(len(result.time), 400))
     chosen = along_motion(drawing, POSES)
     poses = drawing.at(chosen)
-    view = View(poses, default_camera(drawing))
+    view, views = _views(poses, default_camera(drawing))
     locked = lock_time(result)
     times = [f"{number(float(t), 4)} s" for t in poses.times]
     end = "locked" if locked is not None and abs(poses.times[-1] - locked) < 1e-6 else "last"
     labels = [] if len(chosen) == 1 else [*times[:-1], f"{times[-1]} ({end})"]
     height = paper.height_of(view, paper.WIDTH)
-    views = [] if view.flat else [View(poses, along_axis(axis)) for axis in (1, 0, 2)]
     more = paper.room_below(views)
-    sheet = Sheet(result, _subtitle(view, len(chosen)), labels=labels, height=height + more)
+    sheet = Sheet(result, _subtitle(view, len(chosen), bool(views)), labels=labels, height=height + more)
     for one, below in zip(views, paper.axes_below(sheet, views)):
         paper.put(below, one, len(chosen) - 1, _ghosts(one, 0.7), grid=False)
     ax = sheet.ax
@@ -64,9 +64,22 @@ def mechanism(result: Result) -> Any:
     return sheet.figure
 
 
-def _subtitle(view: View, count: int) -> str:
+def _views(drawing: Drawing, camera: Camera) -> tuple[View, list[View]]:
+    """Return the view of a drawing, and those below it: along the axes in space, in a plane of a flight that leads so
+    far away that the first one leaves it out."""
+    whole, near = (View(drawing, camera, near=x) for x in (False, True))
+    sizes = [float(np.ptp(view.extent, axis=0).max()) for view in (whole, near)]
+    view = near if sizes[0] > FAR * sizes[1] else whole
+    if not view.flat:
+        return view, [View(drawing, along_axis(axis)) for axis in (1, 0, 2)]
+    return view, [whole] if view is near else []
+
+
+def _subtitle(view: View, count: int, below: bool) -> str:
     instants = f"{count} instants, light to dark" if count > 1 else "1 instant"
     where = paper.where(view) + ("" if view.flat else " and along the axes")
+    if view.flat and below:
+        instants += "; below with the whole flight"
     told = paper.caption(view, grid=not view.flat)
     return f"The mechanism {where} at {instants}{'; ' if told else ''}{told}"
 
@@ -89,7 +102,7 @@ START: dict[str, Any] = {"marker": "o", "color": "white", "markeredgewidth": 1.8
 def tip_path(result: Result) -> Any:
     """Paths of the named points that move, and of their targets: flat in a plane, in space with views along the
     axes."""
-    points = moving_paths(result)
+    samples, points = moving_paths(result), {name: path for name, (_, path) in paths_of(result).items()}
     targets = {name: item.data for name, item in result.group("targets").items() if name in points}
     drawn = list(points)[:FEW]
     shown = {name: points[name] for name in drawn}
@@ -99,7 +112,7 @@ def tip_path(result: Result) -> Any:
     views = [] if view.flat else [View(paths, along_axis(axis)) for axis in (1, 0, 2)]
     labels = [*drawn, *(["target"] if targets else []), "start"]
     height = paper.height_of(view, paper.WIDTH) + paper.room_below(views)
-    sheet = Sheet(result, _subtitle_of_paths(view, points, targets, drawn), labels=labels, height=height)
+    sheet = Sheet(result, _subtitle_of_paths(view, samples, targets, drawn), labels=labels, height=height)
     for one, ax in zip(views, paper.axes_below(sheet, views)):
         _paths(ax, one, shown, targets, 0.6)
     paper.set_up(sheet.ax, view)

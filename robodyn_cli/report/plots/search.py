@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.analysis import axis_label, outputs, panels, runs_text
+from robodyn_cli.report.analysis import axis_label, fit_label, outputs, panels, runs_text
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
 from robodyn_cli.results.result import Result
@@ -45,7 +45,7 @@ def search_path(result: Result) -> Any:
             handles += ax.plot(np.flatnonzero(failed), np.zeros(int(failed.sum())), linestyle="none", marker="X",
                                clip_on=False, color=style.ALARM, transform=ax.get_xaxis_transform())  # fmt: skip
         ax.set_xlabel("run")
-        ax.set_ylabel(axis_label(result, name, "outputs"))
+        fit_label(ax, "y", axis_label(result, name, "outputs"))
         ax.margins(x=0.03)
     sheet.legend(handles[: len(labels)], labels)
     return sheet.figure

@@ -7,7 +7,16 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.report import style
-from robodyn_cli.report.analysis import MOST_PANELS, axis_label, inputs, outputs, panels, runs_text, tornado
+from robodyn_cli.report.analysis import (
+    MOST_PANELS,
+    axis_label,
+    fit_label,
+    inputs,
+    outputs,
+    panels,
+    runs_text,
+    tornado,
+)
 from robodyn_cli.report.canvas import Sheet
 from robodyn_cli.report.registry import plot
 from robodyn_cli.results.result import Result
@@ -27,8 +36,8 @@ def study_response(result: Result) -> Any:
         handles = _curve(ax, x, y, failed, is_curve="sampler" not in result.summary)
         _widen(ax, y, result[f"errors/{name}"] if f"errors/{name}" in result else np.zeros(1))
         # the title has the whole key, which panels side by side have no room for
-        ax.set_xlabel(axis_label(result, key, short=len(found) > 1))
-        ax.set_ylabel(axis_label(result, name, "outputs"))
+        fit_label(ax, "x", axis_label(result, key, short=len(found) > 1))
+        fit_label(ax, "y", axis_label(result, name, "outputs"))
         if _is_logarithmic(x):
             ax.set_xscale("log")
         ax.margins(x=0.03)
@@ -92,8 +101,8 @@ def study_map(result: Result) -> Any:
         # lightness grows with the value, so a grey print keeps the order
         drawn = ax.pcolormesh(_edges(columns), _edges(rows), grid, cmap="cividis")
         ax.grid(False)
-        ax.set_xlabel(axis_label(result, first))
-        ax.set_ylabel(axis_label(result, second))
+        fit_label(ax, "x", axis_label(result, first))
+        fit_label(ax, "y", axis_label(result, second))
         sheet.figure.colorbar(drawn, ax=ax).set_label(axis_label(result, name, "outputs"))
     return sheet.figure
 
@@ -133,7 +142,8 @@ def study_histograms(result: Result) -> Any:
         handles = [lines[0]]
         if nominal is not None:
             handles.append(ax.axvline(nominal, color=style.ALARM, linestyle=style.DASHES[1], linewidth=1.4))
-        ax.set_xlabel(axis_label(result, name, "outputs"))
+        # what the numbers are multiplied by stands on the right
+        fit_label(ax, "x", axis_label(result, name, "outputs"), loc="left")
         ax.set_ylabel("runs")
         ax.locator_params(axis="x", nbins=5)
     sheet.legend(handles, labels[: len(handles)])
@@ -207,7 +217,7 @@ def sensitivity_tornado(result: Result) -> Any:
         panels=len(bars), across=across, height=0.5 + 0.24 * rows, gap=0.66,
     )  # fmt: skip
     for ax, (name, found) in zip(sheet.axes, bars.items()):
-        tornado(ax, f"(key / y) dy/dkey, y = {name}", found, figures=True)
+        tornado(ax, name, found, figures=True)
     return sheet.figure
 
 

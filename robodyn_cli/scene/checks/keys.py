@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -46,6 +47,7 @@ def _check_keys(scene: Scene, check: Check) -> None:
     from robodyn_cli.summaries.keys import leaf_of
 
     commands = [name for name in SCENE_COMMANDS if scene.command in (None, name)]
+    names_of = functools.cache(lambda of_columns: key_names(scene, of_columns))  # the same for all keys
     for key, expected, section in named_keys(scene):
         number = expected is None or section[0] == "search" or expected.numeric
         leaves = [leaf for name in commands if (leaf := leaf_of(name, key)) is not None]
@@ -55,7 +57,7 @@ def _check_keys(scene: Scene, check: Check) -> None:
         if expected is not None and known and (fault := _unit_fault(scene, key, expected, leaves)):
             with check:
                 check.fail(key_place(check.root, section, key), fault)
-        names = key_names(scene, key.startswith(EXTREMES)) if not leaves or leaves[0].names else {}
+        names = names_of(key.startswith(EXTREMES)) if not leaves or leaves[0].names else {}
         if not leaves or (names and not any(leaf.fits(names) for leaf in leaves)):
             from robodyn_cli.summaries.keys import refusal
 

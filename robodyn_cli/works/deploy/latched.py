@@ -68,15 +68,15 @@ def deploy_latched(
     return _report(run, judgement, estimate, watch)
 
 
-class _Pending:
+class Pending:
     """Samples that are still to be recorded: those between two changes of the parameters go together."""
 
-    def __init__(self, run: Run) -> None:
-        self.run, self.p = run, np.zeros(0)
+    def __init__(self, driver: Driver, recorder: Recorder) -> None:
+        self.driver, self.recorder, self.p = driver, recorder, np.zeros(0)
         self.blocks: list[tuple[Array, Array]] = []
 
     def take(self, t: Array, x: Array) -> None:
-        p = self.run.driver.parameters
+        p = self.driver.parameters
         if self.blocks and (len(t) >= BLOCK or not np.array_equal(p, self.p)):
             self.record()
         self.blocks.append((t, x))
@@ -85,13 +85,17 @@ class _Pending:
     def record(self) -> None:
         if self.blocks:
             t, x = (np.concatenate(parts) for parts in zip(*self.blocks))
-            self.run.recorder.emit(t, x, self.p)
+            self.recorder.emit(t, x, self.p)
             self.blocks.clear()
 
 
 def _drive(run: Run, progress: Progress, watch: Stopwatch) -> RobodynError | None:
     """Integrate and record, up to what is waited for; return why the run ended before."""
-    duration, driver, pending = run.motion.scene.simulate.duration, run.driver, _Pending(run)
+    duration, driver, pending = (
+        run.motion.scene.simulate.duration,
+        run.driver,
+        Pending(run.driver, run.recorder),
+    )
     driver.tick = lambda time: progress(time, duration)
     with watch.stage("integrate"):
         try:
