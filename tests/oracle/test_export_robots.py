@@ -268,7 +268,9 @@ class InMujoco:
             turn = np.eye(body.joint.nv)
             if body.joint.type == "floating":  # theirs count from the world
                 start, R = self.model.qpos0[at : at + 7], np.zeros(9)
-                self.mj.mju_mulPose(own[:3], own[3:], start[:3].copy(), start[3:].copy(), own[:3].copy(), own[3:].copy())
+                self.mj.mju_mulPose(
+                    own[:3], own[3:], start[:3].copy(), start[3:].copy(), own[:3].copy(), own[3:].copy()
+                )
                 self.mj.mju_quat2Mat(R, own[3:])
                 turn[:3, :3] = R.reshape(3, 3)
             self.data.qpos[at : at + body.joint.nq] = own
@@ -328,7 +330,9 @@ def test_a_rotor_without_mass(tmp_path: Path) -> None:
     q = np.array([0.3, -0.7, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     T = peer.set(q, np.zeros(model.nv))
     same(Equations.of(scene, q, np.zeros(model.nv)).M, T.T @ peer.mass_matrix() @ T)
-    _, notes = export_robot(scene_of({**robot, "joints": robot["joints"][:2], "links": robot["links"][:2]}), "sdf", tmp_path)
+    _, notes = export_robot(
+        scene_of({**robot, "joints": robot["joints"][:2], "links": robot["links"][:2]}), "sdf", tmp_path
+    )
     assert any("without mass" in note and "link1" in note for note in notes)
 
 

@@ -45,7 +45,10 @@ _PASSED = (
 MOST = 6  # coordinates of a body
 Chain = tuple[ExportedLink, ...]
 _COORDINATES = {"hinge": 1, "slide": 1, "ball": 3}
-LEAST, ROUNDING = 1e-15, 1e-12  # mass [kg] and moments [kg m^2] that MuJoCo takes; of what moments may add up to
+LEAST, ROUNDING = (
+    1e-15,
+    1e-12,
+)  # mass [kg] and moments [kg m^2] that MuJoCo takes; of what moments may add up to
 ACROSS = 0.1  # distance [m] along its axis of the two points that a pin ties
 
 
@@ -173,7 +176,11 @@ def _body(parent: Element, chain: Chain, free: bool) -> Element:
     if not link.massless:
         I = link.inertia
         full = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
-        attributes = {"pos": words(link.com), "mass": words(max(link.mass, LEAST)), "fullinertia": words(full)}
+        attributes = {
+            "pos": words(link.com),
+            "mass": words(max(link.mass, LEAST)),
+            "fullinertia": words(full),
+        }
         SubElement(body, "inertial", attributes)
     if free and link.type == "floating" and link.parent == GROUND:
         SubElement(body, "freejoint", {"name": link.joint})
