@@ -16,7 +16,7 @@ from robodyn_cli.over.export.robot import GROUND, ExportedLink, ExportedLoop, Ex
 from robodyn_cli.spatial.algebra import Array
 
 STEP = 1e-3  # s, of Drake's tutorials
-MISSING = "Drake is not installed, which --with drake needs: pip install 'robodyn[peers]'"
+MISSING = "--with drake: Drake is not installed: pip install 'robodyn[peers]'"
 SINGLE = ("revolute", "prismatic")
 # by our joint: Drake's of (its module, name, frame on the parent, frame on the child, damping), along z of these frames
 # but for the universal joint, which turns about x and then y

@@ -9,12 +9,12 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from robodyn_cli.errors import listed
+from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.over.export.robot import (
     GROUND,
     Coordinate,
     ExportedLink,
     ExportedRobot,
-    base_pose,
     followers,
     words,
     xml_text,
@@ -35,7 +35,6 @@ JOINTS: Mapping[str, tuple[tuple[str, int], ...]] = {
     "spherical": (("ball", 2),),
     "floating": (("slide", 0), ("slide", 1), ("slide", 2), ("ball", 2)),
 }
-_FREE = (("free", 2),)
 _PASSED = (
     "revolute",
     "prismatic",
@@ -45,15 +44,12 @@ _PASSED = (
 )  # joints that others of their body may follow
 MOST = 6  # coordinates of a body
 Chain = tuple[ExportedLink, ...]
-_COORDINATES = {"hinge": 1, "slide": 1, "ball": 3, "free": 6}
-LEAST, ROUNDING = 1e-15, 1e-12  # moments of inertia that MuJoCo takes [kg m^2]; of what they may add up to
+_COORDINATES = {"hinge": 1, "slide": 1, "ball": 3}
+LEAST, ROUNDING = (
+    1e-15,
+    1e-12,
+)  # mass [kg] and moments [kg m^2] that MuJoCo takes; of what moments may add up to
 ACROSS = 0.1  # distance [m] along its axis of the two points that a pin ties
-
-
-def joints_of(link: ExportedLink) -> tuple[tuple[str, int], ...]:
-    """Return MuJoCo's joints of a link; one that flies off the world is free, if it does so from where the world is."""
-    free = link.type == "floating" and link.parent == GROUND and base_pose(link.pose)
-    return _FREE if free else JOINTS[link.type]
 
 
 def write_mjcf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
@@ -102,9 +98,12 @@ def _notes(robot: ExportedRobot) -> Iterator[str]:
     ]
     if open_:
         yield f"left out, for a range has two ends: {listed(open_)}"
-    flying = [link.joint for link in robot.links if link.type == "floating" and joints_of(link) is not _FREE]
+    flying = [link.joint for link in robot.links if link.type == "floating" and link.parent != GROUND]
     if flying:
-        yield f"floating joints that begin off the world's frame are three slides and a ball: {listed(flying)}"
+        yield f"floating joints on other links are three slides and a ball: {listed(flying)}"
+    light = [link.name for link in robot.links if link.mass < LEAST and not link.massless]
+    if light:
+        yield f"links that turn and have no mass are given {LEAST:g} kg, the least that MuJoCo takes: {listed(light)}"
 
 
 def mujoco_element(robot: ExportedRobot, flags: Mapping[str, str] | None = None) -> Element:
@@ -149,8 +148,10 @@ def add_bodies(
 ) -> dict[str, Element]:
     """Add all links as bodies; return their elements by name.
 
-    chains : the links of each body, by the last of them; by default each link is a body.
+    chains : the links of each body, by the last of them; by default each link is a body with our coordinates, for
+    which no joint is free.
     """
+    free = chains is not None
     chains = {link.name: (link,) for link in robot.links} if chains is None else chains
     below: dict[str, list[Chain]] = {}
     for chain in chains.values():
@@ -160,12 +161,12 @@ def add_bodies(
     while pending:
         parent = pending.pop()
         for chain in below.get(parent, ()):
-            elements[chain[-1].name] = _body(elements[parent], chain)
+            elements[chain[-1].name] = _body(elements[parent], chain, free)
             pending.append(chain[-1].name)
     return elements
 
 
-def _body(parent: Element, chain: Chain) -> Element:
+def _body(parent: Element, chain: Chain, free: bool) -> Element:
     link, pose = chain[-1], chain[0].pose
     poses = [matrix(one.pose) for one in chain]
     if len(chain) > 1:
@@ -175,8 +176,15 @@ def _body(parent: Element, chain: Chain) -> Element:
     if not link.massless:
         I = link.inertia
         full = (I[0, 0], I[1, 1], I[2, 2], I[0, 1], I[0, 2], I[1, 2])
-        attributes = {"pos": words(link.com), "mass": words(link.mass), "fullinertia": words(full)}
+        attributes = {
+            "pos": words(link.com),
+            "mass": words(max(link.mass, LEAST)),
+            "fullinertia": words(full),
+        }
         SubElement(body, "inertial", attributes)
+    if free and link.type == "floating" and link.parent == GROUND:
+        SubElement(body, "freejoint", {"name": link.joint})
+        return body
     back = np.eye(4)  # the frame of a link of the chain in that of the body
     places = []
     for T in reversed(poses):
@@ -190,10 +198,11 @@ def _body(parent: Element, chain: Chain) -> Element:
 def _joints(body: Element, link: ExportedLink, place: Array) -> None:
     """Add the joint of a link whose frame is at a place (4, 4) in the body."""
     used = 0
-    for kind, column in joints_of(link):
+    names = joint_types[link.type].coordinates(link.joint, joint_types[link.type].names)
+    for kind, column in JOINTS[link.type]:
         own = link.coordinates[used : used + _COORDINATES[kind]]
+        name = names[used] if len(own) == 1 else link.joint
         used += _COORDINATES[kind]
-        name = own[0].name if len(own) == 1 else link.joint
         joint = SubElement(body, "joint", {"name": name, "type": kind})
         if place[:3, 3].any():
             joint.set("pos", words(place[:3, 3]))

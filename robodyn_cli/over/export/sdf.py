@@ -58,9 +58,9 @@ def write_sdf(robot: ExportedRobot, notes: list[str]) -> dict[str, str]:
     for loop in robot.loops:
         _loop(model, loop, robot)
     notes += rotor_notes(robot)
-    massless = [link.name for link in robot.links if link.massless]
+    massless = [link.name for link in robot.links if link.mass == 0.0]
     if massless:
-        notes.append(f"massless links, which not every reader of SDF takes: {listed(massless)}")
+        notes.append(f"links without mass, which not every reader of SDF takes: {listed(massless)}")
     notes.append("gravity is not written: it is that of the world into which an SDF model is put")
     return {f"{robot.name}.sdf": xml_text(root)}
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from robodyn_cli.scene.mjcf.compiled import ACTUATORS, MjcfModel
+from robodyn_cli.scene.mjcf.compiled import ACTUATORS, SWITCHED_OFF, MjcfModel
 from robodyn_cli.scene.urdf.xml import XmlElement
 
 KINDS = ("free", "ball", "slide", "hinge")  # by the compiler's numbers
@@ -41,12 +41,15 @@ class Acting:
         numbers = (m.actuator_gaintype[a], m.actuator_biastype[a], m.actuator_dyntype[a])
         return not any(numbers) and not _has(m, "actuator_delay", a)
 
-    def is_on(self, *flags: str) -> bool:
-        """Tell whether none of some parts of the equations is switched off by a <flag> of the file."""
+    def is_on(self, part: str, *flags: str) -> bool:
+        """Tell whether no <flag> of the file switches a part of the equations off; one that is off is listed."""
         import mujoco
 
         off = self.m.opt.disableflags
-        return not any(off & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)) for flag in flags)
+        on = not any(off & int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{flag}", 0)) for flag in flags)
+        if not on:
+            self.compiled.left.setdefault(SWITCHED_OFF, []).append(part)
+        return on
 
     def of(self, j: int, element: XmlElement, remarks: list[str]) -> dict[str, Any]:
         """Return the keys of a joint's forces.
@@ -63,12 +66,12 @@ class Acting:
             damping += gear * _first(m, "actuator_damping", a)
             armature += gear * _first(m, "actuator_armature", a)
         friction: dict[str, Any] = {}
-        if damping and self.is_on("DAMPER"):
+        if damping and self.is_on("dampers", "DAMPER"):
             friction["viscous"] = damping
-        if m.dof_frictionloss[v] and self.is_on("FRICTIONLOSS", "CONSTRAINT"):
+        if m.dof_frictionloss[v] and self.is_on("friction", "FRICTIONLOSS", "CONSTRAINT"):
             friction |= {"coulomb": float(m.dof_frictionloss[v]), "law": "set_valued"}
         spring: dict[str, Any] = {}
-        if m.jnt_stiffness[j] and self.is_on("SPRING"):
+        if m.jnt_stiffness[j] and self.is_on("springs", "SPRING"):
             spring["stiffness"] = float(m.jnt_stiffness[j])
             if self.types[j] in SINGLE:
                 spring["rest"] = float(m.qpos_spring[p] - m.qpos0[p])
@@ -104,7 +107,7 @@ class Acting:
                 self.compiled.left.setdefault(CONES, []).append(self.compiled.name("joint", j))
             return {}
         limits: dict[str, Any] = {}
-        if m.jnt_limited[j] and self.is_on("LIMIT", "CONSTRAINT"):
+        if m.jnt_limited[j] and self.is_on("limits", "LIMIT", "CONSTRAINT"):
             ref = m.qpos0[m.jnt_qposadr[j]]
             limits = {key: float(x - ref) for key, x in zip(("lower", "upper"), m.jnt_range[j])}
         low = high = math.inf

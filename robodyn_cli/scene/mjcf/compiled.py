@@ -40,6 +40,8 @@ ACTUATORS, TENDONS = "actuators that are no torques", "tendons"
 LIMITS, COLLIDING = "limits of tendons", "contacts of the geoms of"
 UNWEIGHED = "the mass of meshes of what stands still"
 INACTIVE = "equalities that are not active"
+SWITCHED_OFF = "switched off by <flag>"
+HELD = "joints held by equalities"
 WARNED = f"{COMPILER} warns"
 
 

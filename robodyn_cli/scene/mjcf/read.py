@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from robodyn_cli.errors import listed
 from robodyn_cli.scene.dialects import Description, Packages
 from robodyn_cli.scene.mjcf.acting import Acting
-from robodyn_cli.scene.mjcf.compiled import LIMITS, WARNED, MjcfModel, compiled
+from robodyn_cli.scene.mjcf.compiled import HELD, LIMITS, WARNED, MjcfModel, compiled
 from robodyn_cli.scene.mjcf.source import source_text
 from robodyn_cli.scene.mjcf.tree import robot_tree
 from robodyn_cli.scene.text.nodes import Faults
 from robodyn_cli.scene.urdf.xml import XmlElement
 
-_DOUBTFUL = (LIMITS, WARNED)
+_ELSEWHERE = (LIMITS, WARNED, HELD)
 
 
 def read_mjcf(root: XmlElement, faults: Faults, packages: Packages) -> Description | None:
@@ -70,7 +70,8 @@ def _heading(model: MjcfModel, acting: Acting) -> tuple[str, ...]:
 
 def _notes(model: MjcfModel, acting: Acting) -> Iterator[str]:
     m = model.model
-    gravity = [float(x) if acting.is_on("GRAVITY") else 0.0 for x in m.opt.gravity]
+    on = acting.is_on("gravity", "GRAVITY")
+    gravity = [float(x) if on else 0.0 for x in m.opt.gravity]
     free = [
         model.name("joint", j) or model.name("body", int(m.jnt_bodyid[j]))
         for j, kind in enumerate(acting.types)
@@ -82,12 +83,13 @@ def _notes(model: MjcfModel, acting: Acting) -> Iterator[str]:
         ),
         "gravity in the file, which that of the scene replaces": f"[{', '.join(f'{x:g}' for x in gravity)}]",
         "free joints": listed(free),
+        HELD: listed(model.left.get(HELD, [])),
     }
     yield from (f"{title}: {names}" for title, names in texts.items() if names)
     if m.neq:
         yield "left out: solref and solimp, by which equalities give way; they are exact here"
     for title, names in model.left.items():
-        if title not in _DOUBTFUL:
+        if title not in _ELSEWHERE:
             each = Counter(names)
             yield f"left out: {title}: {listed([f'{name} ({n})' if n > 1 else name for name, n in each.items()])}"
 

@@ -15,7 +15,7 @@ from typing import Any
 
 from robodyn_cli.record import record
 from robodyn_cli.scene.mjcf.acting import Acting
-from robodyn_cli.scene.mjcf.compiled import INACTIVE, MjcfModel
+from robodyn_cli.scene.mjcf.compiled import HELD, INACTIVE, MjcfModel
 from robodyn_cli.scene.text.nodes import Faults, located
 from robodyn_cli.scene.ties import Closure, Coupling, LoopEnd, Ties
 from robodyn_cli.scene.urdf.elements import UrdfPose
@@ -51,7 +51,7 @@ def ties_of(
     reader = _EqualityReader(compiled, ends)
     closures: list[Closure] = []
     couplings: list[Coupling] = []
-    for e in range(m.neq if acting.is_on("EQUALITY", "CONSTRAINT") else 0):
+    for e in range(m.neq if m.neq and acting.is_on("equalities", "EQUALITY", "CONSTRAINT") else 0):
         element = compiled.elements["equality"][e]
         name = compiled.name("equality", e) or f"{element.tag}{e + 1}"
         if not m.eq_active0[e]:
@@ -65,6 +65,8 @@ def ties_of(
     held: dict[str, float] = {}
     with faults:
         couplings = _without_held(couplings, held)
+    if held:
+        compiled.left[HELD] = [f"{name} at {value:g}" for name, value in held.items()]
     driven = [ends.joints[j] for j in sorted(acting.actuators) if ends.joints[j] not in held]
     motors = tuple(driven) if driven and not acting.elsewhere else None
     return Ties(tuple(closures), tuple(couplings), motors), held
