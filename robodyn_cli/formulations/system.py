@@ -73,6 +73,11 @@ class Corrections:
     sample_position: tuple[Scalar, ...] = ()
     sample_velocity: tuple[Scalar, ...] = ()
 
+    @property
+    def acts(self) -> bool:
+        """Whether there are any."""
+        return bool(self.position or self.velocity or self.normalisation or self.sample_position)
+
 
 NO_CORRECTIONS = Corrections()
 

@@ -185,6 +185,23 @@ class Integrator:
         for stop in self._stops(end):
             self._check(self._call(stop))
 
+    def step_times(self, end: float, every: int) -> list[float]:
+        """Integrate to ``end`` without samples or events; return the times [s] after every so many steps, tried ones.
+
+        Raises
+        ------
+        NumericalError : see ``advance``.
+        """
+        times, most = [], self.options.max_steps
+        self.n[IntegerSlot.WATCH], self.n[IntegerSlot.LAST_SAMPLE] = 0, -1
+        for stop in self._stops(end):
+            pause = every
+            while (status := self._call(stop, pause)) is Status.MAX_STEPS and pause < most:
+                times.append(self.time)
+                pause = self.n[IntegerSlot.ACCEPTED] + self.n[IntegerSlot.REJECTED] + every
+            self._check(status)
+        return times
+
     def _stops(self, end: float) -> Iterator[float]:
         """Yield when a step has to end; formulas of time are kept to the stretch before each."""
         for stop, after, before in stretches(self.system.breakpoints, self.time, end):

@@ -126,6 +126,19 @@ class ManyRuns:
     def __len__(self) -> int:
         return len(self.values)
 
+    def end_of(self, group: str, name: str, rows: Rows) -> Array:
+        """Return a position or a rate (``q``, ``theta1``) at the ends of rows, nan where there is none of that name."""
+        names = self.q_names if group == "q" else self.qd_names
+        if name not in names:
+            return np.full(len(rows), np.nan)
+        column: Array = getattr(self, group)[rows, names.index(name)]
+        return column
+
+    def largest_error(self, group: str, rows: Rows) -> Array:
+        """Return the largest error of positions (``q``) or rates at the ends of rows."""
+        largest: Array = getattr(self, f"{group}_error")[rows].max(axis=1, initial=0.0)
+        return largest
+
     @staticmethod
     def empty(
         keys: Any, values: Array, names: tuple[Any, Any], of: Any, sampled: Any = (), samples: int = 0
