@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import dataclasses
 import itertools
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import cached_property, partial
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -167,7 +167,7 @@ class RecordedMotion:
     """A motion that has been integrated and recorded.
 
     again : what a more accurate integration follows, where it begins and ends by itself. errors : of the motion. Both
-    None: they are not estimated. again_by : as ``driver_again`` does, of this motion.
+    None: they are not estimated.
     """
 
     motion: Motion
@@ -175,7 +175,6 @@ class RecordedMotion:
     recorder: Recorder
     again: FirstRun | None = None
     errors: MotionErrors | None = None
-    again_by: Callable[[FirstRun, Options], tuple[Driver, Callable[[], None], bool]] | None = None
 
     @cached_property
     def own(self) -> CloseSamples:
@@ -196,10 +195,6 @@ class RecordedMotion:
             return self._close_samples(self.again, *self._more_accurate(self.again))
         except (NumericalError, SingularConfigurationError):
             return None
-
-    def _driver(self, run: FirstRun, options: Options) -> tuple[Driver, Callable[[], None], bool]:
-        again = partial(driver_again, self.motion) if self.again_by is None else self.again_by
-        return again(run, options)
 
     def factor(self, other: CloseSamples) -> float:
         """Return the part of the difference of both integrations that is the error of the motion."""
@@ -279,7 +274,7 @@ class RecordedMotion:
 
     def _steps(self, run: FirstRun, options: Options) -> Steps:
         """Integrate, and return the steps."""
-        driver, start, watch = self._driver(run, options)
+        driver, start, watch = driver_again(self.motion, run, options)
         every = max(1, int(run.steps[0]) // STRETCHES)
         driver.met = []
         if watch or driver.supervisor is not None or self.motion.system.partition is not None:
@@ -323,7 +318,7 @@ class RecordedMotion:
 
     def _close_samples(self, run: FirstRun, options: Options, steps: Steps) -> CloseSamples:
         """Integrate with samples between the knots of the steps."""
-        driver, start, watch = self._driver(run, options)
+        driver, start, watch = driver_again(self.motion, run, options)
         stretches, count = max(len(steps.knots) - 1, 1), max(steps.count, 1)
         in_step = min(max(MANY / count, 2 * FEWEST_IN_STEP), IN_STEP) * max(1.0, count / stretches)
         inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))

@@ -1,7 +1,7 @@
-"""What follows from the courses of many runs that compiled code makes: their errors, and figures between their samples.
+"""What follows from the courses of many runs that compiled code makes: errors, and figures between samples.
 
-Errors are those of a second integration, by the rules of ``motion.error``. Extremes and loads are those of the same steps
-with close samples (``RecordedMotion``), made by one driver that takes the numbers of one run after another.
+Errors are those of a second integration, by the rules of ``motion.error``. Extremes and loads are those of the same
+steps with close samples (``RecordedMotion``), of a motion that takes the numbers of one run after another.
 """
 
 from __future__ import annotations
@@ -10,36 +10,36 @@ import contextlib
 import dataclasses
 import math
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.errors import RobodynError
+from robodyn_cli.errors import NumericalError, RobodynError
+from robodyn_cli.formulations.events import Event, EventKind, Outcome, Owner
 from robodyn_cli.integrators.runtime.fleet import Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot
-from robodyn_cli.integrators.runtime.options import JUDGED, Grid, Options, stride_of
-from robodyn_cli.motion.error import Courses, First, Floor, Masks, difference, remainder
-from robodyn_cli.motion.motion import Beginning
+from robodyn_cli.integrators.runtime.options import JUDGED, Grid, stride_of
+from robodyn_cli.kernels.program import Program
+from robodyn_cli.motion.error import Courses, First, Masks, difference, remainder
+from robodyn_cli.motion.motion import Beginning, Motion
 from robodyn_cli.motion.self_check import EPS, is_judged_by_energy
-from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.command import error_of, number_of
-from robodyn_cli.over.many.groups import table_rows
 from robodyn_cli.over.many.integrate import Driven, RunBatch, first_run, keeps_energy, second_runs
 from robodyn_cli.record import record
 from robodyn_cli.results.summary import as_keys
+from robodyn_cli.scene.checks.columns import asking
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
     from robodyn_cli.motion.conditioning import Conditioning
-    from robodyn_cli.motion.driver import Driver
     from robodyn_cli.motion.extremes import RecordedMotion
-    from robodyn_cli.motion.second_run import FirstRun
-    from robodyn_cli.observe.observe import Observer
 
 LARGEST = tuple(f"error_estimate.{name}" for name in ("q_max", "qd_max", "state_max", "rounding_floor"))
 BETWEEN = ("extremes", "fluctuation", "reactions")  # sections of the summary
+NO_NUMBERS = (0.0,)
 Figure = tuple[Array, Array]  # values and errors, both (N,)
 Rows = NDArray[np.int64]
 
@@ -113,7 +113,7 @@ def integrate(
 def integrate_to(batch: RunBatch, method: str, times: Array) -> CourseErrors:
     """Return the errors of runs up to times (N,) [s] at which an event ended them, with the samples of the scene until
     then."""
-    structure, simulate = batch.structure, batch.structure.motion.scene.simulate
+    simulate = batch.structure.motion.scene.simulate
     count, every = max(simulate.samples - 1, 1), max(1, int(stride_of(simulate.samples)))
     step, judged = batch.ends / count, slice((count - 1) % every, None, every)
     taken = np.array([Grid(0.0, h, count + 1).first_at(t) for h, t in zip(step, times)]) - 1
@@ -264,65 +264,88 @@ class Ended:
         return Ended(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
 
 
-class CloseRuns:
-    """Integrates runs of a batch again with close samples, one after another.
+class _Doubtful:
+    """Owner of events that are judged on numbers of the scene."""
 
-    reactions : whether loads are observed.
+    def handle(self, event: Event) -> Outcome:
+        raise NumericalError(f"{event.name} at t = {event.time:.6g} s", time=event.time)
+
+    def again(self) -> None:
+        return None
+
+
+# what is only noted on the way has no owner
+OTHERS: dict[EventKind, Owner | None] = {EventKind.RANK_LOSS: _Doubtful(), EventKind.MARK: None}
+
+
+def motions_of(batch: RunBatch, keys: Sequence[str], method: str) -> Iterator[Motion]:
+    """Yield the motion of one run after another: that of the structure with numbers, start and end of the run.
+
+    Watchers and observer are the same objects in all runs. keys : of the summary that scenes are to give. method : of
+    the runs.
     """
+    structure, numbers, motion = batch.structure, batch.numbers, batch.structure.motion
+    system = motion.system.watched_by(lambda e: OTHERS.get(e.kind, e.owner))
+    rows: dict[int, tuple[Sequence[float], Array]] = {}  # of tables, by their identity, which they keep
 
-    def __init__(self, batch: RunBatch, method: str, ended: Ended, reactions: bool) -> None:
-        from robodyn_cli.motion.driver import Driver
-        from robodyn_cli.motion.second_run import watched_again
+    def row(k: int, own: Sequence[float]) -> Array:
+        if id(own) not in rows:
+            rows[id(own)] = own, np.ascontiguousarray(numbers.table(own))
+        return rows[id(own)][1][k]
 
-        motion, options = batch.structure.motion, batch.options
-        if motion.choice.may_change:  # more steps: the command thinks about another method
-            options = dataclasses.replace(options, max_steps=min(options.max_steps, FIRST_LOOK + WORTH))
-        system, watchers = watched_again(motion)
-        self.batch, self.method, self.ended, self.options = batch, method, ended, options
-        self._watch, self._reactions = bool(system.events), reactions
-        self._driver = Driver(system if self._watch else motion.system, method, options, watchers)
-        self._tables = table_rows(self._driver.integrator.engine.tables, batch.numbers)
+    def read(k: int, programs: Sequence[Program]) -> Array:
+        return np.concatenate([row(k, program.numbers or NO_NUMBERS) for program in programs])
 
-    def again(self, run: FirstRun, options: Options) -> tuple[Driver, Any, bool]:
-        """Return what ``driver_again`` does, of the run whose numbers are taken."""
-        driver, most = self._driver, min(options.max_steps, self.options.max_steps)
-        driver.options, driver.supervisor = dataclasses.replace(options, max_steps=most), None
-        return driver, lambda: driver.start(0.0, run.beginning.state), self._watch
+    kernels = [kernel for watcher in motion.watchers for kernel in watcher.kernels.values()]
+    (psi, off), asked = batch.start_rounding, asking(motion.scene, keys)
+    choice = dataclasses.replace(motion.choice, method=method)
+    for k, observer in enumerate(structure.observers(numbers, asked.outputs.reactions)):
+        for kernel in kernels:
+            kernel.take([row(k, kernel.numbers[0])])
+        scene = asked
+        if scene.simulate.duration != batch.ends[k]:
+            simulate = dataclasses.replace(scene.simulate, duration=float(batch.ends[k]))
+            scene = dataclasses.replace(scene, simulate=simulate)
+        closed = dataclasses.replace(motion.assembled, q=batch.starts.q[k], v=batch.starts.v[k])
+        own = system.with_numbers(partial(read, k))
+        one = dataclasses.replace(motion, scene=scene, assembled=closed, system=own, choice=choice)
+        rounding = psi[k : k + 1] if len(off) else psi, off
+        known = {"observer": observer, "held": motion.held, "conditioning": structure.conditioning}
+        vars(one).update(known, start_rounding=rounding)
+        yield one
 
-    def motions(self) -> Iterator[RecordedMotion]:
-        """Yield the runs, recorded at the samples of the scene."""
-        batch, ended = self.batch, self.ended
-        motion = batch.structure.motion
-        count = max(motion.scene.simulate.samples - 1, 1)
-        step = batch.ends / count
-        taken = np.array([Grid(0.0, h, count + 1).first_at(t) for h, t in zip(step, ended.times)])
-        runs = batch.sampled(self.method, ended.times, int(taken.max()), step)
-        observers = batch.structure.observers(batch.numbers, self._reactions)
-        for k, observer in enumerate(observers):
-            self._driver.integrator.engine.take(self._tables[k])
-            own = int(taken[k]) - 1
-            states = np.vstack([batch.states[k], runs.out[k, :, :own].T, ended.states[k]])
-            at = np.append(step[k] * np.arange(own + 1), ended.times[k])
-            yield self._recorded(k, observer, at, np.asfortranarray(states))
 
-    def _recorded(self, k: int, observer: Observer, times: Array, states: Array) -> RecordedMotion:
-        from robodyn_cli.motion.extremes import RecordedMotion
-        from robodyn_cli.motion.second_run import FirstRun
-        from robodyn_cli.summaries.motion import MotionErrors
+def _recordings(batch: RunBatch, method: str, ended: Ended, keys: Sequence[str]) -> Iterator[RecordedMotion]:
+    """Yield the motions of runs, recorded at the samples of the scene."""
+    count = max(batch.structure.motion.scene.simulate.samples - 1, 1)
+    step = batch.ends / count
+    taken = np.array([Grid(0.0, h, count + 1).first_at(t) for h, t in zip(step, ended.times)])
+    runs = batch.sampled(method, ended.times, int(taken.max()), step)
+    for k, motion in enumerate(motions_of(batch, keys, method)):
+        own = int(taken[k]) - 1
+        states = np.vstack([batch.states[k], runs.out[k, :, :own].T, ended.states[k]])
+        recorder = Recorder(motion.observer)
+        times = np.append(step[k] * np.arange(own + 1), ended.times[k])
+        recorder.emit(times, np.asfortranarray(states), motion.observer.parameters)
+        yield _recorded(batch, method, ended, k, (motion, recorder, states))
 
-        motion, ended = self.batch.structure.motion, self.ended
-        recorder = Recorder(observer)
-        recorder.emit(times, states, observer.parameters)
-        end, floor = float(ended.times[k]), float(ended.floor[k])
-        first = FirstRun(
-            self.options, self.method, ended.steps[k : k + 1], ended.times[k : k + 1],
-            Beginning(0.0, states[0]), Grid(0.0, 0.0, 0), end, states[-1],
-        )  # fmt: skip
-        if math.isnan(floor):
-            return RecordedMotion(motion, first, recorder, again_by=self.again)
-        again = dataclasses.replace(first, end=float(ended.second[k]))
-        errors = MotionErrors("", rounding_floor=floor)
-        return RecordedMotion(motion, first, recorder, again, errors, self.again)
+
+def _recorded(
+    batch: RunBatch, method: str, ended: Ended, k: int, own: tuple[Motion, Recorder, Array]
+) -> RecordedMotion:
+    from robodyn_cli.motion.extremes import RecordedMotion
+    from robodyn_cli.motion.second_run import FirstRun
+    from robodyn_cli.summaries.motion import MotionErrors
+
+    (motion, recorder, states), floor = own, float(ended.floor[k])
+    first = FirstRun(
+        batch.options, method, ended.steps[k : k + 1], ended.times[k : k + 1],
+        Beginning(0.0, states[0]), Grid(0.0, 0.0, 0), float(ended.times[k]), states[-1],
+    )  # fmt: skip
+    if math.isnan(floor):
+        return RecordedMotion(motion, first, recorder)
+    again = dataclasses.replace(first, end=float(ended.second[k]))
+    return RecordedMotion(motion, first, recorder, again, MotionErrors("", rounding_floor=floor))
 
 
 def figures_between(
@@ -331,13 +354,12 @@ def figures_between(
     """Return figures of sections in ``BETWEEN`` of all runs, nan of those that the command has to look into."""
     from robodyn_cli.motion.extremes import extremes_over
     from robodyn_cli.motion.figures import loads_of
-    from robodyn_cli.scene.checks.columns import asking
     from robodyn_cli.summaries.extremes import RunExtremes
 
     scene = asking(batch.structure.motion.scene, keys)
-    reactions, names = scene.outputs.reactions, scene.outputs.extremes
+    names = scene.outputs.extremes
     found = {key: (np.full(len(batch.values), np.nan), np.full(len(batch.values), np.nan)) for key in keys}
-    for k, motion in enumerate(CloseRuns(batch, method, ended, reactions).motions()):
+    for k, motion in enumerate(_recordings(batch, method, ended, keys)):
         summary: dict[str, Any] = {"command": command}
         with contextlib.suppress(RobodynError):  # the command says what is wrong
             described = motion.recorder.observer.reactions
@@ -353,13 +375,11 @@ def figures_between(
 def with_between(
     driven: Driven, batch: RunBatch, method: str, ended: Ended, keys: Sequence[str], command: str
 ) -> Driven:
-    """Return what a batch came to with those figures among keys that lie between samples; runs of which one is not found
-    are left to the command."""
+    """Return what a batch came to with those figures among keys that lie between samples; runs of which one is not
+    found are left to the command."""
     own = [key for key in keys if is_between(key)]
     if not own:
         return driven
-    from robodyn_cli.scene.checks.columns import asking
-
     reactions = asking(batch.structure.motion.scene, own).outputs.reactions
 
     def figures(rows: Rows) -> Mapping[str, Figure]:

@@ -7,7 +7,6 @@ come to its end, or that looks doubtful, is left to ``simulate`` itself.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
@@ -31,7 +30,6 @@ from robodyn_cli.over.many.start import Starts, starts_of
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
-
 
 SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
 FINER_SAMPLES = 4000, 32000  # of a run, between which Psi is followed
@@ -83,15 +81,22 @@ class RunBatch:
             self.threads, tables, self.through, None if self.slots is None else self.slots[rows],
         )  # fmt: skip
 
+    @property
+    def start_rounding(self) -> tuple[Array, Array]:
+        """Psi (N, m, nv) at the starts, and how far rounding may have put the rows off there (1,); both empty
+        without any."""
+        nominal, off = self.structure.motion.start_rounding
+        if not len(off):
+            return nominal, off
+        groups = {"q": list(self.starts.q.T), "t": [0.0], "p": []}
+        values = self.numbers.evaluate(self.structure.psi_of_loops, groups)
+        return values.reshape(len(self.values), -1, nominal.shape[2]), off
+
     def closed_otherwise(self) -> RunBatch:
         """Return the runs from other starts that close the loops as well: as far away as rounding leaves open."""
-        motion, (nominal, off) = self.structure.motion, self.structure.motion.start_rounding
+        motion, (psi, off) = self.structure.motion, self.start_rounding
         if not len(off):
             return self
-        values = self.numbers.evaluate(
-            self.structure.psi_of_loops, {"q": list(self.starts.q.T), "t": [0.0], "p": []}
-        )
-        psi = values.reshape(len(self.values), -1, nominal.shape[2])
         steps = closing_steps(psi, np.full(len(psi), off[0]), motion.held)
         manifold = Manifold(motion.problem.model)
         q = np.array([manifold.integrate(x, step) for x, step in zip(self.starts.q, steps)])

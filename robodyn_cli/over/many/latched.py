@@ -6,13 +6,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import OF_STATUS, NumericalError, RobodynError
-from robodyn_cli.formulations.events import Event, EventKind, Outcome, Owner
+from robodyn_cli.errors import OF_STATUS, RobodynError
 from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.contact.latch_states import beside
@@ -25,21 +24,24 @@ from robodyn_cli.motion.second_run import watched_again
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
 from robodyn_cli.over.many.closings import ClosedRuns, LatchFacts, suits
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, ended
+from robodyn_cli.over.many.course import OTHERS, motions_of
 from robodyn_cli.over.many.groups import first_of, table_rows
 from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
 from robodyn_cli.over.many.simulate import COUNTERS, LOCK_ERRORS, SECOND_STEPS, Deploy
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
-from robodyn_cli.scene.checks.columns import column_of
+from robodyn_cli.scene.checks.columns import asking, column_of
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.summaries.facts import Fact
-from robodyn_cli.works.deploy.latched import time_error, told_of, watcher_of
+from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.works.deploy.latched import deploy_latched, time_error, told_of, watcher_of
 
 SAMPLES = 4_000_000  # numbers that samples of runs in compiled code take at a time
 OF_LATCHES = ("locks", "missed")
+OF_BUILD = ("assembly", "wall_time_s")  # sections of the summary that tell of what runs share here
 ENDS = ("lock.time", "lock.time_error", "termination.time")
 # what the summary says of every run that locks
 WORDS: dict[str, Any] = {"lock.kind": "latched", "lock.criterion": "latches", "lock.driven": False}
@@ -61,7 +63,6 @@ class DeployLatches(Deploy):
                 motion.problem.contact_joints
             ),
             "dead points are judged on numbers": any(latch.spec.at_dead_point for latch in latches),
-            "loads are judged on samples": bool(motion.scene.deploy.loads),
         }
         return first_of(reasons)
 
@@ -72,6 +73,12 @@ class DeployLatches(Deploy):
         return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1 and not on_the_way)
 
     def is_plain(self, key: str) -> bool:
+        leaf = leaf_of(self.name, key)
+        own = leaf is not None and leaf.is_number and key.partition(".")[0] not in OF_BUILD
+        return own or key in self.words
+
+    def _in_code(self, key: str) -> bool:
+        """Tell whether runs in compiled code note what this key of the summary needs."""
         return key in (*COUNTERS, SECOND_STEPS, *self.words) or self.gives(key)
 
     def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
@@ -82,6 +89,8 @@ class DeployLatches(Deploy):
         trusted = batch.starts.sound.copy()
         if choice.may_change:  # those are looked into by the command
             trusted &= decays_of(batch) * batch.ends < FAST_DECAYS
+        if structure.motion.scene.deploy.loads or not all(map(self._in_code, result.outputs)):
+            return self._as_commands(batch, method, trusted, rows, result)
         made: list[int] = []
         for runs in _closed(batch, method, trusted):
             made += _keep(batch, runs, rows, result)
@@ -89,6 +98,21 @@ class DeployLatches(Deploy):
             runner = _Runner(batch, method)
             alone = {k: runner.make(k) for k in left.tolist()}
             made += _keep(batch, {k: run for k, run in alone.items() if run is not None}, rows, result)
+        return np.delete(rows, made).tolist()
+
+    def _as_commands(
+        self, batch: RunBatch, method: str, trusted: Masks, rows: Rows, result: ManyRuns
+    ) -> list[int]:
+        """Make runs of a batch as the command does, on equations that are there already; return those that are left."""
+        keys, made = list(result.outputs), []
+        reactions = asking(batch.structure.motion.scene, keys).outputs.reactions
+        own = np.flatnonzero(trusted & batch.structure.observed_alike(batch.numbers, reactions))
+        for k, motion in zip(own.tolist(), motions_of(batch.part(own), keys, method)):
+            run = ended(partial(deploy_latched, motion, motion.beginning))
+            if run.summary and "error" not in run.summary:
+                result.take(int(rows[k]), run)
+                self.read(run.summary, result, int(rows[k]))
+                made.append(k)
         return np.delete(rows, made).tolist()
 
 
@@ -119,20 +143,6 @@ def _keep(batch: RunBatch, runs: dict[int, LatchedRun], rows: Rows, result: Many
     for k in kept:
         runs[k].keep(result, int(rows[k]), motion)
     return kept
-
-
-class _Doubtful:
-    """Owner of events that are judged on numbers of the scene."""
-
-    def handle(self, event: Event) -> Outcome:
-        raise NumericalError(f"{event.name} at t = {event.time:.6g} s", time=event.time)
-
-    def again(self) -> None:
-        return None
-
-
-# what is only noted on the way has no owner
-OTHERS: dict[EventKind, Owner | None] = {EventKind.RANK_LOSS: _Doubtful(), EventKind.MARK: None}
 
 
 def command_for(command: BatchCommand[Any], scene: Scene) -> BatchCommand[Any]:

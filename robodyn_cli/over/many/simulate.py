@@ -342,8 +342,8 @@ class Deploy(MotionCommand):
     def _with_ends(
         self, driven: Driven, batch: RunBatch, method: str, again: Array, asked: AskedRuns
     ) -> Driven:
-        """Return what a batch came to with figures of the recorded motions that are asked for; again : ends of the second
-        runs (N,) [s]."""
+        """Return what a batch came to with figures of the recorded motions that are asked for; again : ends of the
+        second runs (N,) [s]."""
         keys, runs = list(asked.result.outputs), driven.runs
         if not any(key in (*ERRORS, *LARGEST) or key.startswith(FINAL) or is_between(key) for key in keys):
             return driven
@@ -362,7 +362,10 @@ class Deploy(MotionCommand):
                 largest = np.fmax(largest, at_lock)
             names = getattr(asked.result, f"{group}_names")
             figures |= {f"final.{group}.{name}": (values[:, k], largest) for k, name in enumerate(names)}
-        figures["final.time"] = runs.time, np.full(count, np.nan) if driven.time_errors is None else driven.time_errors
+        figures["final.time"] = (
+            runs.time,
+            np.full(count, np.nan) if driven.time_errors is None else driven.time_errors,
+        )
         driven = dataclasses.replace(driven, trusted=good, figures={**driven.figures, **figures})
         ended = Ended(runs.time, again, runs.y, runs.steps, errors.floor)
         return with_between(driven, batch, method, ended, keys, self.name)
