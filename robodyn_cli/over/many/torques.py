@@ -20,7 +20,7 @@ from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import refuse_sampled
 from robodyn_cli.observe.rounding import largest_differences
 from robodyn_cli.over.many.groups import Built, first_of
-from robodyn_cli.over.many.guides import Guided, guided_reasons
+from robodyn_cli.over.many.guides import LED, Guided, changes_lengths, guided_reasons
 from robodyn_cli.over.many.keys import NUMBER, Key, settings
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
@@ -175,8 +175,7 @@ def obstacle(program: InverseProgram, lead: Lead | None, scene: Scene, keys: Seq
     """Return why runs are made one by one; nothing where their torques are evaluated together."""
     point = isinstance(scene.trajectory, TaskSpaceTrajectory)
     reasons = {
-        "a point of an open chain is led, so lengths change the motion": point
-        and (lead is None or leads_apart(program.problem)),
+        LED: point and (lead is None or leads_apart(program.problem)) and changes_lengths(keys),
         "a frame's attitude is led": lead is not None and lead.led is not None and lead.led.oriented,
         "gears of a mechanism lose power": lead is not None and bool(geared(program.problem.model)),
         **motion_reasons(scene, program, keys),
