@@ -267,10 +267,9 @@ def changes_lengths(keys: Sequence[Key]) -> bool:
     """Tell whether keys may change where the links and their points are at given positions of joints."""
 
     def dynamic(key: Key) -> bool:
-        parts = key.place.split(".")
-        return key.place.startswith(WITHOUT_LENGTHS) or (
-            parts[:2] == ["robot", "joints"] and parts[3] in IN_JOINTS
-        )
+        section, group, *rest = [*key.place.split("."), "", ""]
+        in_joint = (section, group) == ("robot", "joints") and not {*rest[1:2]}.isdisjoint(IN_JOINTS)
+        return in_joint or key.place.startswith(WITHOUT_LENGTHS)
 
     return not all(key.sort == NUMBER and dynamic(key) for key in keys)
 
