@@ -74,7 +74,7 @@ def differences(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int,
 
 
 def _together(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
-    """Return the derivatives by some keys, from runs of one study; narrower changes are added where all are too wide."""
+    """Return the derivatives by some keys, from runs of one study, with narrower changes where all are too wide."""
     sides = _sides(asked, keys, 0, jobs)
     outputs = range(len(asked.task.outputs))
     if wide := [k for k in keys if any(sides[k].is_too_wide(output) for output in outputs)]:
