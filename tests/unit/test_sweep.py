@@ -680,18 +680,18 @@ def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
         *("--set", "simulate.duration=0.02", "--vary", "robot.links.crank.mass=[20]", "--no-plots"),
     ]
     slow = sweep(
-        *words, "--of", "lock.time", "--set", "expect={error_estimate.q_max: < 1}", "--out", tmp_path / "slow"
+        *words, "--of", "lock.time", "--set", "expect={criteria.grid: < 1}", "--out", tmp_path / "slow"
     )
     assert (
-        "each run is a whole command: compiled code does not give error_estimate.q_max of expect"
+        "each run is a whole command: compiled code does not give criteria.grid of expect"
         in slow.output
     )
     assert "of expect (--set expect={} leaves it out)" in slow.output
     assert "1 of 1 runs were whole commands, " in slow.output
     fast = sweep(*words, "--out", tmp_path / "fast")
     assert "whole command" not in fast.output
-    other = sweep(*words, "--of", "error_estimate.q_max", "--set", "expect={}", "--out", tmp_path / "other")
-    assert "compiled code does not give error_estimate.q_max\n" in other.output
+    other = sweep(*words, "--of", "criteria.grid", "--set", "expect={}", "--out", tmp_path / "other")
+    assert "compiled code does not give criteria.grid\n" in other.output
 
 
 @pytest.mark.parametrize(
@@ -704,15 +704,15 @@ def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
             "there is no compiled code of statics for many runs",
         ),
         (
-            "search/counterweights",
-            ("outputs.reactions=true",),
-            "robot.links.bar.mass",
-            "forces in the joints' bearings are wanted",
+            "trajectories/fastest_2r",
+            (),
+            "robot.links.link1.mass",
+            "limits of torques or paths decide the motion",
         ),
         (
             "2r_circle",
             (),
-            "robot.links.link2.mass",
+            "robot.joints.theta2.a",
             "a point of an open chain is led, so lengths change the motion",
         ),
     ],

@@ -170,8 +170,8 @@ class ManyFigures:
         leaf, nothing = leaf_of("kinematics", key), np.full(len(self.values), np.nan)
         section, _, rest = (key if leaf is None else leaf.key).partition(".")
         if section in TOLD:
-            value, error = zip(*((number_of(told, key), error_of(told, key)) for told in self._told))
-            return np.array(value), np.array(error)
+            own = np.array([(number_of(told, key), error_of(told, key)) for told in self._told])
+            return own[:, 0], own[:, 1]
         name, _, figure = rest.rpartition(".")
         of_errors = name == "errors" or name.endswith(".errors") or figure.endswith("_error")
         name, figure = name.removesuffix("errors").removesuffix("."), figure.removesuffix("_error")

@@ -20,15 +20,7 @@ from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
-from robodyn_cli.over.many.course import (
-    LARGEST,
-    CourseErrors,
-    Ended,
-    integrate,
-    integrate_to,
-    is_between,
-    with_between,
-)
+from robodyn_cli.over.many.course import LARGEST, Ended, integrate, is_between, with_between
 from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import (
     SOUND,
@@ -43,13 +35,15 @@ from robodyn_cli.over.many.integrate import (
 from robodyn_cli.over.many.keys import Key
 from robodyn_cli.over.many.locks import (
     ALONG,
+    ERRORS,
+    FINAL,
     TIMES,
     WORDS,
     Figure,
-    Locks,
     figures_along,
-    figures_of,
     is_figure,
+    with_ends,
+    with_locks,
 )  # fmt: skip
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
@@ -68,8 +62,6 @@ from robodyn_cli.works.deploy.lock import TRUSTED
 SECOND_STEPS = "error_estimate.steps"
 COUNTERS = ("counters.steps", "counters.rejected", "counters.evaluations")
 TOLERANCES = ("tolerances.rtol", "tolerances.atol", "tolerances.step")
-ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
-FINAL = ("final.q.", "final.qd.", "final.time")
 # sections of the summary that runs have which come to their end without their event
 OF_ENDED = ("final", "error_estimate", "termination", "extremes", "fluctuation", "reactions")
 
@@ -314,8 +306,8 @@ class Deploy(MotionCommand):
         if not motion.scene.simulate.error_estimate:
             nothing = np.full(count, np.nan)
             driven = Driven(runs, trusted | missed, missed=missed)
-            driven = self._with_ends(driven, batch, method, runs.time, asked)
-            return self._with_figures(driven, batch, runs.y, nothing, asked)
+            driven = with_ends(driven, batch, method, runs.time, asked.result)
+            return with_locks(driven, batch, (runs.y, nothing), asked.result)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
         others, factor, again = np.full_like(runs.y, np.nan), np.full(count, np.nan), runs.time.copy()
         if len(rows := np.flatnonzero(trusted)):
@@ -336,53 +328,8 @@ class Deploy(MotionCommand):
         driven = Driven(
             runs, trusted | missed, errors=apart, time_errors=errors, second_steps=steps, missed=missed
         )
-        driven = self._with_ends(driven, batch, method, again, asked)
-        return self._with_figures(driven, batch, others, factor, asked)
-
-    def _with_ends(
-        self, driven: Driven, batch: RunBatch, method: str, again: Array, asked: AskedRuns
-    ) -> Driven:
-        """Return what a batch came to with figures of the recorded motions that are asked for; again : ends of the
-        second runs (N,) [s]."""
-        keys, runs = list(asked.result.outputs), driven.runs
-        if not any(key in (*ERRORS, *LARGEST) or key.startswith(FINAL) or is_between(key) for key in keys):
-            return driven
-        system, count = batch.structure.motion.system, len(runs)
-        good = driven.trusted & batch.structure.observed_alike(batch.numbers)
-        errors = CourseErrors.unknown(runs.y.shape)
-        if batch.structure.motion.scene.simulate.error_estimate and len(rows := np.flatnonzero(good)):
-            errors.put(rows, integrate_to(batch.part(rows), method, runs.time[rows]))
-            good &= errors.done
-        figures = errors.figures()
-        for group, values, off in zip(("q", "qd"), system.split(runs.y), system.split(errors.at_end)):
-            largest = off.max(axis=1, initial=0.0)
-            figures[f"error_estimate.{group}_end"] = largest, np.full(count, np.nan)
-            if driven.errors is not None:  # that of the lock's time moves the state, too
-                at_lock = system.split(driven.errors)[group == "qd"].max(axis=1, initial=0.0)
-                largest = np.fmax(largest, at_lock)
-            names = getattr(asked.result, f"{group}_names")
-            figures |= {f"final.{group}.{name}": (values[:, k], largest) for k, name in enumerate(names)}
-        figures["final.time"] = (
-            runs.time,
-            np.full(count, np.nan) if driven.time_errors is None else driven.time_errors,
-        )
-        driven = dataclasses.replace(driven, trusted=good, figures={**driven.figures, **figures})
-        ended = Ended(runs.time, again, runs.y, runs.steps, errors.floor)
-        return with_between(driven, batch, method, ended, keys, self.name)
-
-    @staticmethod
-    def _with_figures(
-        driven: Driven, batch: RunBatch, others: Array, factor: Array, asked: AskedRuns
-    ) -> Driven:
-        """Return what a batch came to with figures of the lock that are asked for; others, factor : see ``Locks``."""
-        keys, runs = [key for key in asked.result.outputs if is_figure(key)], driven.runs
-
-        def figures(rows: Rows) -> dict[str, Figure]:
-            part = batch.part(rows)
-            locks = Locks(part, runs.time[rows], runs.y[rows], others[rows], factor[rows])
-            return figures_of(locks, keys)
-
-        return driven.with_figures(batch, figures) if keys else driven
+        driven = with_ends(driven, batch, method, again, asked.result)
+        return with_locks(driven, batch, (others, factor), asked.result)
 
     @staticmethod
     def _is_regular(batch: RunBatch, q: Array, columns: tuple[int, ...]) -> Masks:
