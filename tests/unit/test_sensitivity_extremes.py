@@ -122,7 +122,9 @@ def test_kinematic_design_has_exact_derivatives() -> None:
 def test_differences_narrow_until_they_resolve_an_extreme() -> None:
     """The crank of the folded four-bar moves the least acceleration over parts of a thousandth of its length."""
     question = asked(
-        CONFIGS / "four_bar_deploy.yaml", ["robot.joints.theta1.a"], ["extremes.qdd.phi1.smallest", "lock.time"]
+        CONFIGS / "four_bar_deploy.yaml",
+        ["robot.joints.theta1.a"],
+        ["extremes.qdd.phi1.smallest", "lock.time"],
     )
     compare_with_differences(question, 5.0)
     own = differences(question, [0], 1)[0]
