@@ -284,7 +284,7 @@ class RecordedMotion:
             ended = noted.times
         else:
             start()
-            ended = driver.integrator.step_times(run.end, every)
+            ended = driver.integrator.advance(run.end, every)
         begin, end = run.beginning.time, run.end
         times = np.unique([begin, *ended, *(event[0] for event in driver.met), *self._cuts(run), end])
         times = times[(times >= begin) & (times <= end)]

@@ -249,7 +249,7 @@ def is_between(key: str) -> bool:
 
 
 @record
-class Ended:
+class CourseEnds:
     """How runs ended: times (N,) [s] of the first and of the second ones, states (N, nx), steps (N,) of the first, and
     what rounding leaves (N,), nan where no errors are estimated."""
 
@@ -259,9 +259,9 @@ class Ended:
     steps: Array
     floor: Array
 
-    def part(self, rows: Rows) -> Ended:
+    def part(self, rows: Rows) -> CourseEnds:
         """Return those of some runs."""
-        return Ended(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
+        return CourseEnds(*(getattr(self, field.name)[rows] for field in dataclasses.fields(self)))
 
 
 class _Doubtful:
@@ -315,7 +315,9 @@ def motions_of(batch: RunBatch, keys: Sequence[str], method: str) -> Iterator[Mo
         yield one
 
 
-def _recordings(batch: RunBatch, method: str, ended: Ended, keys: Sequence[str]) -> Iterator[RecordedMotion]:
+def _recordings(
+    batch: RunBatch, method: str, ended: CourseEnds, keys: Sequence[str]
+) -> Iterator[RecordedMotion]:
     """Yield the motions of runs, recorded at the samples of the scene."""
     count = max(batch.structure.motion.scene.simulate.samples - 1, 1)
     step = batch.ends / count
@@ -331,7 +333,7 @@ def _recordings(batch: RunBatch, method: str, ended: Ended, keys: Sequence[str])
 
 
 def _recorded(
-    batch: RunBatch, method: str, ended: Ended, k: int, own: tuple[Motion, Recorder, Array]
+    batch: RunBatch, method: str, ended: CourseEnds, k: int, own: tuple[Motion, Recorder, Array]
 ) -> RecordedMotion:
     from robodyn_cli.motion.extremes import RecordedMotion
     from robodyn_cli.motion.second_run import FirstRun
@@ -349,7 +351,7 @@ def _recorded(
 
 
 def figures_between(
-    batch: RunBatch, method: str, ended: Ended, keys: Sequence[str], command: str
+    batch: RunBatch, method: str, ended: CourseEnds, keys: Sequence[str], command: str
 ) -> dict[str, Figure]:
     """Return figures of sections in ``BETWEEN`` of all runs, nan of those that the command has to look into."""
     from robodyn_cli.motion.extremes import extremes_over
@@ -373,7 +375,7 @@ def figures_between(
 
 
 def with_between(
-    driven: Driven, batch: RunBatch, method: str, ended: Ended, keys: Sequence[str], command: str
+    driven: Driven, batch: RunBatch, method: str, ended: CourseEnds, keys: Sequence[str], command: str
 ) -> Driven:
     """Return what a batch came to with those figures among keys that lie between samples; runs of which one is not
     found are left to the command."""

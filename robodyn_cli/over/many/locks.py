@@ -16,7 +16,14 @@ from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.command import ManyRuns, Rows
-from robodyn_cli.over.many.course import LARGEST, CourseErrors, Ended, integrate_to, is_between, with_between
+from robodyn_cli.over.many.course import (
+    LARGEST,
+    CourseEnds,
+    CourseErrors,
+    integrate_to,
+    is_between,
+    with_between,
+)
 from robodyn_cli.over.many.integrate import Driven, RunBatch
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
@@ -94,7 +101,7 @@ def with_ends(driven: Driven, batch: RunBatch, method: str, again: Array, result
         figures |= {f"final.{group}.{name}": (values[:, k], largest) for k, name in enumerate(names)}
     figures["final.time"] = runs.time, nothing if driven.time_errors is None else driven.time_errors
     driven = dataclasses.replace(driven, trusted=good, figures={**driven.figures, **figures})
-    ended = Ended(runs.time, again, runs.y, runs.steps, errors.floor)
+    ended = CourseEnds(runs.time, again, runs.y, runs.steps, errors.floor)
     return with_between(driven, batch, method, ended, keys, "deploy")
 
 

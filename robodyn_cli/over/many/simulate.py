@@ -20,7 +20,7 @@ from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
-from robodyn_cli.over.many.course import LARGEST, Ended, integrate, is_between, with_between
+from robodyn_cli.over.many.course import LARGEST, CourseEnds, integrate, is_between, with_between
 from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import (
     SOUND,
@@ -224,7 +224,7 @@ class Simulate(MotionCommand):
         driven, errors = integrate(batch, method, max(0, asked.samples - 1), bool(set(keys) & set(LARGEST)))
         driven = dataclasses.replace(driven, figures=errors.figures())
         runs = driven.runs
-        ended = Ended(runs.time, runs.time, runs.y, runs.steps, errors.floor)
+        ended = CourseEnds(runs.time, runs.time, runs.y, runs.steps, errors.floor)
         return with_between(driven, batch, method, ended, keys, self.name)
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
