@@ -63,6 +63,7 @@ class DeployLatches(Deploy):
                 motion.problem.contact_joints
             ),
             "dead points are judged on numbers": any(latch.spec.at_dead_point for latch in latches),
+            "loads are judged on samples": bool(motion.scene.deploy.loads),
         }
         return first_of(reasons)
 
@@ -89,7 +90,7 @@ class DeployLatches(Deploy):
         trusted = batch.starts.sound.copy()
         if choice.may_change:  # those are looked into by the command
             trusted &= decays_of(batch) * batch.ends < FAST_DECAYS
-        if structure.motion.scene.deploy.loads or not all(map(self._in_code, result.outputs)):
+        if not all(map(self._in_code, result.outputs)):
             return self._as_commands(batch, method, trusted, rows, result)
         made: list[int] = []
         for runs in _closed(batch, method, trusted):
