@@ -115,7 +115,15 @@ def wait_for_rows(directory: Path) -> None:
 
 
 COMPILED = [*VARY, "-n", 2500, "--of", "final.q.b"]
-WHOLE = [*VARY, "-n", 16, "--of", "error_estimate.at_rounding", "--vary", "robot.links.two.mass=normal(0.7, 0.5)"]
+WHOLE = [
+    *VARY,
+    "-n",
+    16,
+    "--of",
+    "error_estimate.at_rounding",
+    "--vary",
+    "robot.links.two.mass=normal(0.7, 0.5)",
+]
 
 
 def test_workers_and_the_scheduler_come_and_go(scene: Path, tmp_path: Path, dask: Cluster) -> None:

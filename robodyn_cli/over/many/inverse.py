@@ -102,12 +102,21 @@ SECTIONS = (
 )
 
 
+SLOW = {
+    "drives.": "what motors bear is found by the command",
+    "motorisation": "margins are found by the command",
+    "shaking.": "shaking forces are found by the command",
+    "flywheel.": "flywheels are found by the command",
+}
+
+
 class InverseRuns(BatchCommand[InverseStructure]):
     """Torques of the scene's trajectory; ends are the ends of the motion."""
 
     name = "inverse"
     sampled = ("q", "qd", "qdd", "tau")
     words = WORDS
+    slow = SLOW
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> InverseStructure:
         return InverseStructure(family, keys, row)

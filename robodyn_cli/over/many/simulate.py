@@ -260,6 +260,11 @@ NO_LOCK = "duration: no lock"
 LOCK_ERROR = "lock.time_error"
 SLOW = {
     "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
+    **dict.fromkeys(
+        ("criteria.", "lock.multiplier_growth", "lock.growth_times"), "multipliers are judged on samples"
+    ),
+    "lock.latch": "it follows from the equations at the lock of each run",
+    "assembly.": "it tells how the loops of one run were closed",
 }
 LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
