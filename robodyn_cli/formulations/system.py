@@ -73,6 +73,11 @@ class Corrections:
     sample_position: tuple[Scalar, ...] = ()
     sample_velocity: tuple[Scalar, ...] = ()
 
+    @property
+    def acts(self) -> bool:
+        """Whether there are any."""
+        return bool(self.position or self.velocity or self.normalisation or self.sample_position)
+
 
 NO_CORRECTIONS = Corrections()
 
@@ -114,7 +119,8 @@ class System:
     work_done_by : what does the work whose rate is among the z-dot; none where that is not integrated.
     layout : None where q, v, z are the mechanism's.
     forms : the same motion in forms that some methods use instead of the rates. updates : of states that are constant
-    but for known instants, the first of z. closings : of latches, which compiled code makes.
+    but for known instants, the first of z. closings : of latches, which compiled code makes. numbers : gives those of
+    another scene of this structure that programs read, one after another; None: they read their own.
     """
 
     nq: int
@@ -131,6 +137,7 @@ class System:
     forms: Forms | None = None
     updates: Updates | None = None
     closings: Closings | None = None
+    numbers: Callable[[Sequence[Program]], NDArray[Any]] | None = None
 
     @property
     def size(self) -> int:
@@ -196,7 +203,14 @@ class System:
         events = tuple(dataclasses.replace(e, owner=owner) for e, owner in owners if owner is not None)
         system = dataclasses.replace(self, events=events)
         # what is built already and does not depend on the events
-        vars(system).update({name: vars(self)[name] for name in EVENT_FREE if name in vars(self)})
+        kept = EVENT_FREE if len(events) < len(self.events) else (*EVENT_FREE, "switching")
+        vars(system).update({name: vars(self)[name] for name in kept if name in vars(self)})
+        return system
+
+    def with_numbers(self, numbers: Callable[[Sequence[Program]], NDArray[Any]]) -> System:
+        """Return the system with the numbers of another scene of this structure."""
+        system = dataclasses.replace(self, numbers=numbers)
+        vars(system).update({name: value for name, value in vars(self).items() if name not in vars(system)})
         return system
 
     # -- programs -------------------------------------------------------------------------------------

@@ -103,6 +103,15 @@ class SampleKernel:
         self.lanes = machine().lanes
         self._seen = 0  # samples so far
 
+    @property
+    def numbers(self) -> list[Sequence[float]]:
+        """The numbers that it reads."""
+        return [self.program.numbers or (0.0,)]
+
+    def take(self, numbers: Sequence[Array]) -> None:
+        """Take the numbers of another scene of this structure in place of ``numbers``."""
+        self.table = np.ascontiguousarray(numbers[0])
+
     @cached_property
     def _compiled(self) -> Callable[..., None]:
         """The machine code, made when it is first needed: ``program`` alone needs no compiler."""

@@ -275,12 +275,18 @@ class RecordedMotion:
     def _steps(self, run: FirstRun, options: Options) -> Steps:
         """Integrate, and return the steps."""
         driver, start, watch = driver_again(self.motion, run, options)
-        noted = driver.supervisor = StepTimes(driver.supervisor, max(1, int(run.steps[0]) // STRETCHES))
+        every = max(1, int(run.steps[0]) // STRETCHES)
         driver.met = []
-        start()
-        driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
+        if watch or driver.supervisor is not None or self.motion.system.partition is not None:
+            noted = driver.supervisor = StepTimes(driver.supervisor, every)
+            start()
+            driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
+            ended = noted.times
+        else:
+            start()
+            ended = driver.integrator.advance(run.end, every)
         begin, end = run.beginning.time, run.end
-        times = np.unique([begin, *noted.times, *(event[0] for event in driver.met), *self._cuts(run), end])
+        times = np.unique([begin, *ended, *(event[0] for event in driver.met), *self._cuts(run), end])
         times = times[(times >= begin) & (times <= end)]
         apart = np.diff(times) > ROUNDED * max(abs(begin), abs(end))
         return Steps(times[np.append(apart, True)], driver.counters.steps)

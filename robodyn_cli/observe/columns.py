@@ -115,7 +115,7 @@ def values_of(observer: Observer, columns: Sequence[ChosenColumn], blocks: Itera
         t, x = (np.concatenate([block[k] for block in own]) for k in (0, 1))
         observer.parameters = own[0][2]
         for first in range(0, len(t), AT_ONCE):
-            data = observer.observe(t[first : first + AT_ONCE], x[first : first + AT_ONCE])
+            data = observer.observe(t[first : first + AT_ONCE], x[first : first + AT_ONCE], singular=False)
             parts.append(np.column_stack([column.of(data) for column in columns]))
     return np.concatenate(parts)
 

@@ -4,6 +4,7 @@ not finite, and say where they come from."""
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.spatial.algebra import Array
 
 if TYPE_CHECKING:
+    from robodyn_cli.kernels.samples import SampleKernel
     from robodyn_cli.trajectories.motion import JointMotion
 
 CONSTANT = "a number of the scene, or a product of some, exceeds the range of a double (1.8e308)"
@@ -185,12 +187,29 @@ class SampleFunction:
         # constants need no kernel; without names from the scene, scenes with equal equations share their code
         varying = [n for n, a in self.outputs.items() if any(isinstance(e, Expr) for e in a)]
         self._names = {f"o{k}": name for k, name in enumerate(varying)}
-        if self.compiled:
-            from robodyn_cli.kernels.samples import SampleKernel
-
-            self._kernel = SampleKernel(self._varying, known)
-        else:
+        self._constant = {
+            name: np.array(a, dtype=float) for name, a in self.outputs.items() if name not in varying
+        }
+        if not self.compiled:
             self._interpreter = Interpreter(entries)
+
+    @cached_property
+    def _kernel(self) -> SampleKernel:
+        from robodyn_cli.kernels.samples import SampleKernel
+
+        return SampleKernel(self._varying, self._known)
+
+    @property
+    def numbers(self) -> list[Sequence[Any]]:
+        """The numbers that it reads: those of its program, and outputs that are numbers alone."""
+        constant = [self.outputs[name] for name in self._constant]
+        return [self._kernel.program.numbers or (0.0,), *constant]
+
+    def take(self, numbers: Sequence[Array]) -> None:
+        """Take the numbers of another scene of this structure in place of ``numbers``; it is compiled from then on."""
+        self.compiled = True
+        self._kernel.take(numbers[:1])
+        self._constant = dict(zip(self._constant, numbers[1:]))
 
     @property
     def decision(self) -> Decision:
@@ -214,10 +233,8 @@ class SampleFunction:
         if self.compiled:
             arrays = {self._names[o]: array for o, array in self._kernel(**groups).items()}
             return {
-                name: arrays[name]
-                if name in arrays
-                else np.tile(np.array(entries, dtype=float), (samples, 1))
-                for name, entries in self.outputs.items()
+                name: arrays[name] if name in arrays else np.tile(self._constant[name], (samples, 1))
+                for name in self.outputs
             }
         out = {name: np.empty((samples, len(a)), order="F") for name, a in self.outputs.items()}
         for start in range(0, samples, BLOCK):

@@ -275,8 +275,9 @@ class Observer:
     def _groups(self, t: Array, x: Array) -> dict[str, Array]:
         return self.system.groups(t, x, self.parameters)
 
-    def observe(self, t: Array, x: Array, project: bool = True) -> dict[str, Array]:
-        """Return the datasets of a block of samples by path; ``x`` (T, nx) is projected first."""
+    def observe(self, t: Array, x: Array, project: bool = True, singular: bool = True) -> dict[str, Array]:
+        """Return the datasets of a block of samples by path; ``x`` (T, nx) is projected first. singular : singular
+        values, which take longest, too."""
         problem = self.problem
         x = self.project(t, x) if project else x
         q, v, z = self.system.split(x)
@@ -306,7 +307,7 @@ class Observer:
             data["constraints/multipliers"] = values["lam"]
             data["constraints/position_residual"] = values["eta"]
             data["constraints/velocity_residual"] = values["eta_rate"]
-            if "psi" in values:
+            if singular and "psi" in values:
                 data.update(self._singular(values["psi"]))
         for path in self.places:
             name, block = place_dataset(path, values[path])

@@ -135,7 +135,9 @@ def _windows(t: Array, y: Array, begin: Array, end: Array) -> tuple[Array, ...]:
 
 def _powers(x: Array, y: Array) -> Array:
     """Return coefficients of powers (W, k, n) of the polynomials with values y (W, k, n) at x (W, k)."""
-    matrices = x[:, :, None] ** np.arange(x.shape[1])
+    matrices = np.ones((*x.shape, x.shape[1]))
+    for k in range(1, x.shape[1]):  # ten times as fast as powers
+        np.multiply(matrices[:, :, k - 1], x, out=matrices[:, :, k])
     return np.asarray(np.linalg.solve(matrices, y))
 
 

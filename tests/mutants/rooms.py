@@ -78,6 +78,8 @@ ROOMS = {
     "motion/conditioning.py": MOTION,
     "over/many/inverse.py": ["test_mechanism_inverse.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/integrate.py": ["test_error_rules.py", "test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
+    "over/many/course.py": ["test_compiled_figures.py", "test_error_rules.py", "test_errors_of_many.py"],
+    "over/sensitivity/motion/latched.py": ["test_sensitivity_latches.py"],
     "over/many/simulate.py": ["test_errors_of_many.py", "test_observed_figures.py", "test_mechanism.py", "test_study_blocks.py"],
     "over/many/latched.py": ["test_latched_many.py"],
     "over/many/closings.py": ["test_closings.py", "test_latched_many.py"],

@@ -16,7 +16,7 @@ from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.motion.error import Courses
 from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
-from robodyn_cli.over.many.integrate import _samplings
+from robodyn_cli.over.many.course import _samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
 from robodyn_cli.over.study.statistics import Moments, SampleSpread, quantiles
@@ -147,6 +147,13 @@ def test_a_derivative_is_no_better_than_the_noise_of_its_outputs() -> None:
     exact = np.array([2.0 + 3.0 * 0.01 * NARROWER ** (-2.0 * k) for k in range(LEVELS)])
     value, error = extrapolated(exact, np.full(LEVELS, 1e-15))
     assert abs(value - 2.0) < 1e-12 and abs(value - 2.0) <= error < 1e-2
+
+
+def test_differences_that_do_not_come_nearer_prove_nothing() -> None:
+    """Those of an extreme that moves over parts of a thousandth of a key, whose derivative is -0.0858."""
+    raw = np.array([1.28044221, 6.81512705, 47.20268803, 135.22031327, 80.84502799])
+    value, error = extrapolated(raw, np.full(LEVELS, 1e-9))
+    assert abs(value + 0.0858) <= error
 
 
 def sides(good: list[bool], told: float = 1e-9, scale: float = 1.0) -> Sides:

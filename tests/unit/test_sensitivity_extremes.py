@@ -8,6 +8,7 @@ import mpmath
 import pytest
 
 from robodyn_cli.over.sensitivity.asked import prepare
+from robodyn_cli.over.sensitivity.differences import differences
 from robodyn_cli.over.sensitivity.report import exact_slopes, sensitivity
 from robodyn_cli.scene.load import Family, load_scene_text
 from tests.unit.test_sensitivity import (
@@ -116,6 +117,18 @@ def test_kinematic_design_has_exact_derivatives() -> None:
     question = prepare(Family(path, ("expect={}",)), to, names[1:])
     compare_with_differences(question, 5.0)
     assert len(exact_slopes(question)[0]) == 4
+
+
+def test_differences_narrow_until_they_resolve_an_extreme() -> None:
+    """The crank of the folded four-bar moves the least acceleration over parts of a thousandth of its length."""
+    question = asked(
+        CONFIGS / "four_bar_deploy.yaml",
+        ["robot.joints.theta1.a"],
+        ["extremes.qdd.phi1.smallest", "lock.time"],
+    )
+    compare_with_differences(question, 5.0)
+    own = differences(question, [0], 1)[0]
+    assert own[0].error < 1e-5 * abs(own[0].value) and own[1].error < 1e-7 * abs(own[1].value)
 
 
 def test_an_extreme_at_the_start_is_that_of_the_start() -> None:

@@ -115,7 +115,15 @@ def wait_for_rows(directory: Path) -> None:
 
 
 COMPILED = [*VARY, "-n", 2500, "--of", "final.q.b"]
-WHOLE = [*VARY, "-n", 16, "--of", "error_estimate.q_max", "--vary", "robot.links.two.mass=normal(0.7, 0.5)"]
+WHOLE = [
+    *VARY,
+    "-n",
+    16,
+    "--of",
+    "error_estimate.at_rounding",
+    "--vary",
+    "robot.links.two.mass=normal(0.7, 0.5)",
+]
 
 
 def test_workers_and_the_scheduler_come_and_go(scene: Path, tmp_path: Path, dask: Cluster) -> None:
@@ -201,7 +209,7 @@ def test_the_run_with_which_workers_die_is_a_row(
         "--vary",
         "robot.links.one.mass=linspace(1, 3, 5)",
         "--of",
-        "error_estimate.q_max",
+        "error_estimate.at_rounding",
         "--out",
         tmp_path / "out",
     ]

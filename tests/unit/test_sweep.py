@@ -337,7 +337,7 @@ def test_compiled_runs_give_the_rows_of_whole_commands(fall: Path, tmp_path: Pat
         "12",
     ]
     found = []
-    for name, more in (("compiled", []), ("whole", ["--of", "error_estimate.q_max"])):
+    for name, more in (("compiled", []), ("whole", ["--of", "error_estimate.at_rounding"])):
         out = tmp_path / name
         of = ["--of", "final.q.theta", "--of", "error_estimate.q_end", *more]
         assert sweep(pendulum, *vary, *of, "--no-plots", "--out", out).exit_code == 0
@@ -354,7 +354,7 @@ def test_compiled_runs_give_the_rows_of_whole_commands(fall: Path, tmp_path: Pat
 def test_a_scene_is_read_once_and_other_processes_get_what_was_read(fall: Path, tmp_path: Path) -> None:
     family = Family(fall, ["gravity.2=-1"])
     fall.unlink()
-    of = ("final.q.z", "error_estimate.q_max")  # a whole command gives the second
+    of = ("final.q.z", "error_estimate.at_rounding")  # a whole command gives the second
     options = StudyOptions(vary={"initial.qd.z": parse_variation("linspace(1, 2, 20)")}, of=of)
     study = prepare(AskedStudy(family, options))
     with RowFile(tmp_path, study.task, study.design, study.rows_head) as file:
@@ -373,7 +373,7 @@ def test_a_study_grows_and_keeps_the_runs_that_are_there(
     count = []
     one = runs.make_one
     monkeypatch.setattr(runs, "make_one", lambda *of: (count.append(of), one(*of))[1])
-    of = ["--of", "final.q.z", "--of", "error_estimate.q_max"]  # a whole command gives the second
+    of = ["--of", "final.q.z", "--of", "error_estimate.at_rounding"]  # a whole command gives the second
     words = [fall, "--vary", "initial.qd.z=normal(1, 0.1)", *of, "--out", tmp_path / "out"]
     assert sweep(*words, "-n", 4).exit_code == 0 and len(count) == 4
     first = stored(tmp_path / "out")[0]["outputs/final.q.z"]
@@ -389,7 +389,7 @@ def test_processes_end_with_the_one_that_began_them_and_leave_no_word(
     fall: Path, tmp_path: Path, kind: str
 ) -> None:
     command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
-               "-n", "5000", "--of", "error_estimate.q_max", "--out", str(tmp_path / "out"), "--jobs", "2", "--no-plots"]  # fmt: skip
+               "-n", "5000", "--of", "error_estimate.at_rounding", "--out", str(tmp_path / "out"), "--jobs", "2", "--no-plots"]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
     children = Path(f"/proc/{process.pid}/task/{process.pid}/children")
     wait_for(lambda: len(children.read_text().split()) >= 3)  # the tracker of the library and two of ours
@@ -443,10 +443,10 @@ def wait_for(what: Callable[[], bool]) -> None:
 def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     command = [sys.executable, "-m", "robodyn_cli", "sweep", str(fall), "--vary", "initial.qd.z=normal(1, 0.1)",
-               "-n", "100000", "--of", "error_estimate.q_max", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
+               "-n", "100000", "--of", "error_estimate.at_rounding", "--out", str(out), "--jobs", "2", "--no-plots"]  # fmt: skip
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     file = out / ROWS_NAME
-    size = Task(Family(fall), "simulate", ("initial.qd.z",), ("error_estimate.q_max",)).layout.itemsize
+    size = Task(Family(fall), "simulate", ("initial.qd.z",), ("error_estimate.at_rounding",)).layout.itemsize
 
     def done() -> int:
         return file.read_bytes()[size - 1 :: size].count(1) if file.exists() else 0
@@ -458,7 +458,7 @@ def test_an_interrupt_says_what_is_kept_and_nothing_else(fall: Path, tmp_path: P
     runs = done()
     # a slow machine tells how far it is
     why, first, last = (x for x in said.splitlines() if not x.startswith("robodyn: after "))
-    assert "error_estimate.q_max" in why
+    assert "error_estimate.at_rounding" in why
     assert first.endswith(" of 100000 runs are done and kept; the same command goes on from there")
     # the last rows may be written and not yet counted
     assert 0 < int(first.split()[1]) <= runs
@@ -680,20 +680,19 @@ def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
         *("--set", "simulate.duration=0.02", "--vary", "robot.links.crank.mass=[20]", "--no-plots"),
     ]
     slow = sweep(
-        *words, "--of", "lock.time", "--set", "expect={error_estimate.q_max: < 1}", "--out", tmp_path / "slow"
+        *words, "--of", "lock.time", "--set", "expect={criteria.grid: < 1}", "--out", tmp_path / "slow"
     )
     assert (
-        "each run is a whole command: compiled code does not give error_estimate.q_max of expect"
+        "compiled code does not give criteria.grid (multipliers are judged on samples) of expect"
         in slow.output
     )
     assert "of expect (--set expect={} leaves it out)" in slow.output
     assert "1 of 1 runs were whole commands, " in slow.output
     fast = sweep(*words, "--out", tmp_path / "fast")
     assert "whole command" not in fast.output
-    other = sweep(*words, "--of", "error_estimate.q_max", "--set", "expect={}", "--out", tmp_path / "other")
-    assert (
-        "compiled code does not give error_estimate.q_max; that of the scene as it stands took"
-        in other.output
+    other = sweep(*words, "--of", "criteria.grid", "--set", "expect={}", "--out", tmp_path / "other")
+    assert "compiled code does not give criteria.grid (multipliers are judged on samples" in " ".join(
+        other.output.split()
     )
 
 
@@ -707,15 +706,15 @@ def test_the_terminal_says_why_runs_are_whole_commands(tmp_path: Path) -> None:
             "there is no compiled code of statics for many runs",
         ),
         (
-            "search/counterweights",
-            ("outputs.reactions=true",),
-            "robot.links.bar.mass",
-            "forces in the joints' bearings are wanted",
+            "trajectories/fastest_2r",
+            (),
+            "robot.links.link1.mass",
+            "limits of torques or paths decide the motion",
         ),
         (
             "2r_circle",
             (),
-            "robot.links.link2.mass",
+            "robot.joints.theta2.a",
             "a point of an open chain is led, so lengths change the motion",
         ),
     ],

@@ -52,6 +52,8 @@ class Engine:
         self.out = np.zeros(0)
         self._method.check(system)
         self.tables = self._method.tables(system)
+        if system.numbers is not None:
+            self.tables.numbers[:] = system.numbers(self.tables.programs)
         self._exact, self._drawn = self.tables.numbers.copy(), 0
         self.updates: UpdateMemory | None = None
         if system.updates is not None:

@@ -171,19 +171,31 @@ class Integrator:
                 w[place] = g
         self.n[IntegerSlot.WATCH] = 1
 
-    def advance(self, end: float) -> None:
-        """Integrate to ``end`` without samples or events.
+    def advance(self, end: float, every: int = 0) -> list[float]:
+        """Integrate to ``end`` without samples or events; return the times [s] after every so many attempts at steps.
 
         Raises
         ------
         NumericalError : the step size underflows, the state stops being finite, or there are too many steps.
         """
+        times: list[float] = []
         if self.system.partition is not None:  # re-partitions are events
             self.run(end, Grid(end, 0.0, 0), lambda t, x: None, watch=False)
-            return
+            return times
         self.n[IntegerSlot.WATCH], self.n[IntegerSlot.LAST_SAMPLE] = 0, -1
         for stop in self._stops(end):
-            self._check(self._call(stop))
+            while True:
+                pause = self._taken + every if every else None
+                status = self._call(stop, pause)
+                if status is not Status.MAX_STEPS or pause is None or pause >= self.options.max_steps:
+                    break
+                times.append(self.time)
+            self._check(status)
+        return times
+
+    @property
+    def _taken(self) -> int:
+        return int(self.n[IntegerSlot.ACCEPTED] + self.n[IntegerSlot.REJECTED])
 
     def _stops(self, end: float) -> Iterator[float]:
         """Yield when a step has to end; formulas of time are kept to the stretch before each."""

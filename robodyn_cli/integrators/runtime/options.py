@@ -78,8 +78,9 @@ class Grid:
         """Return sample times first .. last - 1."""
         if self.knots is not None:
             places, inside = np.arange(first, last), (self.count - 1) // (len(self.knots) - 1)
-            steps = np.append(np.diff(self.knots), 0.0) / inside
-            return np.asarray(self.knots[places // inside] + places % inside * steps[places // inside])
+            knots, own = self.knots, places // inside
+            step = (knots[np.minimum(own + 1, len(knots) - 1)] - knots[own]) / inside
+            return np.asarray(knots[own] + places % inside * step)
         if self.head is not None:
             return np.append(
                 [self.head] * (first == 0 < last), self._rest.times(max(first - 1, 0), max(last - 1, 0))

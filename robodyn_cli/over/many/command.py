@@ -126,6 +126,25 @@ class ManyRuns:
     def __len__(self) -> int:
         return len(self.values)
 
+    def take(self, row: int, run: Ended) -> None:
+        """Take what a run came to into its row, but for its end."""
+        self.code[row], self.reason[row] = run.code, run.reason
+        for key, column in self.outputs.items():
+            column[row], self.errors[key][row] = number_of(run.summary, key), error_of(run.summary, key)
+
+    def end_of(self, group: str, name: str, rows: Rows) -> Array:
+        """Return a position or a rate (``q``, ``theta1``) at the ends of rows, nan where there is none of that name."""
+        names = self.q_names if group == "q" else self.qd_names
+        if name not in names:
+            return np.full(len(rows), np.nan)
+        column: Array = getattr(self, group)[rows, names.index(name)]
+        return column
+
+    def largest_error(self, group: str, rows: Rows) -> Array:
+        """Return the largest error of positions (``q``) or rates at the ends of rows."""
+        largest: Array = getattr(self, f"{group}_error")[rows].max(axis=1, initial=0.0)
+        return largest
+
     @staticmethod
     def empty(
         keys: Any, values: Array, names: tuple[Any, Any], of: Any, sampled: Any = (), samples: int = 0
@@ -257,12 +276,10 @@ class Making:
         result = self.result
         result.one_by_one[row] = True
         run = ended(lambda: self.command.single(self._scene(row)))
-        result.code[row], result.reason[row] = run.code, run.reason
+        result.take(row, run)
         if run.result is None:
             return
         summary, own = run.summary, run.result
-        for key, column in result.outputs.items():
-            column[row], result.errors[key][row] = number_of(summary, key), error_of(summary, key)
         if self.asked.samples and len(own.time) == self.asked.samples:
             result.samples["time"][row] = own.time
             for name in self.command.sampled:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
@@ -17,7 +18,7 @@ from robodyn_cli.spatial.algebra import Array
 
 FARTHER = 2.0
 ALONG = 0.01  # of the largest distance along a key: a row as far as this was away along it
-TRIES = 5  # rows, the farthest first, until something can be built with one
+TRIES = 5  # rows, from the farthest on, until something can be built with one
 MOST_PATTERNS = 64  # whose structures are kept
 ALIKE = 1e-9  # relative difference of numbers that were computed in two ways
 
@@ -59,44 +60,44 @@ class Built:
         """Return for which rows (N, keys) every comparison turns out as it did for this structure's own."""
         return self.numbers(values).decided_alike(self._deciding)
 
-    def is_confirmed(self, values: Array, build: Callable[[Array], Built]) -> bool:
-        """Tell whether what is built for other rows (N, keys) has the numbers that this structure gives.
+    def confirmed(self, values: Array, build: Callable[[Array], Built]) -> NDArray[np.bool_]:
+        """Tell for which rows (N, keys) what is built for other rows has the numbers that this structure gives.
 
         Asked at far rows with which something can be built, until one of them was away along each key, and again where
         rows are more than FARTHER times as far along a key.
         """
         away = np.abs(values - self.row)
+        near: NDArray[np.bool_] = np.ones(len(values), dtype=bool)
         if not self._varying:
-            return True
-        farthest = None
-        while not (near := (away / FARTHER <= self._confirmed).all(axis=0)).all():
-            if farthest is None:
-                farthest = away.max(axis=0)
-            share = np.where(near, 0.0, away / np.maximum(farthest, 1e-300))
-            row = self._built_elsewhere(values, share, build)
-            if row is None:
-                return False
-            along = share[row] >= min(ALONG, 1.0 / len(farthest))
-            if not along.any():  # nothing farther can be built
-                return True
-            self._confirmed = np.where(along, np.maximum(self._confirmed, farthest), self._confirmed)
-        return True
+            return near
+        while not (near := (away / FARTHER <= self._confirmed).all(axis=1)).all():
+            left = away[~near]
+            farthest = left.max(axis=0)
+            share = np.where(left / FARTHER <= self._confirmed, 0.0, left / np.maximum(farthest, 1e-300))
+            order = np.argsort(-share.sum(axis=1), kind="stable")
+            row, other = self._built_elsewhere(values[~near][order], build)
+            if other is None:  # of nothing farther that can be built
+                return near
+            if not self._has_numbers_of(other):
+                return np.zeros(len(values), dtype=bool)
+            along = share[order[row]] >= min(ALONG, 1.0 / len(farthest))
+            if not along.any():
+                return np.ones(len(values), dtype=bool)
+            reached = farthest if row == 0 else left[order[row]]
+            self._confirmed = np.where(along, np.maximum(self._confirmed, reached), self._confirmed)
+        return near
 
-    def _built_elsewhere(
-        self, values: Array, share: Array, build: Callable[[Array], Built]
-    ) -> np.intp | None:
-        """Return a row far away that has the numbers that this structure gives; None where it has others.
+    @staticmethod
+    def _built_elsewhere(values: Array, build: Callable[[Array], Built]) -> tuple[int, Built | None]:
+        """Return the first of some rows (N, keys) with which something can be built, and that; None where nothing can.
 
-        share : of the largest distance along each key (N, keys).
+        Tried are the first row, that in the middle, and so on, each half as far from the last one.
         """
-        for row in np.argsort(-share.sum(axis=1), kind="stable")[:TRIES]:
-            try:
-                other = build(values[row])
-            except RobodynError:
-                continue
-            place: np.intp = row
-            return place if self._has_numbers_of(other) else None
-        return None
+        for tried in range(TRIES):
+            row = len(values) - 1 - (len(values) - 1) // 2**tried
+            with contextlib.suppress(RobodynError):
+                return row, build(values[row])
+        return 0, None
 
     def _has_numbers_of(self, other: Built) -> bool:
         """Tell whether the numbers of another structure, for its own row, are those that this one gives for it."""
@@ -190,10 +191,10 @@ class Structures:
                 known.append(structure)
                 if not len(own):  # a comparison that is not decided by the numbers alone
                     own, fits[0] = rows[:1], True
-            if len(own) and structure.is_confirmed(values[own], self._build):
-                groups.append((structure, own))
-            else:
-                alone += own.tolist()
+            sure = structure.confirmed(values[own], self._build)
+            if sure.any():
+                groups.append((structure, own[sure]))
+            alone += own[~sure].tolist()
             rows = rows[~fits]
         if alone:
             groups.append((None, np.array(alone, dtype=np.int64)))

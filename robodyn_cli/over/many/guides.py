@@ -258,6 +258,22 @@ def _within(count: int, samples: int) -> NDArray[np.int64]:
     return np.arange(count)[:, None] * samples + np.arange(samples - 1)
 
 
+LED = "a point of an open chain is led, so lengths change the motion"
+WITHOUT_LENGTHS = ("robot.links.", "gravity", "forces.", "torques.")
+IN_JOINTS = ("spring", "damper", "friction")
+
+
+def changes_lengths(keys: Sequence[Key]) -> bool:
+    """Tell whether keys may change where the links and their points are at given positions of joints."""
+
+    def dynamic(key: Key) -> bool:
+        section, group, *rest = [*key.place.split("."), "", ""]
+        in_joint = (section, group) == ("robot", "joints") and not {*rest[1:2]}.isdisjoint(IN_JOINTS)
+        return in_joint or key.place.startswith(WITHOUT_LENGTHS)
+
+    return not all(key.sort == NUMBER and dynamic(key) for key in keys)
+
+
 def guided_reasons(problem: Problem, lead: Lead | None, keys: Sequence[Key]) -> dict[str, bool]:
     """Return why motions of many runs are not followed together, by whether that holds."""
     scene, model = problem.scene, problem.model
@@ -267,7 +283,8 @@ def guided_reasons(problem: Problem, lead: Lead | None, keys: Sequence[Key]) -> 
     return {
         "joints of several axes move": model.nq != model.nv or model.q_names != model.v_names,
         "joints are prescribed": bool(scene.prescribed),
-        "joints without an initial position close the loops": known < set(model.q_names),
+        "joints without an initial position close the loops": bool(model.closures)
+        and known < set(model.q_names),
         "a point is led relative to a body": lead is not None
         and lead.led is not None
         and lead.led.relative_to is not None,

@@ -7,9 +7,8 @@ come to its end, or that looks doubtful, is left to ``simulate`` itself.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,22 +18,18 @@ from robodyn_cli.formulations.events import EventKind
 from robodyn_cli.integration_methods import DEFAULT, STIFF
 from robodyn_cli.integrators.runtime.fleet import NO_LIMITS, NO_SAMPLES, FleetLimits, Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
-from robodyn_cli.integrators.runtime.options import JUDGED, Options, stride_of
+from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.model.manifold import Manifold
 from robodyn_cli.motion.conditioning import closing_steps
-from robodyn_cli.motion.error import Attempt, Courses, First, Masks, difference, integrate_again, remainder
+from robodyn_cli.motion.error import Attempt, First, Masks, integrate_again
 from robodyn_cli.motion.method import compare
-from robodyn_cli.motion.self_check import EPS, allowed_drift, is_judged_by_energy
+from robodyn_cli.motion.self_check import EPS, allowed_drift
 from robodyn_cli.motion.stiffness import COST, FIRST_LOOK, MOST, WORTH, largest_decays
 from robodyn_cli.over.many.groups import table_rows
 from robodyn_cli.over.many.start import Starts, starts_of
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
-
-if TYPE_CHECKING:
-    from robodyn_cli.motion.conditioning import Conditioning
-
 
 SOUND = 1e-3  # ratio of singular values below which ``classify`` is left to judge the pose
 FINER_SAMPLES = 4000, 32000  # of a run, between which Psi is followed
@@ -86,15 +81,22 @@ class RunBatch:
             self.threads, tables, self.through, None if self.slots is None else self.slots[rows],
         )  # fmt: skip
 
+    @property
+    def start_rounding(self) -> tuple[Array, Array]:
+        """Psi (N, m, nv) at the starts, and how far rounding may have put the rows off there (1,); both empty
+        without any."""
+        nominal, off = self.structure.motion.start_rounding
+        if not len(off):
+            return nominal, off
+        groups = {"q": list(self.starts.q.T), "t": [0.0], "p": []}
+        values = self.numbers.evaluate(self.structure.psi_of_loops, groups)
+        return values.reshape(len(self.values), -1, nominal.shape[2]), off
+
     def closed_otherwise(self) -> RunBatch:
         """Return the runs from other starts that close the loops as well: as far away as rounding leaves open."""
-        motion, (nominal, off) = self.structure.motion, self.structure.motion.start_rounding
+        motion, (psi, off) = self.structure.motion, self.start_rounding
         if not len(off):
             return self
-        values = self.numbers.evaluate(
-            self.structure.psi_of_loops, {"q": list(self.starts.q.T), "t": [0.0], "p": []}
-        )
-        psi = values.reshape(len(self.values), -1, nominal.shape[2])
         steps = closing_steps(psi, np.full(len(psi), off[0]), motion.held)
         manifold = Manifold(motion.problem.model)
         q = np.array([manifold.integrate(x, step) for x, step in zip(self.starts.q, steps)])
@@ -152,9 +154,10 @@ class Driven:
     figures: dict[str, tuple[Array, Array]] = dataclasses.field(default_factory=dict)
     missed: Masks | None = None
 
-    def with_figures(self, batch: RunBatch, figures: FiguresOf) -> Driven:
-        """Return the same with figures of those runs that can be trusted and whose samples the structure evaluates."""
-        trusted = self.trusted & batch.structure.observed_alike(batch.numbers)
+    def with_figures(self, batch: RunBatch, figures: FiguresOf, reactions: bool = False) -> Driven:
+        """Return the same with figures of those runs that can be trusted and whose samples the structure evaluates;
+        reactions : loads, too."""
+        trusted = self.trusted & batch.structure.observed_alike(batch.numbers, reactions)
         rows = np.flatnonzero(trusted)
         more = {}
         for key, pair in figures(rows).items():
@@ -238,111 +241,16 @@ def keep_rank(batch: RunBatch, method: str, times: Array) -> Masks:
     return kept
 
 
-def integrate(batch: RunBatch, method: str, samples: int = 0) -> Driven:
-    """Make the runs of a batch by one method, and estimate their errors by a second integration."""
-    if not batch.structure.motion.scene.simulate.error_estimate:
-        runs = first_run(batch, method, Sampling(samples))
-        return Driven(runs, _trusted(batch, runs))
-    sampling, wanted, judged = _samplings(batch, method, samples)
-    runs = first_run(batch, method, sampling)
-    trusted = _trusted(batch, runs)
-    errors, steps = np.full(runs.y.shape, np.nan), np.zeros(len(runs), dtype=np.int64)
-    if len(rows := np.flatnonzero(trusted)):
-        judge = _Judge(batch.part(rows), runs.part(rows), method, sampling.part(rows), judged)
-        errors[rows], steps[rows], trusted[rows] = judge.errors()
-    return Driven(dataclasses.replace(runs, out=runs.out[:, :, wanted]), trusted, errors, second_steps=steps)
-
-
-@record
-class _Judge:
-    """Estimates the errors of first runs of a batch by second ones; ``judged``: which of the samples count."""
-
-    batch: RunBatch
-    runs: Runs
-    method: str
-    sampling: Sampling
-    judged: slice
-
-    @property
-    def first(self) -> First:
-        return First(self.batch.options, self.method, self.runs.steps, self.batch.ends)
-
-    def part(self, rows: Any) -> _Judge:
-        return dataclasses.replace(
-            self, batch=self.batch.part(rows), runs=self.runs.part(rows), sampling=self.sampling.part(rows)
-        )
-
-    def errors(self) -> tuple[Array, NDArray[np.int64], Masks]:
-        """Return the errors at the ends (N, nx), the steps of the second runs, and which of these arrived."""
-        second, done = second_runs(self.batch, self.first, _arrived, self.sampling)
-        courses = self._courses(second)
-        floor = courses.floor(self.runs.steps, self.batch.ends, self._conditioning)
-        if len(rows := np.flatnonzero(done & courses.in_doubt(floor))):
-            few = self.part(rows)
-            third, ended = second_runs(few.batch, few.first.once_more, _arrived, few.sampling)
-            apart = np.zeros_like(courses.apart)
-            apart[rows[ended]] = few._courses(third).apart[ended]
-            courses = courses.beside(apart)
-        return courses.at_end(floor), second.steps, done
-
-    def _courses(self, other: Runs) -> Courses:
-        own = self._course(self.runs)
-        times = self._times(0)
-        sampled_end = len(times) > 0 and bool(times[-1] >= (1.0 - EPS) * self.batch.ends[0])
-        apart = difference(own, self._course(other), sampled_end)
-        return Courses(self.batch.structure.motion.system, own, apart, remainder(self.first, other.steps))
-
-    def _course(self, runs: Runs) -> Array:
-        """Return the states (N, T, nx) at the start, the samples that are judged, and the end."""
-        samples = runs.out.transpose(0, 2, 1)[:, self.judged]
-        return np.concatenate([self.batch.states[:, None], samples, runs.y[:, None]], axis=1)
-
-    def _times(self, k: int) -> Array:
-        """Return the times of the samples of run k that are judged [s]."""
-        start, step = (self.runs.w[k, slot] for slot in (DoubleSlot.SAMPLE_START, DoubleSlot.SAMPLE_STEP))
-        times: Array = start + step * np.arange(1, self.runs.out.shape[2] + 1)[self.judged]
-        return times
-
-    def _conditioning(self, k: int) -> Conditioning:
-        times = np.array([0.0, *self._times(k), self.batch.ends[k]])
-        return self.batch.structure.conditioning(times, self._course(self.runs)[k])
-
-
-def _samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
-    """Return which samples are taken, and which of them are asked for (so many) and judged: those of single runs.
-
-    Runs in lanes, which take steps of their own up to each sample, are judged by as few as may be.
-    """
-    count = samples or max(batch.structure.motion.scene.simulate.samples - 1, 1)
-    stride = stride_of(count + 1)
-    if samples:
-        share, every = max(1, round(1 / stride)), max(1, int(stride))
-        first = (samples * share - 1) % every
-        return Sampling(samples * share), slice(share - 1, None, share), slice(first, None, every)
-    if batch.structure.fleet(method).lanes > 1:
-        return Sampling(JUDGED), slice(0), slice(None)
-    taken, step = math.ceil(count / stride), batch.ends / count
-    return Sampling(taken, step * stride, step * (count - taken * stride)), slice(0), slice(None)
-
-
-def _arrived(runs: Runs) -> Masks:
-    return runs.arrived
-
-
-def _trusted(batch: RunBatch, runs: Runs) -> Masks:
-    """Tell which runs came to their end, and look as they should."""
-    trusted = runs.arrived & batch.starts.sound & np.isfinite(runs.y).all(axis=1)
-    if is_judged_by_energy(batch.structure.motion):
-        trusted &= keeps_energy(batch, runs.y, runs.steps)
-    return trusted
-
-
 def second_runs(
-    batch: RunBatch, first: First, arrived: Callable[[Runs], Masks], sampling: Sampling = NO_SAMPLES
+    batch: RunBatch,
+    first: First,
+    arrived: Callable[[Runs], Masks],
+    sampling: Sampling = NO_SAMPLES,
+    watch: bool = True,
 ) -> tuple[Runs, Masks]:
     """Make runs once more, more accurately; return them, and which came to their end.
 
-    arrived : tells which runs did.
+    arrived : tells which runs did. watch : whether to look for events.
     """
     second: Runs
     done = np.zeros(len(batch.values), dtype=bool)
@@ -352,7 +260,7 @@ def second_runs(
         rows = attempt.rows
         own = sampling.part(rows)
         limits = FleetLimits(attempt.step, attempt.most)
-        runs = batch.part(rows).drive(first.method, attempt.options, limits, own)
+        runs = batch.part(rows).drive(first.method, attempt.options, limits, own, watch)
         if len(rows) == len(done):
             second = runs
         else:

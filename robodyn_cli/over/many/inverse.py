@@ -12,7 +12,7 @@ import numpy as np
 
 from robodyn_cli.errors import RobodynError
 from robodyn_cli.given.motion import Planned
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, error_of, number_of
 from robodyn_cli.over.many.groups import table_rows
 from robodyn_cli.over.many.keys import Key
 from robodyn_cli.over.many.torques import ENTRIES, InverseStructure
@@ -95,10 +95,19 @@ SECTIONS = (
     "error_estimate",
     "ik_residual",
     "mechanism",
+    "reactions",
     "round_trip",
     "samples",
     "termination",
 )
+
+
+SLOW = {
+    "drives.": "what motors bear is found by the command",
+    "motorisation": "margins are found by the command",
+    "shaking.": "shaking forces are found by the command",
+    "flywheel.": "flywheels are found by the command",
+}
 
 
 class InverseRuns(BatchCommand[InverseStructure]):
@@ -107,6 +116,7 @@ class InverseRuns(BatchCommand[InverseStructure]):
     name = "inverse"
     sampled = ("q", "qd", "qdd", "tau")
     words = WORDS
+    slow = SLOW
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> InverseStructure:
         return InverseStructure(family, keys, row)
@@ -235,6 +245,9 @@ class _MadeRun:
         program, numbers = self.structure.program, self.structure.numbers(self.values)
         errors = error_estimate(program, self.planned, self.sampled, self.loaded, numbers)
         own = summarise(program, self.planned, self.sampled, self.loaded, errors, ())
+        own = dataclasses.replace(
+            own, reactions=self.structure.loads(self.sampled, self.values, self.loaded.breaks)
+        )
         return {**as_keys(own), "samples": program.problem.scene.inverse.samples}
 
 
@@ -261,3 +274,4 @@ def _keep_figures(structure: InverseStructure, runs: Sequence[_MadeRun], result:
             column[rows], result.errors[key][rows] = figures[key]
         else:
             column[rows] = [number_of(run.summary, key) for run in runs]
+            result.errors[key][rows] = [error_of({"command": "inverse", **run.summary}, key) for run in runs]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 from collections.abc import Mapping, Sequence
 from functools import cached_property
@@ -10,28 +11,34 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import RobodynError
 from robodyn_cli.expr.fixed import witnessed
 from robodyn_cli.given.loop_conditions import Lead
-from robodyn_cli.given.motion import knot_places, plan_motion
+from robodyn_cli.given.motion import Planned, knot_places, plan_motion
 from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
+from robodyn_cli.observe.columns import chosen_extremes
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, error_of, number_of
 from robodyn_cli.over.many.groups import Built, first_of, table_rows
-from robodyn_cli.over.many.guides import Guided, ManyMotions, guided_reasons
+from robodyn_cli.over.many.guides import LED, Guided, ManyMotions, changes_lengths, guided_reasons
 from robodyn_cli.over.many.keys import Key, settings
 from robodyn_cli.ready.singularity import mobility
 from robodyn_cli.results.result import Result
 from robodyn_cli.results.summary import as_keys
+from robodyn_cli.scene.checks.columns import DESIGNED, asking
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.guided import CLOSED
 from robodyn_cli.solve.quadrature import spaced
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.design import DesignFigures
+from robodyn_cli.summaries.facts import ABSENT
 from robodyn_cli.summaries.keys import leaf_of
 from robodyn_cli.trajectories.base import TaskSpaceTrajectory
 from robodyn_cli.trajectories.course import between
 from robodyn_cli.trajectories.led import velocity_columns
+from robodyn_cli.trajectories.motion import JointMotion
 from robodyn_cli.works.kinematic_figures import (
     AT_SAMPLE,
     PLACES,
@@ -43,12 +50,14 @@ from robodyn_cli.works.kinematic_figures import (
     transmission_angle,
     transmission_figures,
 )
-from robodyn_cli.works.kinematics import closer_times, kinematics, leading, outputs, problem_of
+from robodyn_cli.works.kinematics import closer_times, kinematics, leading, outputs, problem_of, report
 
 # sections of the summary whose numbers are found for many runs; counters are those of single runs
 SECTIONS = (
     "at",
+    "design",
     "error_estimate",
+    "extremes",
     "joints",
     "mobility",
     "points",
@@ -57,6 +66,7 @@ SECTIONS = (
     "termination",
     "transmission_angle",
 )
+TOLD = ("design", "extremes")  # those that the command says of each run from its arrays
 ENTRIES = 4_000_000  # of evaluated arrays at a time: 32 MB
 
 
@@ -75,7 +85,7 @@ class KinematicsStructure(Built):
             self.lead, self.samples = leading(self.problem)
             self.times = closer_times(self.problem, self.samples)
             self.guided = None if self.lead is None else Guided(self, self.problem, self.lead, self.times)
-            self.paths = outputs(self.problem)
+            self.paths = {**_designed(self.problem), **outputs(self.problem)}
             # without names from the scene, scenes with equal equations share their code
             self.kernel = SampleKernel({f"o{k}": x for k, x in enumerate(self.paths.values())}, MOTION_GROUPS)
         self.breaks = spaced(knot_places(self.problem.scene, self.times), len(self.times))
@@ -104,12 +114,21 @@ class KinematicsStructure(Built):
         return {path: np.moveaxis(arrays[f"o{k}"], 2, 0) for k, path in enumerate(self.paths)}
 
 
+def _designed(problem: Problem) -> dict[str, list[Any]]:
+    """Return the expressions that kinematic design follows from, where a scene asks for it."""
+    if problem.scene.kinematics.design is None:
+        return {}
+    from robodyn_cli.works.design import Designed
+
+    return Designed.outputs(problem)
+
+
 def obstacle(problem: Problem, lead: Lead | None, times: Array, keys: Sequence[Key]) -> str:
     """Return why runs are made one by one; nothing where their motions are found together."""
     scene = problem.scene
     point = isinstance(scene.trajectory, TaskSpaceTrajectory)
     reasons = {
-        "a point of an open chain is led": point and (lead is None or lead.led is None),
+        LED: point and (lead is None or lead.led is None) and changes_lengths(keys),
         "places are wanted behind the end": any(
             t > times[-1] * (1.0 + AT_SAMPLE) for t in scene.kinematics.at
         ),
@@ -124,11 +143,13 @@ class ManyFigures:
 
     Parameters
     ----------
-    values : of the keys (N, keys).
+    values : of the keys (N, keys). keys : that are asked for.
     """
 
-    def __init__(self, structure: KinematicsStructure, values: Array, motions: ManyMotions) -> None:
-        self.structure, self.values, self.motions = structure, values, motions
+    def __init__(
+        self, structure: KinematicsStructure, values: Array, motions: ManyMotions, keys: Sequence[str]
+    ) -> None:
+        self.structure, self.values, self.motions, self.keys = structure, values, motions, keys
         self.scene, self.times, self.breaks = structure.problem.scene, structure.times, structure.breaks
         self.closed = CLOSED if structure.problem.model.closures else 0.0
         self._known: dict[tuple[str, str], Figures] = {}
@@ -148,6 +169,9 @@ class ManyFigures:
         """Return a figure and its error (N,); nan of what a run does not have."""
         leaf, nothing = leaf_of("kinematics", key), np.full(len(self.values), np.nan)
         section, _, rest = (key if leaf is None else leaf.key).partition(".")
+        if section in TOLD:
+            own = np.array([(number_of(told, key), error_of(told, key)) for told in self._told])
+            return own[:, 0], own[:, 1]
         name, _, figure = rest.rpartition(".")
         of_errors = name == "errors" or name.endswith(".errors") or figure.endswith("_error")
         name, figure = name.removesuffix("errors").removesuffix("."), figure.removesuffix("_error")
@@ -155,6 +179,41 @@ class ManyFigures:
             self._known[section, name] = getattr(self, f"_{section}")(name)
         value, error = self._known[section, name].get(figure, (nothing, nothing))
         return (error, nothing) if of_errors else (value, error)
+
+    @cached_property
+    def _told(self) -> list[dict[str, Any]]:
+        """What the command says of extremes and of kinematic design in each run; nothing where it refuses one."""
+        told = []
+        for k in range(len(self.values)):
+            told.append({"command": "kinematics"})
+            with contextlib.suppress(RobodynError):
+                told[-1] |= self._told_of(k)
+        return told
+
+    def _told_of(self, k: int) -> dict[str, Any]:
+        problem, lead, names = (
+            self.structure.problem,
+            self.structure.lead,
+            asking(self.scene, self.keys).outputs.extremes,
+        )
+        motion = JointMotion(
+            *(np.asfortranarray(x[k]) for x in (self.motions.q, self.motions.v, self.motions.a))
+        )
+        planned, found = Planned(self.times, motion), {}
+        arrays = {path: x[:, k] for path, x in self.arrays.items()}
+        if own := [name for name in names if not name.startswith(DESIGNED)]:
+            led = problem.model.v_names if lead is None else lead.joints
+            places = {path: arrays[path] for path in outputs(problem)}
+            found = chosen_extremes(report(problem, planned, led, places), own, self.breaks, self.closed)
+        figures = DesignFigures(ABSENT, ABSENT, ABSENT)
+        if self.scene.kinematics.design is not None:
+            from robodyn_cli.works.design import Designed
+
+            looked = Designed(problem, planned, arrays)
+            looked.asked = names
+            found |= looked.extremes()
+            figures = DesignFigures(ABSENT, looked.dead_points, looked.unbounded)
+        return {"extremes": {name: as_keys(x) for name, x in found.items()}, "design": as_keys(figures)}
 
     def _joints(self, name: str) -> Figures:
         names = self.structure.problem.model.v_names
@@ -233,10 +292,19 @@ def _exact(values: Mapping[str, Array]) -> Figures:
     return {name: (x, np.full(len(x), np.nan)) for name, x in values.items()}
 
 
+SLOW = {"design.four_bars": "its chains are found among the links of each scene anew"}
+
+
+def _is_time(key: str) -> bool:
+    """Tell whether a key is a time that the scene gives."""
+    return key.startswith("at.") and key.endswith(".time")
+
+
 class KinematicsRuns(BatchCommand[KinematicsStructure]):
     """Motions that joints or points lead; ends are the ends of the motion."""
 
     name = "kinematics"
+    slow = SLOW
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> KinematicsStructure:
         return KinematicsStructure(family, keys, row)
@@ -246,7 +314,7 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
         if leaf is None or leaf.key.startswith("termination."):
             return key == "termination.time"
         known = leaf.is_number and leaf.key.partition(".")[0] in SECTIONS
-        return known and not (leaf.key.startswith("at.") and leaf.key.endswith(".time"))
+        return known and not leaf.key.startswith("design.four_bars") and not _is_time(leaf.key)
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, kinematics=dataclasses.replace(scene.kinematics, samples=samples))
@@ -269,7 +337,7 @@ class KinematicsRuns(BatchCommand[KinematicsStructure]):
         if not good.any():
             return rows.tolist()
         own = np.flatnonzero(good)
-        figures = ManyFigures(structure, values[own], motions.part(own))
+        figures = ManyFigures(structure, values[own], motions.part(own), list(result.outputs))
         for key, column in result.outputs.items():
             value, error = figures[key]
             column[rows[own]], result.errors[key][rows[own]] = value, error

@@ -6,13 +6,12 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import OF_STATUS, NumericalError, RobodynError
-from robodyn_cli.formulations.events import Event, EventKind, Outcome, Owner
+from robodyn_cli.errors import OF_STATUS, RobodynError
 from robodyn_cli.integration_methods import DEFAULT
 from robodyn_cli.integrators.runtime.options import Grid, Options
 from robodyn_cli.motion.contact.latch_states import beside
@@ -24,24 +23,26 @@ from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.second_run import watched_again
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
-from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.over.many.closings import ClosedRuns, LatchFacts, suits
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows
+from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, ended
+from robodyn_cli.over.many.course import OTHERS, motions_of
 from robodyn_cli.over.many.groups import first_of, table_rows
 from robodyn_cli.over.many.integrate import RunBatch, decays_of, keeps_energy
-from robodyn_cli.over.many.locks import ALONG, recorded_along
-from robodyn_cli.over.many.simulate import LOCK_ERRORS, SECOND_STEPS, Deploy
+from robodyn_cli.over.many.locks import ALONG
+from robodyn_cli.over.many.simulate import COUNTERS, LOCK_ERRORS, SECOND_STEPS, Deploy
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
-from robodyn_cli.scene.checks.columns import column_of
+from robodyn_cli.scene.checks.columns import asking, column_of
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.summaries.facts import Fact
-from robodyn_cli.works.deploy.latched import Pending, time_error, told_of, watcher_of
+from robodyn_cli.summaries.keys import leaf_of
+from robodyn_cli.works.deploy.latched import deploy_latched, time_error, told_of, watcher_of
 
 SAMPLES = 4_000_000  # numbers that samples of runs in compiled code take at a time
 OF_LATCHES = ("locks", "missed")
+OF_BUILD = ("assembly", "wall_time_s")  # sections of the summary that tell of what runs share here
 ENDS = ("lock.time", "lock.time_error", "termination.time")
 NOTHING_ALONG = (math.nan,) * len(ALONG)
 # what the summary says of every run that locks
@@ -76,6 +77,15 @@ class DeployLatches(Deploy):
         on_the_way = bool(column_of(self.scene, key))  # the largest load of a rigid one
         return key in ENDS or figure or (group in OF_LATCHES and rest.count(".") >= 1 and not on_the_way)
 
+    def is_plain(self, key: str) -> bool:
+        leaf = leaf_of(self.name, key)
+        own = leaf is not None and leaf.is_number and key.partition(".")[0] not in OF_BUILD
+        return own or key in self.words
+
+    def _in_code(self, key: str) -> bool:
+        """Tell whether runs in compiled code note what this key of the summary needs."""
+        return key in (*COUNTERS, SECOND_STEPS, *ALONG, *self.words) or self.gives(key)
+
     def make(self, structure: Structure, rows: Rows, asked: AskedRuns) -> list[int]:
         choice, result = structure.motion.choice, asked.result
         q, qd = (None if x is None else x[rows] for x in (asked.q, asked.qd))
@@ -84,16 +94,35 @@ class DeployLatches(Deploy):
         trusted = batch.starts.sound.copy()
         if choice.may_change:  # those are looked into by the command
             trusted &= decays_of(batch) * batch.ends < FAST_DECAYS
-        if along := any(key in ALONG for key in result.outputs):
-            trusted &= structure.observed_alike(batch.numbers)
+        in_code, along = all(map(self._in_code, result.outputs)), any(key in ALONG for key in result.outputs)
         made: list[int] = []
-        for runs in _closed(batch, method, trusted, along):
-            made += _keep(batch, runs, rows, result)
-        if (left := np.setdiff1d(np.flatnonzero(trusted), made)).size:
-            runner = _Runner(batch, method, along)
-            alone = {k: runner.make(k) for k in left.tolist()}
+        if in_code:
+            alike = structure.observed_alike(batch.numbers) if along else True
+            for runs in _closed(batch, method, trusted & alike, along):
+                made += _keep(batch, runs, rows, result)
+        trusted[made] = False
+        if along or not in_code:
+            made += self._as_commands(batch, method, trusted, rows, result)
+        elif trusted.any():
+            runner = _Runner(batch, method)
+            alone = {k: runner.make(k) for k in np.flatnonzero(trusted).tolist()}
             made += _keep(batch, {k: run for k, run in alone.items() if run is not None}, rows, result)
         return np.delete(rows, made).tolist()
+
+    def _as_commands(
+        self, batch: RunBatch, method: str, trusted: Masks, rows: Rows, result: ManyRuns
+    ) -> list[int]:
+        """Make runs of a batch as the command does, on equations that are there already; return those that are made."""
+        keys, made = list(result.outputs), []
+        reactions = asking(batch.structure.motion.scene, keys).outputs.reactions
+        own = np.flatnonzero(trusted & batch.structure.observed_alike(batch.numbers, reactions))
+        for k, motion in zip(own.tolist(), motions_of(batch.part(own), keys, method)):
+            run = ended(partial(deploy_latched, motion, motion.beginning))
+            if run.summary and "error" not in run.summary:
+                result.take(int(rows[k]), run)
+                self.read(run.summary, result, int(rows[k]))
+                made.append(k)
+        return made
 
 
 def _closed(batch: RunBatch, method: str, trusted: Masks, along: bool) -> Iterator[dict[int, LatchedRun]]:
@@ -125,20 +154,6 @@ def _keep(batch: RunBatch, runs: dict[int, LatchedRun], rows: Rows, result: Many
     for k in kept:
         runs[k].keep(result, int(rows[k]), motion)
     return kept
-
-
-class _Doubtful:
-    """Owner of events that are judged on numbers of the scene."""
-
-    def handle(self, event: Event) -> Outcome:
-        raise NumericalError(f"{event.name} at t = {event.time:.6g} s", time=event.time)
-
-    def again(self) -> None:
-        return None
-
-
-# what is only noted on the way has no owner
-OTHERS: dict[EventKind, Owner | None] = {EventKind.RANK_LOSS: _Doubtful(), EventKind.MARK: None}
 
 
 def command_for(command: BatchCommand[Any], scene: Scene) -> BatchCommand[Any]:
@@ -280,8 +295,7 @@ def _of_latch(entry: Any, names: list[str]) -> tuple[float, float]:
 class _Runner:
     """Drives runs of a batch one after another, each with its own numbers, and once more for the errors."""
 
-    def __init__(self, batch: RunBatch, method: str, along: bool) -> None:
-        """``along`` : whether figures of samples are wanted."""
+    def __init__(self, batch: RunBatch, method: str) -> None:
         motion, options = batch.structure.motion, batch.options
         if motion.choice.may_change:  # more steps: the command thinks about another method
             options = dataclasses.replace(options, max_steps=min(options.max_steps, FIRST_LOOK + WORTH))
@@ -294,9 +308,7 @@ class _Runner:
         self._tables = [
             table_rows(driver.integrator.engine.tables, batch.numbers) for driver in self._drivers
         ]
-        self._observer = batch.structure.observer if along else None
         kernels = [kernel for watcher in motion.watchers for kernel in watcher.kernels.values()]
-        kernels += [] if self._observer is None else batch.structure.sampled
         self._kernels = [
             (x, np.ascontiguousarray(batch.numbers.table(x.program.numbers or (0.0,)))) for x in kernels
         ]
@@ -311,30 +323,20 @@ class _Runner:
             kernel.table = rows[k]
         for driver, tables in zip(self._drivers, self._tables):
             driver.integrator.engine.take(tables[k])
-        recorder = None if self._observer is None else Recorder(self._observer)
         try:
-            self._drive(self.first, self.options, k, self.batch.states, recorder)
+            self._drive(self.first, self.options, k, self.batch.states)
             second_steps = self._again(k) if self.motion.scene.simulate.error_estimate else None
         except RobodynError:
             return None
         finally:
             for kernel, _ in self._kernels:
                 kernel.table = None
-        return self._run(second_steps, NOTHING_ALONG if recorder is None else recorded_along(recorder))
+        return self._run(second_steps)
 
-    def _drive(
-        self, driver: Driver, options: Options, k: int, states: Array, recorder: Recorder | None = None
-    ) -> None:
+    def _drive(self, driver: Driver, options: Options, k: int, states: Array) -> None:
         end = float(self.batch.ends[k])
         driver.start(0.0, states[k], options)
-        grid = Grid.over(end, self.motion.scene.simulate.samples)
-        if recorder is None:
-            driver.run(end, grid, lambda t, x: None)
-            return
-        pending = Pending(driver, recorder)
-        driver.run(end, grid, pending.take)
-        pending.record()
-        recorder.keep_last_state(driver.time, driver.state, driver.parameters)
+        driver.run(end, Grid.over(end, self.motion.scene.simulate.samples), lambda t, x: None)
 
     def _again(self, k: int) -> int:
         """Make the second run; return its steps."""
@@ -351,7 +353,7 @@ class _Runner:
         driver = self.first
         return First(self.options, self.method, np.array([driver.counters.steps]), np.array([driver.time]))
 
-    def _run(self, second_steps: int | None, along: Sequence[float]) -> LatchedRun | None:
+    def _run(self, second_steps: int | None) -> LatchedRun | None:
         driver, latches, other = self.first, watcher_of(self.first.watchers), watcher_of(self.second.watchers)
         factor = math.nan
         if second_steps is not None:
@@ -369,7 +371,7 @@ class _Runner:
         return LatchedRun(
             driver.time, driver.state, driver.parameters, vars(counters).copy(),
             math.nan if second_steps is None else float(second_steps), factor,
-            _facts_of(latches, driver.time), second, along, *told,
+            _facts_of(latches, driver.time), second, NOTHING_ALONG, *told,
         )  # fmt: skip
 
 

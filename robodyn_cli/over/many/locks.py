@@ -5,6 +5,7 @@ A figure follows from states of the run; its error from the same figure of the s
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any
@@ -14,7 +15,16 @@ import numpy as np
 from robodyn_cli.integrators.runtime.memory import IntegerSlot
 from robodyn_cli.integrators.runtime.options import Grid
 from robodyn_cli.observe.recorder import Recorder
-from robodyn_cli.over.many.integrate import RunBatch
+from robodyn_cli.over.many.command import ManyRuns, Rows
+from robodyn_cli.over.many.course import (
+    LARGEST,
+    CourseEnds,
+    CourseErrors,
+    integrate_to,
+    is_between,
+    with_between,
+)
+from robodyn_cli.over.many.integrate import Driven, RunBatch
 from robodyn_cli.record import record
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
@@ -35,6 +45,8 @@ ENERGIES = ("energy_drift", "energy_drift_relative")
 ALONG = (*RESIDUALS, *ENERGIES)  # the samples of the scene
 NORMS = ("lock.multipliers.start", "lock.multipliers.at_lock")
 ENTRIES = 4_000_000  # of sampled states at a time: 32 MB
+ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
+FINAL = ("final.q.", "final.qd.", "final.time")
 DEGREES = "lock.angles_deg"
 DEGREES_ERROR = "lock.errors.angles_deg"
 SINGULAR = ("lock.singular_values.psi", "lock.singular_values.passive")
@@ -62,6 +74,49 @@ def is_figure(key: str) -> bool:
     group, _, index = key.rpartition(".")
     known = key in (*NORMS, DEGREES_ERROR) or key.startswith(f"{DEGREES}.")
     return known or (group in SINGULAR and index.isdecimal())
+
+
+def with_ends(driven: Driven, batch: RunBatch, method: str, again: Array, result: ManyRuns) -> Driven:
+    """Return what deployments came to with figures of the recorded motions that are asked for.
+
+    again : ends of the second runs (N,) [s].
+    """
+    keys, runs = list(result.outputs), driven.runs
+    if not any(key in (*ERRORS, *LARGEST) or key.startswith(FINAL) or is_between(key) for key in keys):
+        return driven
+    system, nothing = batch.structure.motion.system, np.full(len(runs), np.nan)
+    good = driven.trusted & batch.structure.observed_alike(batch.numbers)
+    errors = CourseErrors.unknown(runs.y.shape)
+    if batch.structure.motion.scene.simulate.error_estimate and len(rows := np.flatnonzero(good)):
+        errors.put(rows, integrate_to(batch.part(rows), method, runs.time[rows]))
+        good &= errors.done
+    figures = errors.figures()
+    for group, values, off in zip(("q", "qd"), system.split(runs.y), system.split(errors.at_end)):
+        largest = off.max(axis=1, initial=0.0)
+        figures[f"error_estimate.{group}_end"] = largest, nothing
+        if driven.errors is not None:  # that of the lock's time moves the state, too
+            at_lock = system.split(driven.errors)[group == "qd"].max(axis=1, initial=0.0)
+            largest = np.fmax(largest, at_lock)
+        names = getattr(result, f"{group}_names")
+        figures |= {f"final.{group}.{name}": (values[:, k], largest) for k, name in enumerate(names)}
+    figures["final.time"] = runs.time, nothing if driven.time_errors is None else driven.time_errors
+    driven = dataclasses.replace(driven, trusted=good, figures={**driven.figures, **figures})
+    ended = CourseEnds(runs.time, again, runs.y, runs.steps, errors.floor)
+    return with_between(driven, batch, method, ended, keys, "deploy")
+
+
+def with_locks(driven: Driven, batch: RunBatch, second: tuple[Array, Array], result: ManyRuns) -> Driven:
+    """Return what deployments came to with figures of their locks that are asked for.
+
+    second : states of the second runs, and the factor, see ``Locks``.
+    """
+    keys, runs = [key for key in result.outputs if is_figure(key)], driven.runs
+
+    def figures(rows: Rows) -> dict[str, Figure]:
+        own = (x[rows] for x in second)
+        return figures_of(Locks(batch.part(rows), runs.time[rows], runs.y[rows], *own), keys)
+
+    return driven.with_figures(batch, figures) if keys else driven
 
 
 def figures_of(locks: Locks, keys: Sequence[str]) -> dict[str, Figure]:

@@ -18,14 +18,15 @@ from robodyn_cli.integrators.runtime.memory import IntegerSlot, Status
 from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.self_check import tolerances
 from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
+from robodyn_cli.over.many.course import LARGEST, CourseEnds, integrate, is_between, with_between
 from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import (
     SOUND,
     Driven,
     RunBatch,
     first_run,
-    integrate,
     keep_rank,
     method_of,
     near_rank_loss,
@@ -34,17 +35,20 @@ from robodyn_cli.over.many.integrate import (
 from robodyn_cli.over.many.keys import Key
 from robodyn_cli.over.many.locks import (
     ALONG,
+    ERRORS,
+    FINAL,
     TIMES,
     WORDS,
     Figure,
-    Locks,
     figures_along,
-    figures_of,
     is_figure,
+    with_ends,
+    with_locks,
 )  # fmt: skip
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.results.result import Result
+from robodyn_cli.results.summary import as_keys
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closure import has_full_rank
@@ -57,6 +61,9 @@ from robodyn_cli.works.deploy.lock import TRUSTED
 
 SECOND_STEPS = "error_estimate.steps"
 COUNTERS = ("counters.steps", "counters.rejected", "counters.evaluations")
+TOLERANCES = ("tolerances.rtol", "tolerances.atol", "tolerances.step")
+# sections of the summary that runs have which come to their end without their event
+OF_ENDED = ("final", "error_estimate", "termination", "extremes", "fluctuation", "reactions")
 
 
 class MotionCommand(BatchCommand[Structure]):
@@ -95,7 +102,8 @@ class MotionCommand(BatchCommand[Structure]):
         return Structure(family, keys, row, self)
 
     def is_plain(self, key: str) -> bool:
-        return key in (*COUNTERS, SECOND_STEPS, *ALONG, *self.words) or self.gives(key)
+        known = (*COUNTERS, SECOND_STEPS, *ALONG, *TOLERANCES, *ERRORS, *LARGEST, *self.words)
+        return key in known or key.startswith(FINAL) or is_between(key) or self.gives(key)
 
     def with_samples(self, scene: Scene, samples: int) -> Scene:
         return dataclasses.replace(scene, simulate=dataclasses.replace(scene.simulate, samples=samples))
@@ -114,6 +122,8 @@ class MotionCommand(BatchCommand[Structure]):
     def _make(self, batch: RunBatch, method: str, rows: Rows, asked: AskedRuns) -> list[int]:
         """Make the runs of a batch by one method, which are these rows; return those that are left."""
         driven = self.drive(batch, method, asked)
+        told = as_keys(tolerances(batch.options))
+        driven.figures.update({key: same(told.get(key.partition(".")[2]), batch) for key in TOLERANCES})
         if along := [key for key in asked.result.outputs if key in ALONG]:
             driven = driven.with_figures(batch, partial(_along, batch, method, driven.runs.time, along))
         if batch.through and len(good := np.flatnonzero(driven.trusted)):
@@ -158,7 +168,7 @@ class MotionCommand(BatchCommand[Structure]):
         for array in (result.time, result.time_error, result.q, result.qd, result.q_error, result.qd_error):
             array[rows] = np.nan
         for key in result.outputs:
-            if key not in (*COUNTERS, *ALONG, "termination.time"):
+            if key not in (*COUNTERS, *ALONG, *TOLERANCES) and key.partition(".")[0] not in OF_ENDED:
                 result.outputs[key][rows] = result.errors[key][rows] = np.nan
 
     def _output(self, key: str, result: ManyRuns, driven: Driven, rows: Rows) -> Array:
@@ -177,6 +187,12 @@ class MotionCommand(BatchCommand[Structure]):
         return self.output(key, result, rows)
 
 
+def same(value: float | None, batch: RunBatch) -> Figure:
+    """Return a figure that is the same in all runs of a batch, None of one that they do not have; it has no error."""
+    count = len(batch.values)
+    return np.full(count, math.nan if value is None else value), np.full(count, math.nan)
+
+
 def _along(batch: RunBatch, method: str, times: Array, keys: Sequence[str], rows: Rows) -> dict[str, Figure]:
     return figures_along(batch.part(rows), method, times[rows], keys)
 
@@ -189,17 +205,7 @@ def _keep_samples(batch: RunBatch, driven: Driven, rows: Rows, asked: AskedRuns)
     samples["q"][rows], samples["qd"][rows], _ = batch.structure.motion.system.split(states)
 
 
-def column_of(result: ManyRuns, group: str, name: str, rows: Rows) -> Array:
-    """Return a position or a rate (``q``, ``theta1``) of rows, nan where there is none of that name."""
-    names = result.q_names if group == "q" else result.qd_names
-    if name not in names:
-        return np.full(len(rows), np.nan)
-    column: Array = getattr(result, group)[rows, names.index(name)]
-    return column
-
-
 ENDS = ("final.time", "termination.time")
-ERRORS = {"error_estimate.q_end": "q", "error_estimate.qd_end": "qd"}
 
 
 class Simulate(MotionCommand):
@@ -211,23 +217,27 @@ class Simulate(MotionCommand):
         return build_motion(integrable(scene))
 
     def gives(self, key: str) -> bool:
-        ends = key in ENDS or key.startswith(("final.q.", "final.qd."))
-        return ends or key in ERRORS
+        return key == "termination.time"
 
     def drive(self, batch: RunBatch, method: str, asked: AskedRuns) -> Driven:
-        return integrate(batch, method, max(0, asked.samples - 1))
+        keys = list(asked.result.outputs)
+        driven, errors = integrate(batch, method, max(0, asked.samples - 1), bool(set(keys) & set(LARGEST)))
+        driven = dataclasses.replace(driven, figures=errors.figures())
+        runs = driven.runs
+        ended = CourseEnds(runs.time, runs.time, runs.y, runs.steps, errors.floor)
+        return with_between(driven, batch, method, ended, keys, self.name)
 
     def output(self, key: str, result: ManyRuns, rows: Rows) -> Array:
         if key in ERRORS:
-            return _largest_error(result, ERRORS[key], rows)
+            return result.largest_error(ERRORS[key], rows)
         if key in ENDS:
             return result.time[rows]
         _, group, name = key.split(".", 2)
-        return column_of(result, group, name, rows)
+        return result.end_of(group, name, rows)
 
     def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
         parts = key.split(".")
-        return _largest_error(result, parts[1], rows) if parts[0] == "final" and len(parts) > 2 else math.nan
+        return result.largest_error(parts[1], rows) if parts[0] == "final" and len(parts) > 2 else math.nan
 
     def single(self, scene: Scene) -> Result:
         from robodyn_cli.works.simulate import simulate
@@ -246,17 +256,15 @@ class Simulate(MotionCommand):
             errors[row] = number_of(summary, key)
 
 
-def _largest_error(result: ManyRuns, group: str, rows: Rows) -> Array:
-    errors: Array = result.q_error if group == "q" else result.qd_error
-    return errors[rows].max(axis=1, initial=0.0)
-
-
 NO_LOCK = "duration: no lock"
 LOCK_ERROR = "lock.time_error"
 SLOW = {
-    "final.": "it is the state of lock.angles and lock.rates, with the error of the samples until then",
     "lock.multipliers.largest_until_lock": "it is a peak between samples of the whole motion",
-    "extremes.": "it is a peak between samples of the whole motion",
+    **dict.fromkeys(
+        ("criteria.", "lock.multiplier_growth", "lock.growth_times"), "multipliers are judged on samples"
+    ),
+    "lock.latch": "it follows from the equations at the lock of each run",
+    "assembly.": "it tells how the loops of one run were closed",
 }
 LOCK_ERRORS = {"lock.errors.angles": "q", "lock.errors.rates": "qd"}
 
@@ -303,9 +311,10 @@ class Deploy(MotionCommand):
         if not motion.scene.simulate.error_estimate:
             nothing = np.full(count, np.nan)
             driven = Driven(runs, trusted | missed, missed=missed)
-            return self._with_figures(driven, batch, runs.y, nothing, asked)
+            driven = with_ends(driven, batch, method, runs.time, asked.result)
+            return with_locks(driven, batch, (runs.y, nothing), asked.result)
         errors, steps = np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-        others, factor = np.full_like(runs.y, np.nan), np.full(count, np.nan)
+        others, factor, again = np.full_like(runs.y, np.nan), np.full(count, np.nan), runs.time.copy()
         if len(rows := np.flatnonzero(trusted)):
             time = runs.time[rows]
             first = First(batch.options, method, runs.steps[rows], time)
@@ -316,7 +325,7 @@ class Deploy(MotionCommand):
                 time_errors(first, np.abs(second.time - time), paced, time),
                 second.steps,
             )
-            others[rows], factor[rows] = second.y, remainder(first, paced)
+            others[rows], factor[rows], again[rows] = second.y, remainder(first, paced), second.time
             trusted[rows] = done & (errors[rows] <= TRUSTED * time)
         apart = factor[:, None] * np.abs(others - runs.y) + ROUNDED * np.abs(runs.y)
         rates = list(motion.system.v_places)
@@ -324,21 +333,8 @@ class Deploy(MotionCommand):
         driven = Driven(
             runs, trusted | missed, errors=apart, time_errors=errors, second_steps=steps, missed=missed
         )
-        return self._with_figures(driven, batch, others, factor, asked)
-
-    @staticmethod
-    def _with_figures(
-        driven: Driven, batch: RunBatch, others: Array, factor: Array, asked: AskedRuns
-    ) -> Driven:
-        """Return what a batch came to with figures of the lock that are asked for; others, factor : see ``Locks``."""
-        keys, runs = [key for key in asked.result.outputs if is_figure(key)], driven.runs
-
-        def figures(rows: Rows) -> dict[str, Figure]:
-            part = batch.part(rows)
-            locks = Locks(part, runs.time[rows], runs.y[rows], others[rows], factor[rows])
-            return figures_of(locks, keys)
-
-        return driven.with_figures(batch, figures) if keys else driven
+        driven = with_ends(driven, batch, method, again, asked.result)
+        return with_locks(driven, batch, (others, factor), asked.result)
 
     @staticmethod
     def _is_regular(batch: RunBatch, q: Array, columns: tuple[int, ...]) -> Masks:
@@ -352,16 +348,16 @@ class Deploy(MotionCommand):
         if key in TIMES or key == LOCK_ERROR:
             return (result.time_error if key == LOCK_ERROR else result.time)[rows]
         if key in LOCK_ERRORS:
-            return _largest_error(result, LOCK_ERRORS[key], rows)
+            return result.largest_error(LOCK_ERRORS[key], rows)
         _, group, name = key.split(".", 2)
-        return column_of(result, "q" if group == "angles" else "qd", name, rows)
+        return result.end_of("q" if group == "angles" else "qd", name, rows)
 
     def error_of(self, key: str, result: ManyRuns, rows: Rows) -> Array | float:
         if key in TIMES:
             return result.time_error[rows]
         groups = {"lock.angles.": "q", "lock.rates.": "qd"}
         group = next((group for head, group in groups.items() if key.startswith(head)), None)
-        return math.nan if group is None else _largest_error(result, group, rows)
+        return math.nan if group is None else result.largest_error(group, rows)
 
     def single(self, scene: Scene) -> Result:
         return deploy(scene)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Protocol
@@ -60,6 +61,7 @@ class Structure(Built):
         super().__init__(keys, row, tables, witnesses, why)
         self._fleets: dict[tuple[str, bool, bool], Fleet] = {}
         self._conditioning: Conditioning | None = None
+        self._observers: dict[bool, tuple[Observer, list[Decision]]] = {}
 
     def fleet(self, method: str, watch: bool = True, through: bool = False) -> Fleet:
         """Return the compiled code of a method; through : whether runs go on where the loops come near a loss of
@@ -83,34 +85,29 @@ class Structure(Built):
             self._conditioning = self.motion.conditioning(times, x)
         return self._conditioning
 
-    @cached_property
-    def _observer(self) -> tuple[Observer, list[Decision]]:
+    def _observer(self, reactions: bool) -> tuple[Observer, list[Decision]]:
         """What is evaluated at samples, and the comparisons of numbers that its own equations ask for."""
-        with witnessed() as witnesses:
-            observer = self.motion.observer
-        return observer, self.recipe.deciding(witnesses)
+        if reactions not in self._observers:
+            with witnessed() as witnesses:
+                observer = dataclasses.replace(
+                    self.motion, reactions=reactions or self.motion.reactions
+                ).observer
+            self._observers[reactions] = observer, self.recipe.deciding(witnesses)
+        return self._observers[reactions]
 
-    @property
-    def observer(self) -> Observer:
-        """What is evaluated at samples."""
-        return self._observer[0]
+    def observed_alike(self, numbers: ManyNumbers, reactions: bool = False) -> NDArray[np.bool_]:
+        """Tell in which runs (N,) samples are evaluated by the same equations; reactions : loads are, too."""
+        return numbers.decided_alike(self._observer(reactions)[1])
 
-    @cached_property
-    def sampled(self) -> list[SampleKernel]:
-        """Its kernels with numbers."""
-        return [kernel for kernel in self.observer.kernels.values() if isinstance(kernel, SampleKernel)]
-
-    def observed_alike(self, numbers: ManyNumbers) -> NDArray[np.bool_]:
-        """Tell in which runs (N,) samples are evaluated by the same equations."""
-        return numbers.decided_alike(self._observer[1])
-
-    def observers(self, numbers: ManyNumbers) -> Iterator[Observer]:
-        """Yield the observer of samples with the numbers of one run after another."""
-        tables = [numbers.table(kernel.program.numbers or (0.0,)) for kernel in self.sampled]
-        for rows in zip(*tables):
-            for kernel, row in zip(self.sampled, rows):
-                kernel.table = np.ascontiguousarray(row)
-            yield self.observer
+    def observers(self, numbers: ManyNumbers, reactions: bool = False) -> Iterator[Observer]:
+        """Yield the observer of samples with the numbers of one run after another; reactions : of loads, too."""
+        observer = self._observer(reactions)[0]
+        kernels = list(observer.kernels.values())
+        tables = [[numbers.table(x) for x in kernel.numbers] for kernel in kernels]
+        for k in range(numbers.runs):
+            for kernel, own in zip(kernels, tables):
+                kernel.take([rows[k] for rows in own])
+            yield observer
 
     @cached_property
     def psi_at_samples(self) -> SampleKernel:

@@ -18,14 +18,17 @@ from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import MOTION_GROUPS
 from robodyn_cli.observe.evaluation import refuse_sampled
+from robodyn_cli.observe.reactions import Loads, ReactionSamples
 from robodyn_cli.observe.rounding import largest_differences
 from robodyn_cli.over.many.groups import Built, first_of
-from robodyn_cli.over.many.guides import Guided, guided_reasons
+from robodyn_cli.over.many.guides import LED, Guided, changes_lengths, guided_reasons
 from robodyn_cli.over.many.keys import NUMBER, Key, settings
 from robodyn_cli.record import record
 from robodyn_cli.scene.load import Family
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.quadrature import Breaks
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import ABSENT, Absent, PeakLoads
 from robodyn_cli.torques.build import OpenChain
 from robodyn_cli.torques.checks import crowded_turns
 from robodyn_cli.torques.closed import ClosedLoops
@@ -54,6 +57,9 @@ class InverseStructure(Built):
             self.kernel = SampleKernel({f"o{k}": x for k, x in enumerate(outputs)}, MOTION_GROUPS)
             self.lead = self.program.lead if isinstance(self.program, ClosedLoops) else None
             self._guided: dict[bytes, Guided] = {}
+            self.reactions = None
+            if scene.outputs.reactions:
+                self.reactions = ReactionSamples(self.program.problem, scene.inverse.samples)
             if not (why := obstacle(self.program, self.lead, scene, keys)) and self.lead is not None:
                 self._guide(self.program.looked_at(scene.inverse.samples))
         names = list(self.program.outputs)
@@ -122,6 +128,16 @@ class InverseStructure(Built):
         """
         return self.program.evaluate(planned, _OfRun(self, table))
 
+    def loads(self, sampled: Sampled, values: Array, breaks: Breaks) -> PeakLoads | Absent:
+        """Return the largest forces and moments in joints and closures of a run with a row of values (1, keys)."""
+        if self.reactions is None:
+            return ABSENT
+        numbers, function = self.numbers(values), self.reactions.function
+        function.take([numbers.table(x)[0] for x in function.numbers])
+        motion, lam = sampled.motion, self.program.row_multipliers(sampled)
+        data = self.reactions(sampled.times, motion.q, motion.qd, motion.qdd, lam, sampled.p)
+        return Loads(self.reactions, sampled.times, data).summary(breaks)
+
     def torques(self, planned: Planned, tables: Array) -> tuple[Array, NDArray[np.bool_]]:
         """Return the torques (N, nv, T) along a motion with rows of tables, and where all of a run is finite (N,)."""
         motion, times = planned.motion, planned.times
@@ -175,8 +191,7 @@ def obstacle(program: InverseProgram, lead: Lead | None, scene: Scene, keys: Seq
     """Return why runs are made one by one; nothing where their torques are evaluated together."""
     point = isinstance(scene.trajectory, TaskSpaceTrajectory)
     reasons = {
-        "a point of an open chain is led, so lengths change the motion": point
-        and (lead is None or leads_apart(program.problem)),
+        LED: point and (lead is None or leads_apart(program.problem)) and changes_lengths(keys),
         "a frame's attitude is led": lead is not None and lead.led is not None and lead.led.oriented,
         "gears of a mechanism lose power": lead is not None and bool(geared(program.problem.model)),
         **motion_reasons(scene, program, keys),
@@ -195,5 +210,4 @@ def motion_reasons(scene: Scene, program: InverseProgram, keys: Sequence[Key]) -
         ),
         "a prescribed motion changes": any(key.place.startswith("prescribed.") for key in keys),
         "payloads are gripped or released": bool(program.problem.model.switched),
-        "forces in the joints' bearings are wanted": bool(scene.outputs.reactions),
     }

@@ -57,6 +57,8 @@ def why_not(command: str, output: str) -> str:
 WIDEST = 1e-2  # part of a key's value by which it is changed at most
 NARROWER = 4.0  # from one change to the next
 LEVELS = 5
+POOR = 1e-2  # part of a derivative that its error is at most where steps are narrow enough
+CONVERGES = 0.5  # times the distance of two differences before is that of the finest ones at most
 ROUNDING = 2e-16  # of an output, which no run tells
 SIDES = (1.0, -1.0)
 
@@ -72,31 +74,41 @@ def differences(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int,
 
 
 def _together(asked: AskedSlopes, keys: Sequence[int], jobs: int) -> dict[int, list[Slope]]:
-    """Return the derivatives by some keys, from runs of one study."""
+    """Return the derivatives by some keys, from runs of one study, with narrower changes where all are too wide."""
+    sides = _sides(asked, keys, 0, jobs)
+    outputs = range(len(asked.task.outputs))
+    if wide := [k for k in keys if any(sides[k].is_too_wide(output) for output in outputs)]:
+        narrower = _sides(asked, wide, LEVELS, jobs)
+        sides |= {k: sides[k].beside(narrower[k]) for k in wide}
+    return {k: [own.slope(output) for output in outputs] for k, own in sides.items()}
+
+
+def _sides(asked: AskedSlopes, keys: Sequence[int], first: int, jobs: int) -> dict[int, Sides]:
+    """Return runs at changes of each key, from so many levels below the widest on."""
     task = Task(
         asked.task.family, asked.task.command, tuple(asked.task.keys[k] for k in keys), asked.task.outputs
     )
     points = np.tile([asked.values[k] for k in keys], (len(keys), LEVELS, 2, 1))
     for place, k in enumerate(keys):
         widest = WIDEST * (abs(asked.values[k]) or 1.0)
-        points[place, :, :, place] += np.outer(widest / NARROWER ** np.arange(LEVELS), SIDES)
+        steps = widest / NARROWER ** np.arange(first, first + LEVELS)
+        points[place, :, :, place] += np.outer(steps, SIDES)
     numbers = np.arange(points.size // len(keys))
     made = run_points(task, Points(numbers, points.reshape(-1, len(keys))), jobs)
     rows = np.empty_like(made.rows)
     rows[made.runs] = made.rows
     integrated = COMMANDS[task.command].streamed
-    by_key = {}
+    found = {}
     for place, (k, own) in enumerate(zip(keys, numbers.reshape(len(keys), LEVELS, 2))):
         why = [made.reasons[run] for run in own.flat if run in made.reasons]
         scale = 0.0 if integrated else 1.0 / (abs(asked.values[k]) or 1.0)
-        sides = Sides(points[place, :, :, place], rows[own], why[0] if why else "", scale)
-        by_key[k] = [sides.slope(output) for output in range(len(task.outputs))]
-    return by_key
+        found[k] = Sides(points[place, :, :, place], rows[own], why[0] if why else "", scale)
+    return found
 
 
 @record
 class Sides:
-    """Runs on both sides of a key, from the widest step on: values and what they gave (LEVELS, 2); why one failed.
+    """Runs on both sides of a key, from the widest step on: values and what they gave (L, 2); why one failed.
 
     smooth : where no steps of an integration are chosen, errors of figures, which the samples make, change with a key
     as much as the figures do: by this part of them. 0 : each run has errors of its own.
@@ -107,21 +119,44 @@ class Sides:
     reason: str
     smooth: float = 0.0
 
+    def beside(self, narrower: Sides) -> Sides:
+        """Return these runs with those at narrower steps behind them."""
+        values, rows = (
+            np.concatenate([getattr(x, name) for x in (self, narrower)]) for name in ("values", "rows")
+        )
+        return Sides(values, rows, self.reason or narrower.reason, self.smooth)
+
     def slope(self, output: int) -> Slope:
         """Return the derivative of one output."""
+        raw, noise, common = self._differences(output)
+        if len(raw) < 2:
+            return Slope(math.nan, math.nan, DIFFERENCES, self.reason or "the output is no number nearby")
+        value, error = extrapolated(raw, noise)
+        return Slope(float(value), float(error) + common, DIFFERENCES)
+
+    def is_too_wide(self, output: int) -> bool:
+        """Tell whether the derivative of an output is not known well, and narrower steps would say more."""
+        raw, noise, _ = self._differences(output)
+        if len(raw) < 2:
+            return len(raw) == 1
+        value, error = extrapolated(raw, noise)
+        return bool(error > POOR * abs(value) and noise[-1] * NARROWER < POOR * error)
+
+    def _differences(self, output: int) -> tuple[Array, Array, float]:
+        """Return central differences from the widest step on (L,), what the errors of the runs leave in them (L,), and
+        an error that all share."""
         y, told = self.rows["outputs"][:, :, output], self.rows["errors"][:, :, output]
         good = ((self.rows["code"] == 0) & np.isfinite(y)).all(axis=1)
         # runs at wide steps may fail, but what is extrapolated follows without a gap
-        first = LEVELS - int(np.argmin([*good[::-1], False]))
-        if LEVELS - first < 2:
-            return Slope(math.nan, math.nan, DIFFERENCES, self.reason or "the output is no number nearby")
+        first = len(y) - int(np.argmin([*good[::-1], False]))
+        if first == len(y):
+            return np.empty(0), np.empty(0), 0.0
         steps = self.values[first:, 0] - self.values[first:, 1]
         told = np.nan_to_num(told[first:])
-        common = float(told.mean()) * self.smooth
         own = np.abs(told - told.mean()) if self.smooth else told
         noise = np.maximum(own, ROUNDING * np.abs(y[first:])).sum(axis=1)
-        value, error = extrapolated((y[first:, 0] - y[first:, 1]) / steps, noise / steps)
-        return Slope(float(value), float(error) + common, DIFFERENCES)
+        raw: Array = (y[first:, 0] - y[first:, 1]) / steps
+        return raw, noise / steps, float(told.mean()) * self.smooth
 
 
 def extrapolated(raw: Array, noise: Array) -> tuple[Array, Array]:
@@ -131,6 +166,9 @@ def extrapolated(raw: Array, noise: Array) -> tuple[Array, Array]:
     ----------
     raw : differences (levels, ...), each with a step ``NARROWER`` times smaller than the one before. noise : what the
         errors of the values leave in each.
+
+    Where the finest differences do not come nearer to each other, an entry may agree with its neighbours by chance: it
+    is known no better than it differs from these.
     """
     best, least, column = raw[-1], np.full(raw.shape[1:], np.inf), raw
     for power in range(1, len(raw)):
@@ -141,4 +179,9 @@ def extrapolated(raw: Array, noise: Array) -> tuple[Array, Array]:
             error = apart + noise[k + power] * factor / (factor - 1.0)
             best, least = np.where(error < least, value, best), np.minimum(error, least)
         column = finer
+    if len(raw) > 2:
+        last, before = np.abs(raw[-1] - raw[-2]), np.abs(raw[-2] - raw[-3])
+        apart = np.maximum(np.abs(best - raw[-1]), np.abs(best - raw[-2]))
+        wild = (last > CONVERGES * before) & (last > noise[-1] + noise[-2])
+        least = np.where(wild, np.maximum(least, apart), least)
     return best, least

@@ -29,6 +29,7 @@ from robodyn_cli.over.sensitivity.differences import (
     why_not,
 )
 from robodyn_cli.over.sensitivity.motion.ends import Ending, MotionSlopes
+from robodyn_cli.over.sensitivity.motion.latched import latched
 from robodyn_cli.over.sensitivity.motion.peaks import slopes_of_extremes
 from robodyn_cli.over.sensitivity.motion.variational import programs_of
 from robodyn_cli.ready.integrable import integrable
@@ -173,16 +174,15 @@ def deploy(asked: AskedSlopes, numbers: Sequence[int]) -> Found:
     from robodyn_cli.works.deploy.scan import decide, scan
 
     outputs, scene = asked.task.outputs, asked.scene
-    if not any(name.startswith(("lock.", "criteria.", "termination.", EXTREMES)) for name in outputs):
+    if not any(name.startswith(("lock", "criteria.", "termination.", EXTREMES)) for name in outputs):
         return {}
     if scene.deploy.latches:
-        raise CapabilityError("latches that close change the motion")
+        return latched(asked, numbers, refuse_structure)
     motion = build_deployment(scene, Stopwatch())
     refuse_structure(
         asked, numbers, programs_of(motion), lambda x: programs_of(build_deployment(x, Stopwatch()))
     )
-    criterion = scene.deploy.criterion
-    found = scan(motion, motion.options, multipliers=criterion not in ("dead_point", "latch"))
+    found = scan(motion, motion.options, multipliers=scene.deploy.criterion not in ("dead_point", "latch"))
     end = decide(motion, found)
     kinds = {"dead_point": EventKind.DEAD_POINT, "latch": EventKind.LATCH}
     if found.driven or end.time is None or end.criterion not in kinds:

@@ -31,16 +31,16 @@ from robodyn_cli.summaries.deploy import (
 )
 from robodyn_cli.summaries.facts import ABSENT, Termination
 from robodyn_cli.summaries.motion import FinalState, LatchLock, LatchLockErrors, MotionSummary
-from robodyn_cli.tools.progress import Progress, Stopwatch
+from robodyn_cli.tools.progress import Progress, Stopwatch, no_progress
 from robodyn_cli.works.deploy.recording import first_overload, overload_text
 
 
 def deploy_latched(
     motion: Motion,
     beginning: Beginning,
-    progress: Progress,
-    watch: Stopwatch,
-    writer: ResultWriter | None,
+    progress: Progress = no_progress,
+    watch: Stopwatch | None = None,
+    writer: ResultWriter | None = None,
 ) -> Result:
     """Follow a motion with latches, from its beginning until what is waited for is closed.
 
@@ -52,6 +52,7 @@ def deploy_latched(
     ------
     RobodynError : with ``result``.
     """
+    watch = watch or Stopwatch()
     with watch.stage("equations"):
         recorder = Recorder.of(motion.observer, writer, grid_of(motion.scene, beginning).count)
     with watch.stage("method"):

@@ -150,13 +150,13 @@ class LockedObserver(Observer):
         super().__init__(problem, system, reactions=True)
         self.before = before
 
-    def observe(self, t: Array, x: Array, project: bool = True) -> dict[str, Array]:
+    def observe(self, t: Array, x: Array, project: bool = True, singular: bool = True) -> dict[str, Array]:
         # joints that the latch holds have no contact states any more; nothing below depends on these
         if len(self.parameters) == len(self.before.parameters):
             self.before.parameters = self.parameters
         x = self.project(t, x) if project else x
-        own = super().observe(t, x, False)
-        data = self.before.observe(t, x, False)
+        own = super().observe(t, x, False, False)
+        data = self.before.observe(t, x, False, singular)
         data.update({path: block for path, block in own.items() if path.startswith(DYNAMIC)})
         return data
 

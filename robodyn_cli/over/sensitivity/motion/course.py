@@ -19,7 +19,9 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
 from robodyn_cli.formulations.events import Event, EventFunction, EventKind, Jump, Leap, Outcome, Owner
 from robodyn_cli.formulations.system import System
+from robodyn_cli.integrators.runtime.integrator import Met
 from robodyn_cli.integrators.runtime.options import Grid, Options
+from robodyn_cli.motion.contact.latch_states import LatchStates
 from robodyn_cli.motion.driver import Driver
 from robodyn_cli.motion.extremes import StepTimes
 from robodyn_cli.motion.method import supervisor_for
@@ -39,24 +41,28 @@ class Switch:
     """A time [s] at which the rates may jump, and the functions that may be zero there, in the integrator's symbols.
 
     of_state : whether the motion comes to the switch, or the clock. update : number and phase of the update of a
-    sampled controller at that time, None where there is none.
+    sampled controller at that time, None where there is none. behind : parameters p behind the closing of a latch, None
+    where none closes.
     """
 
     time: float
     functions: tuple[Scalar, ...]
     of_state: bool
     update: tuple[int, int] | None = None
+    behind: Array | None = None
 
 
 @record
 class StateCourse:
-    """Samples of a motion, part by part: times (N,), states (N, nx), and how many each part has, 8 blocks + 1.
+    """Samples of a motion, part by part: times (N,), states (N, nx), parameters (N, np), and how many each part has,
+    8 blocks + 1.
 
     switched : the parts that a switch comes before.
     """
 
     t: Array
     x: Array
+    p: Array
     samples: tuple[int, ...]
     switched: tuple[int, ...]
 
@@ -68,7 +74,7 @@ def refuse(motion: Motion) -> None:
     ------
     CapabilityError
     """
-    if motion.problem.is_held:
+    if motion.problem.is_held and motion.system.closings is None:
         raise CapabilityError("joints stick, slip, meet rigid stops or latch")
     control = motion.problem.control
     if control is None:
@@ -130,15 +136,40 @@ def _met(motion: Motion, end: float) -> list[Switch]:
     noting = {id(e.owner): _Noting(e.owner, met) for e in system.events if e.owner is not None}
 
     def owner_of(function: EventFunction) -> Owner | None:
-        return function.owner if function.kind is EventKind.REPARTITION else noting.get(id(function.owner))
+        own = function.kind is EventKind.REPARTITION or isinstance(function.owner, LatchStates)
+        return function.owner if own else noting.get(id(function.owner))
 
     driver = Driver(
         system.watched_by(owner_of), motion.choice.method, motion.options, watchers,
         supervisor_for(motion.choice),
     )  # fmt: skip
+    driver.met = []
     driver.start(0.0, motion.start)
     driver.run(end, Grid(end, 0.0, 0), lambda t, x: None)
-    return [switch for switch in met if 0.0 < switch.time < end]
+    last = end * (1.0 - BESIDE)  # a latch that closes there ends the motion
+    return [
+        s
+        for s in [*met, *_closings(motion, driver.met)]
+        if 0.0 < s.time < (end if s.behind is None else last)
+    ]
+
+
+def _closings(motion: Motion, met: Sequence[Met]) -> list[Switch]:
+    """Return the closings of latches among what a motion has met.
+
+    Raises
+    ------
+    CapabilityError : several close together.
+    """
+    switches = []
+    for time, _, before, _, behind in met:
+        closed = [row for row in motion.problem.latches if behind[row.place] != before[row.place]]
+        if len(closed) > 1:
+            raise CapabilityError("latches close together")
+        switches += [
+            Switch(time, (row.closes,), True, behind=behind) for row in closed if row.closes is not None
+        ]
+    return switches
 
 
 class _Noting:
@@ -187,15 +218,17 @@ def follow(
     """
     driver, watch = _again(motion, options)
     driver.start(0.0, motion.start)
-    times, states = [], []
+    times, states, parameters = [], [], []
     for first, last, switched in parts:
         if switched:
             driver.run(first, Grid(first, 0.0, 0), lambda t, x: None, watch=watch)
         grid = Grid(first, (last - first) / (NEW * blocks), NEW * blocks + 1, last)
         times.append(grid.times(0, grid.count))
         states.append(_samples(driver, grid, watch))
+        parameters.append(np.tile(driver.parameters, (grid.count, 1)))
     switches = tuple(k for k, (_, _, switched) in enumerate(parts) if switched)
-    return StateCourse(np.concatenate(times), np.concatenate(states), tuple(map(len, times)), switches)
+    t, x, p = (np.concatenate(parts) for parts in (times, states, parameters))
+    return StateCourse(t, x, p, tuple(map(len, times)), switches)
 
 
 def _samples(driver: Driver, grid: Grid, watch: bool) -> Array:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Collection, Sequence
+from functools import cached_property
 
 import numpy as np
 
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import Scalar
+from robodyn_cli.formulations.closings import closing_alone
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.error import First, first_attempt
 from robodyn_cli.motion.motion import Motion
@@ -27,8 +29,10 @@ from robodyn_cli.over.sensitivity.motion.course import (
     switches_of,
 )
 from robodyn_cli.over.sensitivity.motion.variational import (
+    EndSlopes,
     Linearised,
     Slopes,
+    SlopesAtEnd,
     StatePoint,
     Variational,
     nodes_of,
@@ -171,34 +175,11 @@ FORMULAS = ("torques.", "forces.", "parameters.", "prescribed.", "robot.")  # wh
 
 
 @record
-class EndSlopes:
-    """Derivatives at the end of a motion: of its time (K,), of positions (nq, K), rates (nv, K), figures (n, K)."""
-
-    time: Array
-    q: Array
-    v: Array
-    figures: Array
-
-
-@record
-class SlopesAtEnd:
-    """Rows of derivatives by keys (1 + nq + nv + n, K): of the end's time, positions, rates and figures.
-
-    sizes : of the terms that they are sums of, which rounding leaves its share of. doubts : what the error of the end's
-    time leaves of them.
-    """
-
-    values: Array
-    sizes: Array
-    doubts: Array
-
-
-@record
 class Ending:
     """Where a motion ends, or is looked at: time [s] and its error; if an event ends it, what is zero there.
 
     figures : whose derivatives there are wanted. All are of the integrator's symbols. lasts : whether a key that is the
-    duration moves it.
+    duration moves it. closes : number of the latch that closes there; figures see it closed.
     """
 
     time: float
@@ -206,6 +187,7 @@ class Ending:
     figures: tuple[Scalar, ...] = ()
     doubt: float = 0.0
     lasts: bool = True
+    closes: int | None = None
 
 
 class MotionSlopes:
@@ -239,7 +221,8 @@ class MotionSlopes:
         tighter = first_attempt(first).alone
         self.tighter = dataclasses.replace(tighter, max_steps=motion.options.max_steps)
         # a sample at the end of a sampled motion would show what an update at the end has set
-        last = end if motion.system.updates is None else end * (1.0 - BESIDE)
+        whole = motion.system.updates is None and motion.system.closings is None
+        last = end if whole else end * (1.0 - BESIDE)
         self.parts = parts_of(last, self.switches, steps)
 
     def found(self) -> tuple[EndSlopes, EndSlopes]:
@@ -282,7 +265,7 @@ class MotionSlopes:
         """Return the derivatives from one integration, with so many blocks of samples in each part of the motion."""
         course = follow(self.motion, options, self.parts, blocks)
         x = plain_states(self.motion.system, self.variational.system, course.x)
-        along, nodes = self.variational.along(course.t, x), nodes_of(course.samples)
+        along, nodes = self.variational.along(course.t, x, course.p), nodes_of(course.samples)
         lengths = course.t[nodes[:, -1]] - course.t[nodes[:, 0]]
         ways, shares = transfers(along.A[nodes], along.B[nodes], lengths, along.nq)
         switches = dict(zip((k * blocks for k in course.switched), self.switches))
@@ -291,12 +274,17 @@ class MotionSlopes:
             if k in switches:
                 S = self._over(switches[k], along, int(nodes[k - 1, -1]), S)
             S = way @ S + share
-        return self._at_end(along.point(-1, S))
+        return self._at_end(along.point(-1, S), course.p[-1])
 
     def _over(self, switch: Switch, along: Linearised, last: int, S: Array) -> Array:
         """Return S (nx, K) at the sample behind a switch, from that at the ``last`` sample before it."""
         before = along.point(last, S)
         before = before.moved(switch.time - before.t)
+        if (p := switch.behind) is not None:
+            behind = along.point(last + 1, S)
+            away = behind.t - switch.time
+            S = self._latched(switch, p, before, behind.moved(-away).rate)
+            return along.point(last + 1, S).moved(away).S
         S = before.S if switch.update is None else self.updates.over(switch.update, before)
         behind = along.point(last + 1, S)
         away = behind.t - switch.time
@@ -304,6 +292,24 @@ class MotionSlopes:
             jump = before.rate - behind.moved(-away).rate
             S = S + np.outer(jump, self._shift(switch, before, jump))
         return along.point(last + 1, S).moved(away).S
+
+    def _latched(self, switch: Switch, p: Array, before: StatePoint, rate: Array) -> Array:
+        """Return S (nx, K) behind the closing of a latch, x+ = h(x-, k), with p and x-dot there.
+
+        S+ = h_x (S- + x-dot- dt/dk) + h_k - x-dot+ dt/dk
+        """
+        at = self.variational.slopes(switch.functions, before.t, before.x)
+        shift = -(at.keys[0] + at.state[0] @ before.S) / self._pace(at, before.rate)
+        jump = self.variational.slopes(self._struck, before.t, before.x, p=p)
+        S = before.S + np.outer(before.rate, shift)
+        own, new = list(self.variational.system.v_places), S.copy()
+        new[own] = jump.state @ S + jump.keys
+        return new - np.outer(rate, shift)
+
+    @cached_property
+    def _struck(self) -> tuple[Scalar, ...]:
+        """The rates behind the closing of a latch."""
+        return tuple(closing_alone(self.motion.problem)["v"])
 
     def _shift(self, switch: Switch, before: StatePoint, jump: Array) -> Array:
         """Return the derivatives of the time of a switch by keys (K,); zero where the rates do not jump there.
@@ -326,11 +332,14 @@ class MotionSlopes:
         """Tell whether a function of time is zero at a breakpoint."""
         return abs(float(at.values[0])) <= ZERO * self.ending.time * abs(float(at.time[0]))
 
-    def _at_end(self, end: StatePoint) -> SlopesAtEnd:
+    def _at_end(self, end: StatePoint, p: Array) -> SlopesAtEnd:
         """Return the derivatives at the end; this integration may come to its event a little before or after the first
         one.
         """
         plain, function = self.variational.system, self.ending.function
+        if self.ending.closes is not None:
+            row, p = self.motion.problem.latches[self.ending.closes], p.copy()
+            p[row.place : row.place + 2] = 1.0  # closed, and it holds
         shift = self._lasting * self.ending.lasts
         if function is None:
             end = end.moved(self.ending.time - end.t)
@@ -346,10 +355,10 @@ class MotionSlopes:
         of_time = np.outer(end.rate, shift)
         places = [*plain.q_places, *plain.v_places]
         figures, at_end = self.ending.figures, dataclasses.replace(end, S=S)
-        own = self.variational.figures(figures, at_end, shift, (sizes, terms))
+        own = self.variational.figures(figures, at_end, shift, (sizes, terms), p)
         later = end.moved(self.ending.doubt)
         later = dataclasses.replace(later, S=S + later.S - end.S)
-        moved = self.variational.figures(figures, later, shift, (sizes, terms))
+        moved = self.variational.figures(figures, later, shift, (sizes, terms), p)
         self.seen = own.values.tolist(), own.rates.tolist()
         values, sizes = S + of_time, sizes + np.abs(of_time)
         doubts = np.zeros_like(values[places])

@@ -128,6 +128,29 @@ class FigureSlopes:
 
 
 @record
+class EndSlopes:
+    """Derivatives at the end of a motion: of its time (K,), of positions (nq, K), rates (nv, K), figures (n, K)."""
+
+    time: Array
+    q: Array
+    v: Array
+    figures: Array
+
+
+@record
+class SlopesAtEnd:
+    """Rows of derivatives by keys (1 + nq + nv + n, K): of the end's time, positions, rates and figures.
+
+    sizes : of the terms that they are sums of, which rounding leaves its share of. doubts : what the error of the end's
+    time leaves of them.
+    """
+
+    values: Array
+    sizes: Array
+    doubts: Array
+
+
+@record
 class Linearised:
     """Equations at times t (T,) and states x (T, nx): x-dot (T, nx), and for the rates of v and z their derivatives by
     the state, A (T, nr, nx), by keys, B (T, nr, K), and by time (T, nr).
@@ -179,25 +202,25 @@ class Variational:
         symbols = [e for e in free_symbols(outputs) if e.value[1] in first]
         return Columns({e.index: first[e.value[1]] + e.value[2] for e in symbols}, n + 1, self._places)
 
-    def along(self, t: Array, x: Array) -> Linearised:
-        """Return the equations linearised at times t (T,) and states x (T, nx).
+    def along(self, t: Array, x: Array, p: Array) -> Linearised:
+        """Return the equations linearised at times t (T,) and states x (T, nx), with parameters p (T, np) of latches.
 
         Raises
         ------
         CapabilityError : something there is not finite.
         """
         system, n = self.system, self.system.size
-        f, J = self._evaluate(t, x)
+        f, J = self._evaluate(t, x, p)
         rate = np.concatenate([x[:, system.nq : system.nq + system.nv], f], axis=1)
         if not (np.isfinite(J).all() and np.isfinite(rate).all()):
             raise CapabilityError("derivatives along the motion are not finite")
         return Linearised(t, x, rate, J[:, :, :n], J[:, :, n + 1 :], J[:, :, n], system.nq)
 
-    def _evaluate(self, t: Array, x: Array) -> tuple[Array, Array]:
+    def _evaluate(self, t: Array, x: Array, p: Array) -> tuple[Array, Array]:
         """Return the rates of v and z (T, nr), and their derivatives."""
         partition = self.system.partition
         if partition is None:
-            return self._rates(len(t), self.system.own_groups(t, x, np.zeros(0)))["f"]
+            return self._rates(len(t), self.system.own_groups(t, x, p))["f"]
         # accelerations on the constraints do not depend on the combination of dependent rows, if only it has full rank
         parts = []
         for k in range(len(t)):
@@ -220,11 +243,16 @@ class Variational:
         return Slopes(values, J[:, :n], J[:, n + 1 :], J[:, n])
 
     def figures(
-        self, figures: Sequence[Scalar], at: StatePoint, shift: Array, sizes: tuple[Array, Array]
+        self,
+        figures: Sequence[Scalar],
+        at: StatePoint,
+        shift: Array,
+        sizes: tuple[Array, Array],
+        p: Array,
     ) -> FigureSlopes:
         """Return figures at a point of the motion whose time moves by ``shift`` (K,) with the keys.
 
-        sizes : of the terms of S (nx, K), and of ``shift``.
+        sizes : of the terms of S (nx, K), and of ``shift``. p : parameters of latches.
 
         Raises
         ------
@@ -232,7 +260,7 @@ class Variational:
         """
         if not figures:
             return FigureSlopes(*np.zeros((2, 0)), *np.zeros((2, 0, len(shift))))
-        own = self.slopes(figures, at.t, at.x)
+        own = self.slopes(figures, at.t, at.x, p=p)
         rates, parts = own.time + own.state @ at.rate, np.abs(own.time) + np.abs(own.state) @ np.abs(at.rate)
         slopes = own.keys + own.state @ at.S + np.outer(rates, shift)
         if not np.isfinite(slopes).all():
