@@ -80,20 +80,19 @@ def own_settings(
 def with_masses(scene: Scene, model: Model) -> tuple[Scene, list[str]]:
     """Return a scene in which no body moves without mass, as engines need it, and the links that got some: a small part
     of the least there is. Both answers are of this scene."""
-    known = [mass_properties(body) for body in model.bodies]
-    bare = {body.name for body, (m, _, I) in zip(model.bodies, known) if m == 0.0 and not I.any()}
-    heavy = [(m, float(np.linalg.eigvalsh(I).max())) for m, _, I in known if m > 0.0]
+    known = {body.name: mass_properties(body) for body in model.bodies}
+    bare = {name: I.any() for name, (m, _, I) in known.items() if m == 0.0}
+    heavy = [(m, float(np.linalg.eigvalsh(I).max())) for m, _, I in known.values() if m > 0.0]
     if not bare or not heavy:
         return scene, []
     m, moment = (LIGHT * min(x for x in column if x > 0.0) for column in zip(*heavy))
     inertia = Inertia(xx=moment, yy=moment, zz=moment, xy=0.0, xz=0.0, yz=0.0)
-    some = {
-        "mass": m,
-        "com": (0.0, 0.0, 0.0),
-        "inertia": inertia,
-    }
+    some = {"mass": m, "com": (0.0, 0.0, 0.0)}
     links = tuple(
-        dataclasses.replace(link, **some) if link.name in bare else link for link in scene.robot.links
+        dataclasses.replace(link, **some, **({} if bare[link.name] else {"inertia": inertia}))
+        if link.name in bare
+        else link
+        for link in scene.robot.links
     )
     robot = dataclasses.replace(scene.robot, links=links)
     return dataclasses.replace(scene, robot=robot), [link.name for link in links if link.name in bare]

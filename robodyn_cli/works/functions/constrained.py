@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.equations.contact_joints import without_contacts
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.linear.reduce import accelerations
 from robodyn_cli.equations.linear.residuals import LAMBDA, Residuals
@@ -47,9 +48,12 @@ class Elimination:
         nv, names = problem.model.nv, problem.constraints.names
         kept, redundant = independent_rows(Numbers(problem, problem.at_start), q)
         assembled = Assembled(q, np.zeros(nv), 0.0, 0.0, kept, tuple(names[i] for i in redundant))
-        self.problem = own = solvable(problem, assembled, problem.model)
+        # the friction of a state has the sign of its rate, and nothing holds a joint
+        moving = without_contacts(problem.model, {joint.v for joint in problem.contact_joints})
+        own = Problem(problem.scene, model=moving)
+        self.problem = own = solvable(own, assembled, moving)
         tau = vector(own.graph.symbols(own.model.v_names, "tau"))
-        solved, _ = own.solution(own.independent_rows.gamma, sum(timeless(own), tau))
+        solved, _ = own.solution(own.independent_rows.gamma, sum(timeless(problem), tau))
         every = own.all_constraints
         gap = every.psi(nv) @ solved.qdd + np.array(every.gamma, dtype=object)
         outputs = {OUT: list(solved.qdd), "gap": list(gap), "gamma": every.gamma}
@@ -136,7 +140,7 @@ class ConstrainedDynamics:
     def _eliminated(self, rows: dict[str, Array]) -> tuple[Array, Array]:
         """Return qdd (T, nv) as far as compiled elimination gives it, and the states that are left."""
         q, v, tau = rows.values()
-        if len(q) < MANY or self.problem.is_held:  # parameters of joints that stick would stand where W's are
+        if len(q) < MANY or self.problem.latches:  # parameters of latches would stand where W's are
             return np.zeros(v.shape), np.arange(len(q))
         if self._elimination is None:
             try:
