@@ -220,9 +220,10 @@ def estimate_error(
     # where an estimate says no more than that the digits of a motion are lost
     lost = np.zeros(len(dq), dtype=bool)
     for error, x in ((dq, recorder.array("q")[: len(dq)]), (dv, recorder.array("qd")[: len(dv)])):
-        # what ranges over less than the tolerance is at rest
-        spread = max(float(np.ptp(x, axis=0).max(initial=0.0)), first.options.atol)
-        lost |= error.max(axis=1, initial=0.0) > NOT_MEANINGFUL * spread
+        spread = float(np.ptp(x, axis=0).max(initial=0.0))
+        # what ranges over less than the tolerance is at rest, if it errs by less
+        least = NOT_MEANINGFUL * spread if spread > first.options.atol else first.options.atol
+        lost |= error.max(axis=1, initial=0.0) > least
     time = float(recorder.array("time")[int(np.argmax(lost))])
     q_end, qd_end, _ = motion.system.split(courses.at_end(floor)[0])
     errors = MotionErrors(
