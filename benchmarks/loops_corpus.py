@@ -10,7 +10,7 @@ Then accelerations under random torques at random closed states, some on the way
 from random starts: errors are those against the null space of the rows, solved with Pinocchio's own M, h and
 Jacobians by steps of refinement. ``part allowed``: our largest error beside max(1e-9, 1e-14 x condition). Times are
 microseconds a state on one thread, the engines in turn: robodyn takes all states in one call of
-``Mechanism.forward_dynamics``, the others go as fast as ``peers/forward_dynamics.py`` knows. Sticking friction and
+``forward_dynamics``, the others go as fast as ``peers/forward_dynamics.py`` knows. Sticking friction and
 rigid stops are left out. A dash is what an engine does not do.
 
 --reference: also at the states in ``FOLDER/*.json`` (keys ``source``, ``state``, ``torque``, ``qdd``), beside the accelerations there.
@@ -38,12 +38,13 @@ sys.path.insert(0, str(measure.ROOT))
 import numpy as np  # noqa: E402
 from peers.forward_dynamics import PEERS, Given  # noqa: E402
 
-from robodyn_cli import Mechanism, load_scene_text, simulate  # noqa: E402
+from robodyn_cli import load_scene_text, simulate  # noqa: E402
 from robodyn_cli.errors import RobodynError  # noqa: E402
 from robodyn_cli.forces.friction import Friction  # noqa: E402
 from robodyn_cli.ready.prepare import prepare  # noqa: E402
 from robodyn_cli.solve.closure import Numbers, newton  # noqa: E402
 from robodyn_cli.works.functions.constrained import MANY  # noqa: E402
+from robodyn_cli.works.functions.model import ModelFunctions  # noqa: E402
 
 KINDS = (".urdf", ".sdf", ".xml")
 GRAVITY = (0.0, 0.0, -9.81)
@@ -157,7 +158,7 @@ def row_of(report: measure.Report, name: str, path: Path, samples: int, repeats:
         "gap": setup.assembled.position_residual,
     }
     states = States(problem, setup.assembled.q)
-    mechanism, (q, v, tau) = Mechanism(scene), states.many(samples)
+    mechanism, (q, v, tau) = ModelFunctions(scene), states.many(samples)
     calls: dict[str, Any] = {"robodyn": lambda: mechanism.forward_dynamics(q, v, tau)}
     counts = {"robodyn": samples}
     for _ in range(-(-250_000 // samples) if repeats > 3 else 0):  # until the code is compiled for good
@@ -215,24 +216,25 @@ def error_of(mechanism: Any, states: Any, exact: np.ndarray) -> np.ndarray:
 def stated(folder: Path, file: Path) -> dict[str, Any] | None:
     """Return our error at the state that a reference states, None for a file that states none."""
     ref = json.loads(file.read_text(encoding="utf-8"))
-    if not {"source", "state"} <= ref.keys():
+    if not isinstance(ref, dict) or "state" not in ref:
         return None
     mjcf = "qpos" in ref["state"]
-    source = ref["source"].split()[-1].removeprefix("corpus/")
-    path = next(folder.rglob(Path(source).name)) if mjcf else folder / source
+    own = Path(*Path(ref["source"].split()[-1]).parts[-2:])
+    path = next(path for path in folder.rglob(own.name) if path.parent.name == own.parent.name)
     path = path / "robot.urdf" if path.is_dir() else path
     with tempfile.TemporaryDirectory() as place:
         if "free joint removed" in ref["base"]:
             text = FREE_BASE.sub("", path.read_text(encoding="utf-8"))
             path = Path(place) / path.name
             path.write_text(text, encoding="utf-8")
-        mechanism = Mechanism(scene_of(path, ref["gravity"], duration=1.0))
+        mechanism = ModelFunctions(scene_of(path, ref["gravity"], duration=1.0))
         zeros = at_zero(path) if mjcf else {}
     names, rates = mechanism.q_names, mechanism.qd_names
     q = numbers(ref["state"]["qpos" if mjcf else "q"], names, zeros, 3 * (not mjcf))
     qd = numbers(ref["state"]["qvel" if mjcf else "qd"], rates)
     a = numbers(ref["qacc_hard" if mjcf else "qdd"], rates)
-    tau = numbers(dict.fromkeys(ref["state"]["qvel" if mjcf else "qd"], 0.0) | ref.get("torque", {}), rates)
+    given = {own_name(name): torque for name, torque in ref.get("torque", {}).items()}
+    tau = np.array([given.get(name, 0.0) for name in rates])
     state = States.__new__(States)
     state.q, state.v, state.tau = q[None], qd[None], tau[None]
     condition = ref.get("cond_reduced_mass", 0.0)
@@ -259,7 +261,7 @@ def numbers(
     """
     out: dict[str, float] = {}
     for name, value in values.items():
-        own = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        own = own_name(name)
         if isinstance(value, list):
             kinds = ("qw", "qx", "qy", "qz") if len(value) == 4 else ("wx", "wy", "wz")
             turned = [value[last], *(x for k, x in enumerate(value) if k != last)] if len(value) == 4 else value
@@ -269,6 +271,11 @@ def numbers(
             own = own[:-2] + (".theta2" if f"{own[:-2]}.theta1" in out else ".theta1")
         out[own] = value - (zeros or {}).get(name, 0.0)
     return np.array([out[name] for name in names])
+
+
+def own_name(name: str) -> str:
+    """Return what a name of a file becomes in a scene."""
+    return re.sub(r"[^A-Za-z0-9_]", "_", name)
 
 
 # -- motions -----------------------------------------------------------------------------------------------------
@@ -376,7 +383,7 @@ def main() -> None:
         print(measure.table(list(lines(report.rows, ERRORS))))
         tell_refused(report.rows)
         if options.reference:
-            for file in sorted(options.reference.glob("*.json")):
+            for file in sorted(options.reference.glob("*_*.json")):
                 with report.part(file.stem):
                     if row := stated(options.folder, file):
                         report.rows.append(row)
