@@ -8,7 +8,7 @@ Without FOLDER: the robots of ``configs``.
 
 Then accelerations under random torques at random closed states, some on the way of a random walk from that pose, others
 from random starts: errors are those against the null space of the rows, solved with Pinocchio's own M, h and
-Jacobians by steps of refinement. ``part allowed``: our largest error beside max(1e-9, 1e-14 x condition). Times are
+Jacobians by steps of refinement. ``part allowed``: our largest error beside max(1e-9, 1e-14 x condition), or what rounding in the file leaves open. Times are
 microseconds a state on one thread, the engines in turn: robodyn takes all states in one call of
 ``forward_dynamics``, the others go as fast as ``peers/forward_dynamics.py`` knows. Sticking friction and
 rigid stops are left out. A dash is what an engine does not do.
@@ -36,12 +36,13 @@ measure.single_thread()
 sys.path.insert(0, str(measure.ROOT))
 
 import numpy as np  # noqa: E402
-from peers.forward_dynamics import PEERS, Given  # noqa: E402
+from peers.forward_dynamics import ALLOWED, DIGITS, PEERS, Given  # noqa: E402
 
 from robodyn_cli import load_scene_text, simulate  # noqa: E402
 from robodyn_cli.errors import RobodynError  # noqa: E402
 from robodyn_cli.forces.friction import Friction  # noqa: E402
 from robodyn_cli.ready.prepare import prepare  # noqa: E402
+from robodyn_cli.solve.closing.nearest import ClosedPose  # noqa: E402
 from robodyn_cli.solve.closure import Numbers, newton  # noqa: E402
 from robodyn_cli.works.functions.constrained import MANY  # noqa: E402
 from robodyn_cli.works.functions.model import ModelFunctions  # noqa: E402
@@ -54,7 +55,6 @@ WALK = 0.2  # rad, or part of the size, from one state to the next
 WILD = 32  # states from random starts, at most
 TRIES = 96  # random starts
 APART = 1e-3  # of the largest singular value: states from random starts at which a row is weaker are left out
-ALLOWED, DIGITS = 1e-9, 1e-14  # of the largest acceleration, times the condition
 ENGINES = {"robodyn": "robodyn", "pinocchio": "Pinocchio", "mujoco": "MuJoCo", "pydrake": "Drake", "exudyn": "Exudyn"}
 FREE_BASE = re.compile(r"<freejoint[^>]*/>|<joint[^>]*type=\"free\"[^>]*/>|<keyframe>.*?</keyframe>", re.DOTALL)
 
@@ -92,8 +92,9 @@ class States:
     The first ``DIFFERENT`` lie on a random walk, the others come from random starts.
     """
 
-    def __init__(self, problem: Any, start: np.ndarray) -> None:
+    def __init__(self, problem: Any, assembled: Any) -> None:
         self.rng, self.numbers = np.random.default_rng(1), Numbers(problem, problem.at_start)
+        start, self.pose = assembled.q, assembled.closure or ClosedPose(assembled.q)
         manifold, lengths = self.numbers.manifold, self.numbers.lengths
         places, rates, q = [], [], start
         for _ in range(DIFFERENT):
@@ -123,7 +124,7 @@ class States:
         numbers = self.numbers
         psi = numbers.psi(q) * numbers.lengths if numbers.rows else np.zeros((0, numbers.nv))
         _, s, Vt = np.linalg.svd(psi)
-        kept = s[s > 1e-7 * s.max(initial=0.0)]
+        kept = s[s > self.pose.rank_tolerance * s.max(initial=0.0)]
         free = Vt[len(kept) :].T
         return numbers.lengths * (free @ self.rng.normal(size=free.shape[1])), kept
 
@@ -131,8 +132,8 @@ class States:
         """Return the closed pose that Newton's method finds from q, None where it finds none."""
         if not self.numbers.rows:
             return q
-        closed, gap = newton(self.numbers, q, range(self.numbers.nv))
-        return np.asarray(closed) if gap < 1e-11 else None
+        closed, gap = newton(self.numbers, q, range(self.numbers.nv), cut=self.pose.cut)
+        return np.asarray(closed) if gap < self.pose.tolerance else None
 
     def many(self, samples: int) -> list[np.ndarray]:
         """Return q, v and tau of so many states of the walk, column-ordered."""
@@ -157,7 +158,7 @@ def row_of(report: measure.Report, name: str, path: Path, samples: int, repeats:
         "closed_s": time.process_time() - start,
         "gap": setup.assembled.position_residual,
     }
-    states = States(problem, setup.assembled.q)
+    states = States(problem, setup.assembled)
     mechanism, (q, v, tau) = ModelFunctions(scene), states.many(samples)
     calls: dict[str, Any] = {"robodyn": lambda: mechanism.forward_dynamics(q, v, tau)}
     counts = {"robodyn": samples}
@@ -187,7 +188,7 @@ def errors(
     out = {
         "condition": float(given.condition.max()),
         "robodyn_error": float(ours.max()),
-        "part": float((ours / np.maximum(ALLOWED, DIGITS * given.condition)).max()),
+        "part": float((ours / given.allowed).max()),
     }
     for engine, make in PEERS.items():
         if not report.has(engine):

@@ -20,8 +20,11 @@ from robodyn_cli.over.crosscheck.engine import Translation, directions, translat
 from robodyn_cli.over.crosscheck.engines import InPinocchio
 from robodyn_cli.over.crosscheck.own_engines import OwnMujoco
 from robodyn_cli.over.crosscheck.own_settings import with_masses
+from robodyn_cli.ready.singularity import rank_tolerance
+from robodyn_cli.solve.closure import ROUNDED
 
 PROXIMAL = (1e-14, 1e-8, 50)  # accuracy, mu and rounds of Pinocchio's solver
+ALLOWED, DIGITS = 1e-9, 1e-14  # of the largest acceleration, times the condition
 BUILT = 4  # states for which Exudyn's bodies are placed
 
 
@@ -29,7 +32,7 @@ class Given:
     """A mechanism and states for other engines: q (T, nq), v (T, nv) and torques tau (T, nv).
 
     exact : accelerations (T, nv) by the null space of the rows, with Pinocchio's M, h and Jacobians. condition (T,) :
-    of M along the motions that the rows leave.
+    of M along the motions that the rows leave. allowed (T,) : errors, of the largest acceleration at a state.
     """
 
     def __init__(self, scene: Any, problem: Any, q: Any, v: Any, tau: Any) -> None:
@@ -43,15 +46,25 @@ class Given:
         self.all_torques = self.tau + plain
         self.peer = InPinocchio(self.translated.model)
         self.loops, self.couplers = self.translated.model.loops, self.translated.couplers
-        states = list(zip(q, v, self.all_torques))
-        self.exact = np.array([self.peer.accelerations(*x, self.loops, self.couplers) for x in states])
-        self.condition = np.array([self._condition(*x[:2]) for x in states])
+        self.tolerance = [rank_tolerance(problem, x) for x in q]
+        self.exact = np.array([self.accelerations(k, self.all_torques[k]) for k in range(len(q))])
+        self.condition, self.allowed = np.array([self._condition(k) for k in range(len(q))]).T
 
-    def _condition(self, q: Any, v: Any) -> float:
-        rows = [*(self.peer._rows(loop, q, v)[0] for loop in self.loops), self.couplers]
+    def accelerations(self, k: int, tau: Any) -> Any:
+        """Return the exact accelerations (nv,) at a state under torques."""
+        state = (self.q[k], self.v[k], tau)
+        return self.peer.accelerations(state, self.loops, self.couplers, self.tolerance[k])
+
+    def _condition(self, k: int) -> tuple[float, float]:
+        q = self.q[k]
+        rows = [*(self.peer._rows(loop, q, self.v[k])[0] for loop in self.loops), self.couplers]
         _, s, Vt = np.linalg.svd(np.concatenate(rows))
-        free = Vt[int((s > 1e-7 * s.max(initial=0.0)).sum()) :]
-        return float(np.linalg.cond(free @ self.peer.mass_matrix(q) @ free.T)) if len(free) else 1.0
+        rank = int((s > self.tolerance[k] * s.max(initial=0.0)).sum())
+        free = Vt[rank:]
+        condition = float(np.linalg.cond(free @ self.peer.mass_matrix(q) @ free.T)) if len(free) else 1.0
+        allowed = max(ALLOWED, DIGITS * condition)
+        # rows that contradict each other by rounding in the file give as many answers as there are choices of rows
+        return condition, max(allowed, ROUNDED * s[0] / s[rank - 1]) if self.tolerance[k] == ROUNDED else allowed
 
 
 class PeerDynamics:
@@ -178,7 +191,7 @@ def exudyn(given: Given, timed: int, samples: int) -> PeerDynamics:
             raise CapabilityError("the Jacobian is singular")
         kept.append((container, system, solver))
         answers.append(a.reshape(len(bodies.mass), -1)[:, :3].ravel())
-        qdd = given.peer.accelerations(q, v, given.translated.plain(q, v), given.loops, None)
+        qdd = given.accelerations(len(exact), given.translated.plain(q, v))
         places = (
             given.peer.place(q, v, FixedFrame(k, c, np.eye(3))) for k, c in enumerate(bodies.centre)
         )

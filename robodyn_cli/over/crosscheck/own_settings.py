@@ -20,7 +20,9 @@ from robodyn_cli.over.crosscheck.own_engines import OwnMujoco, OwnRun
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Inertia, Scene
-from robodyn_cli.solve.load_sharing import allowed_motions, constrained
+from robodyn_cli.ready.singularity import rank_tolerance
+from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.load_sharing import constrained
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.crosscheck import (
     ClosureGap,
@@ -205,7 +207,7 @@ def _exact(translated: Translation, other: OwnRun, run: OwnStates, times: Array)
             gravity_energy(problem.model, problem.q, problem.gravity) + spring_energy(sprung, problem.q)
         ],
     }
-    parts, rank, apart = [], None, 0.0
+    parts, kept, apart = [], None, 0.0
     pieces = np.array_split(np.arange(len(times)), -(-len(times) * nv * nv // CHUNK))
     checked = set(np.linspace(0, len(times) - 1, CHECKED).astype(int).tolist())
     for piece in pieces:
@@ -213,9 +215,9 @@ def _exact(translated: Translation, other: OwnRun, run: OwnStates, times: Array)
         if problem.at_start:
             groups["p"] = np.tile(problem.at_start, (len(piece), 1))
         values = evaluated(outputs, groups)
-        if rank is None:
-            rank = allowed_motions(values["psi"][:1])[1]
-        psi, gamma = of_rank(values["psi"], values["gamma"], rank)
+        if kept is None:
+            kept = rank(values["psi"][0], rank_tolerance(problem, run.q[0], times[0]))
+        psi, gamma = of_rank(values["psi"], values["gamma"], kept)
         a = _solved(values["M"], values["f"] - values["h"], psi, gamma)
         parts.append((a, values["kinetic"][:, 0], values["potential"][:, 0], values["eta"]))
         for k in checked & set(piece.tolist()):

@@ -113,7 +113,8 @@ def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Arra
         for pose in _close_from(numbers, q, task, starts, ROUNDED)[0]
         if rank(numbers.psi(pose[1]), ROUNDED) < len(numbers.rows)
     ]
-    return _regular(numbers, poses)[0] if poses else None
+    # what is weaker than NEARLY is rounding in the data, which may look like a rank
+    return _regular(numbers, poses, NEARLY)[0] if poses else None
 
 
 def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
@@ -123,9 +124,9 @@ def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
     return bool(moved.max(initial=0.0) > np.pi)
 
 
-def _regular(numbers: Numbers, poses: list[Pose]) -> list[Pose]:
+def _regular(numbers: Numbers, poses: list[Pose], tolerance: float = RANK_TOLERANCE) -> list[Pose]:
     """Return the poses of highest rank, the nearest first: a regular one is preferred to any singular one."""
-    ranks = [rank(numbers.psi(closed), RANK_TOLERANCE) for _, closed in poses]
+    ranks = [rank(numbers.psi(closed), tolerance) for _, closed in poses]
     return sorted((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])
 
 
