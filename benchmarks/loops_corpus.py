@@ -291,7 +291,7 @@ def motion_of(name: str, path: Path, duration: float) -> dict[str, Any]:
         summary = simulate(scene).summary
     except RobodynError as error:
         return row | {"refused": error.message.replace(str(path), path.name)}
-    told = [word for word in summary["warnings"] if "not meaningful" in word]
+    told = [word for word in summary.get("warnings", ()) if "not meaningful" in word]
     return row | {
         "seconds": time.process_time() - start,
         "steps": summary["counters"]["steps"],
