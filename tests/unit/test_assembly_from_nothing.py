@@ -248,6 +248,15 @@ def test_rounded_data_are_accelerated_as_exact_ones() -> None:
     assert np.abs(answers[-1]).max() > 10.0
 
 
+def test_a_whole_pose_closed_but_for_rounding_stays() -> None:
+    text = BARS.format(tilt="[3e-8, -2e-8, 0]", off="3e-8")
+    q = assembled(text, "initial={q: {crank: 0.5}, hold: [crank]}")["q"][0] + [0.0, 2e-7, -1e-7]
+    given = {name: float(x) for name, x in zip(("crank", "coup", "rock"), q)}
+    result = assembled(text, f"initial.q={given}")
+    np.testing.assert_array_equal(result["q"][0], q)
+    assert 2e-8 < result.summary["residual_by_loop"]["pin"] < 2e-7
+
+
 def test_rounding_does_not_choose_the_pose() -> None:
     """A tilt of 1e-6 looks like a rank of 3 on another branch; what is nearest stays nearest."""
     poses = []

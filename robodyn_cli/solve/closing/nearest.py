@@ -64,7 +64,9 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     if exact is None or _hides_dependence(numbers, exact[1]):
         rounded = _close_rounded(numbers, q, task, near)
         if rounded and (exact is None or _spends_freedom(numbers, exact, rounded)):
-            return ClosedPose(rounded[1], ROUNDED)
+            # a pose that is given whole, and closed as well as such rows may be, stays what it is
+            whole = not task.missing and np.abs(numbers.relative(q)).max() <= ROUNDED
+            return ClosedPose(q if whole else rounded[1], ROUNDED)
     if not poses:
         for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
             around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
