@@ -6,14 +6,14 @@ For each robot file below FOLDER (URDF, SDF and MJCF in any dialect of loops tha
 many coordinates and closure rows it has, seconds from the file to a closed pose, and the gap that the pose leaves.
 Without FOLDER: the robots of ``configs``.
 
-Then accelerations under random torques at random closed states, some on the way of a random walk from that pose, others
-from random starts: errors are those against the null space of the rows, solved with Pinocchio's own M, h and
-Jacobians by steps of refinement. ``part allowed``: our largest error beside max(1e-9, 1e-14 x condition), or what rounding in the file leaves open. Times are
-microseconds a state on one thread, the engines in turn: robodyn takes all states in one call of
-``forward_dynamics``, the others go as fast as ``peers/forward_dynamics.py`` knows. Sticking friction and
+Then accelerations under random torques at random closed states, some on a random walk from that pose, others from
+random starts: errors are those against the null space of the rows, solved with Pinocchio's own M, h and Jacobians by
+steps of refinement. ``part allowed``: our largest error beside max(1e-9, 1e-14 x condition), or beside what rounding
+in the file leaves open. Times are microseconds a state on one thread, the engines in turn: robodyn takes all states in
+one call of ``forward_dynamics``, the others go as fast as ``peers/forward_dynamics.py`` knows. Sticking friction and
 rigid stops are left out. A dash is what an engine does not do.
 
---reference: also at the states in ``FOLDER/*.json`` (keys ``source``, ``state``, ``torque``, ``qdd``), beside the accelerations there.
+--reference: also at the states in ``FOLDER/*.json`` (keys ``source``, ``state``, ``torque``, ``qdd``).
 --motion: instead of all that, 10 s from the closed pose under oblique gravity: how far the loops open, the change of
 the energy, the error estimate and seconds.
 """
@@ -55,8 +55,16 @@ WALK = 0.2  # rad, or part of the size, from one state to the next
 WILD = 32  # states from random starts, at most
 TRIES = 96  # random starts
 APART = 1e-3  # of the largest singular value: states from random starts at which a row is weaker are left out
-ENGINES = {"robodyn": "robodyn", "pinocchio": "Pinocchio", "mujoco": "MuJoCo", "pydrake": "Drake", "exudyn": "Exudyn"}
-FREE_BASE = re.compile(r"<freejoint[^>]*/>|<joint[^>]*type=\"free\"[^>]*/>|<keyframe>.*?</keyframe>", re.DOTALL)
+ENGINES = {
+    "robodyn": "robodyn",
+    "pinocchio": "Pinocchio",
+    "mujoco": "MuJoCo",
+    "pydrake": "Drake",
+    "exudyn": "Exudyn",
+}
+FREE_BASE = re.compile(
+    r"<freejoint[^>]*/>|<joint[^>]*type=\"free\"[^>]*/>|<keyframe>.*?</keyframe>", re.DOTALL
+)
 
 
 def robots(folder: Path, only: str = "") -> dict[str, Path]:
@@ -164,7 +172,9 @@ def row_of(report: measure.Report, name: str, path: Path, samples: int, repeats:
     counts = {"robodyn": samples}
     for _ in range(-(-250_000 // samples) if repeats > 3 else 0):  # until the code is compiled for good
         calls["robodyn"]()
-    row |= {"states": len(states.q)} | errors(report, scene, problem, mechanism, states, calls, counts, samples)
+    row |= {"states": len(states.q)} | errors(
+        report, scene, problem, mechanism, states, calls, counts, samples
+    )
     times = measure.alternate(calls, repeats)
     for engine, seconds in times.items():
         row[f"{engine}_us"] = 1e6 * measure.median(seconds) / counts[engine]
@@ -265,7 +275,9 @@ def numbers(
         own = own_name(name)
         if isinstance(value, list):
             kinds = ("qw", "qx", "qy", "qz") if len(value) == 4 else ("wx", "wy", "wz")
-            turned = [value[last], *(x for k, x in enumerate(value) if k != last)] if len(value) == 4 else value
+            turned = (
+                [value[last], *(x for k, x in enumerate(value) if k != last)] if len(value) == 4 else value
+            )
             out |= {f"{own}.{kind}": x for kind, x in zip(kinds, turned)}
             continue
         if own not in names:  # a universal joint, as two revolute ones
@@ -309,7 +321,10 @@ SIZES = (("coordinates", "coordinates", "d"), ("rows", "rows", "d"))
 TIMES = (
     *SIZES,
     ("closed_s", "read and closed, s", ".2f"),
-    *((f"{engine}_us", f"{name} us", ".2f" if engine == "robodyn" else ".1f") for engine, name in ENGINES.items()),
+    *(
+        (f"{engine}_us", f"{name} us", ".2f" if engine == "robodyn" else ".1f")
+        for engine, name in ENGINES.items()
+    ),
     ("faster", "times faster than the next", ".1f"),
 )
 ERRORS = (

@@ -16,7 +16,7 @@ from peers import exudyn_loops
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.model.model import FixedFrame
 from robodyn_cli.over.crosscheck.drake import OwnDrake
-from robodyn_cli.over.crosscheck.engine import Translation, directions, translate
+from robodyn_cli.over.crosscheck.engine import directions, translate
 from robodyn_cli.over.crosscheck.engines import InPinocchio
 from robodyn_cli.over.crosscheck.own_engines import OwnMujoco
 from robodyn_cli.over.crosscheck.own_settings import with_masses
@@ -64,7 +64,9 @@ class Given:
         condition = float(np.linalg.cond(free @ self.peer.mass_matrix(q) @ free.T)) if len(free) else 1.0
         allowed = max(ALLOWED, DIGITS * condition)
         # rows that contradict each other by rounding in the file give as many answers as there are choices of rows
-        return condition, max(allowed, ROUNDED * s[0] / s[rank - 1]) if self.tolerance[k] == ROUNDED else allowed
+        return condition, max(allowed, ROUNDED * s[0] / s[rank - 1]) if self.tolerance[
+            k
+        ] == ROUNDED else allowed
 
 
 class PeerDynamics:
@@ -192,9 +194,7 @@ def exudyn(given: Given, timed: int, samples: int) -> PeerDynamics:
         kept.append((container, system, solver))
         answers.append(a.reshape(len(bodies.mass), -1)[:, :3].ravel())
         qdd = given.accelerations(len(exact), given.translated.plain(q, v))
-        places = (
-            given.peer.place(q, v, FixedFrame(k, c, np.eye(3))) for k, c in enumerate(bodies.centre)
-        )
+        places = (given.peer.place(q, v, FixedFrame(k, c, np.eye(3))) for k, c in enumerate(bodies.centre))
         exact.append(np.concatenate([place.J[3:] @ qdd + place.a[3:] for place in places]))
     _, system, solver = kept[0]
 

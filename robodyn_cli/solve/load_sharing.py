@@ -209,7 +209,7 @@ def constrained(
     norm. tolerance (T,) : ratio of singular values below which rows depend on each other.
     """
     U, s, Vt = np.linalg.svd(psi, full_matrices=True)
-    ranks = (s.T > tolerance * s.T[:1]).sum(axis=0)
+    ranks = (s > np.reshape(tolerance, (-1, 1)) * s[:, :1]).sum(axis=1)
     a, lam = np.zeros(f.shape), np.zeros(c.shape)
     for rank in np.unique(ranks):
         at = ranks == rank

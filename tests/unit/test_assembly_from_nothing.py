@@ -261,7 +261,9 @@ def test_rounding_does_not_choose_the_pose() -> None:
     """A tilt of 1e-6 looks like a rank of 3 on another branch; what is nearest stays nearest."""
     poses = []
     for tilt in ("[0, 3e-8, 0]", "[0, 1e-6, 0]"):
-        text = BARS.format(tilt=tilt, off="3e-8").replace("type: revolute, between", "type: spherical, between")
+        text = BARS.format(tilt=tilt, off="3e-8").replace(
+            "type: revolute, between", "type: spherical, between"
+        )
         poses.append(assembled(text, "initial={}")["q"][0])
     np.testing.assert_allclose(poses[1], poses[0], atol=1e-6)
 

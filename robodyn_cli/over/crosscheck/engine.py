@@ -86,7 +86,8 @@ class PeerEngine(ABC):
         Psi a + gamma = 0.
 
         M, h, Psi and gamma are the engine's, the solution is numpy's; the opened tree's M may be singular. couplers :
-        rows (c, nv) of Psi whose gamma is zero. tolerance : ratio of singular values below which rows depend on each other.
+        rows (c, nv) of Psi whose gamma is zero. tolerance : ratio of singular values below which rows depend on each
+        other.
         """
         q, v, tau = state
         rows = [self._rows(loop, q, v) for loop in loops]

@@ -17,10 +17,10 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.over.crosscheck.drake import OwnDrake
 from robodyn_cli.over.crosscheck.engine import Translation, is_plain, mass_properties, translate
 from robodyn_cli.over.crosscheck.own_engines import OwnMujoco, OwnRun
+from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Inertia, Scene
-from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.solve.closure import rank
 from robodyn_cli.solve.load_sharing import constrained
 from robodyn_cli.spatial.algebra import Array
@@ -89,9 +89,10 @@ def with_masses(scene: Scene, model: Model) -> tuple[Scene, list[str]]:
         return scene, []
     m, moment = (LIGHT * min(x for x in column if x > 0.0) for column in zip(*heavy))
     inertia = Inertia(xx=moment, yy=moment, zz=moment, xy=0.0, xz=0.0, yz=0.0)
-    some = {"mass": m, "com": (0.0, 0.0, 0.0)}
     links = tuple(
-        dataclasses.replace(link, **some, **({} if bare[link.name] else {"inertia": inertia}))
+        dataclasses.replace(
+            link, mass=m, com=(0.0, 0.0, 0.0), inertia=link.inertia if bare[link.name] else inertia
+        )
         if link.name in bare
         else link
         for link in scene.robot.links
