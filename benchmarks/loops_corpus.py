@@ -14,8 +14,8 @@ one call of ``forward_dynamics``, the others go as fast as ``peers/forward_dynam
 rigid stops are left out. A dash is what an engine does not do.
 
 --reference: also at the states in ``FOLDER/*.json`` (keys ``source``, ``state``, ``torque``, ``qdd``).
---motion: instead of all that, 10 s from the closed pose under oblique gravity: how far the loops open, the change of
-the energy, the error estimate and seconds.
+--motion: also 10 s from the closed pose under oblique gravity: how far the loops open, the change of the energy, the
+error estimate, up to when the motion is meaningful, and seconds.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ import re
 import sys
 import tempfile
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -292,26 +292,25 @@ def own_name(name: str) -> str:
 
 
 # -- motions -----------------------------------------------------------------------------------------------------
-def motion_of(name: str, path: Path, duration: float) -> dict[str, Any]:
-    """Return how a motion from the closed pose keeps the loops closed, or why there is none."""
-    row: dict[str, Any] = {"robot": name}
+def motion_of(path: Path, duration: float) -> dict[str, Any]:
+    """Return how a motion from the closed pose keeps the loops closed, or why it ends early."""
+    scene = scene_of(path, OBLIQUE, duration=duration, singular="pass")
+    if not (scene.loops or scene.couplers):
+        return {}
     start = time.process_time()
     try:
-        scene = scene_of(path, OBLIQUE, duration=duration, singular="pass")
-        if not (scene.loops or scene.couplers):
-            return row | {"refused": "no loops"}
         summary = simulate(scene).summary
     except RobodynError as error:
-        return row | {"refused": error.message.replace(str(path), path.name)}
-    told = [word for word in summary.get("warnings", ()) if "not meaningful" in word]
-    return row | {
+        return {"stopped": error.message}
+    estimate = summary["error_estimate"]
+    return {
         "seconds": time.process_time() - start,
         "steps": summary["counters"]["steps"],
         "closure": summary["constraint_residual"]["position"],
         "rates": summary["constraint_residual"]["velocity"],
         "energy": summary["energy_drift_relative"],
-        "error": summary["error_estimate"]["state_max"],
-        "until": float(re.findall(r"after t = (\S+) s", told[0])[0]) if told else duration,
+        "state_error": estimate["state_max"],
+        "until": estimate.get("meaningful_until", duration),
         "passed": len(summary.get("passed", ())),
     }
 
@@ -339,7 +338,7 @@ MOTIONS = (
     ("closure", "loops open, m or rad", ".0e"),
     ("rates", "rates, m/s or rad/s", ".0e"),
     ("energy", "energy", ".0e"),
-    ("error", "error estimate", ".0e"),
+    ("state_error", "error estimate", ".0e"),
     ("until", "meaningful, s", ".3g"),
     ("steps", "steps", "d"),
     ("passed", "singular poses", "d"),
@@ -348,17 +347,37 @@ MOTIONS = (
 Columns = tuple[tuple[str, str, str], ...]
 
 
-def lines(rows: list[dict[str, Any]], columns: Columns, first: str = "robot") -> Iterator[list[str]]:
-    yield [first, *(head for _, head, _ in columns)]
-    for row in rows:
-        if first in row and "refused" not in row:
-            yield [row[first], *(format(row[key], form) if key in row else "-" for key, _, form in columns)]
+def show(rows: list[dict[str, Any]], columns: Columns, first: str = "robot") -> None:
+    """Print the rows that have the last of the columns as a table."""
+    kept = [row for row in rows if {first, columns[-1][0]} <= row.keys()]
+    cells = (
+        [row[first], *(format(row[key], form) if key in row else "-" for key, _, form in columns)]
+        for row in kept
+    )
+    print(measure.table([[first, *(head for _, head, _ in columns)], *cells]))
 
 
-def tell_refused(rows: list[dict[str, Any]]) -> None:
-    for row in rows:
-        if "refused" in row:
-            print(f"\n{row['robot']}: refused: {row['refused']:.300}")
+def show_all(rows: list[dict[str, Any]]) -> None:
+    """Print the tables, and what is behind them."""
+    show([row | {"faster": row.get("faster", np.nan)} for row in rows if "coordinates" in row], TIMES)
+    for engine in list(ENGINES)[1:]:
+        ratios = [row[f"{engine}_faster"] for row in rows if f"{engine}_faster" in row]
+        if ratios:
+            mean = float(np.exp(np.log(ratios).mean()))
+            print(f"\nfaster than {ENGINES[engine]}: {min(ratios):.1f} times at least, {mean:.1f} in the geometric "
+                  f"mean of {len(ratios)}")  # fmt: skip
+    print("\nLargest errors, of the largest acceleration at a state:\n")
+    show(rows, ERRORS)
+    for why in ("refused", "stopped"):
+        for row in rows:
+            if why in row:
+                print(f"\n{row['robot']}: {why}: {row[why]:.300}")
+    if any("state of" in row for row in rows):
+        print("\nAt the states of the references:\n")
+        show(rows, STATED, "state of")
+    if any("closure" in row for row in rows):
+        print("\n10 s from the closed pose:\n")
+        show(rows, MOTIONS)
 
 
 def main() -> None:
@@ -366,45 +385,25 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?", default=measure.ROOT / "configs" / "robots",
                         help="folder with the robots' files, at any depth")  # fmt: skip
     parser.add_argument("--reference", type=Path, metavar="FOLDER", help="accelerations at states, *.json")
-    parser.add_argument("--motion", action="store_true", help="simulate 10 s instead")
+    parser.add_argument("--motion", action="store_true", help="simulate 10 s of each too")
     parser.add_argument("--only", default="", metavar="PART", help="robots with PART in their names")
     options = parser.parse_args()
     samples, repeats = (256, 3) if options.quick else (2048, 11)
-    named = robots(options.folder, options.only)
     measure.print_machine()
     with measure.reporting(options.json) as report:
-        for name, path in named.items():
-            with report.part(name):
-                row = (
-                    motion_of(name, path, 1.0 if options.quick else 10.0)
-                    if options.motion
-                    else row_of(report, name, path, samples, repeats)
-                )
-                report.rows.append(row)
-            print(f"{name} done", file=sys.stderr, flush=True)
-        if options.motion:
-            print("\n" + measure.table(list(lines(report.rows, MOTIONS))))
-            tell_refused(report.rows)
-            return
         report.more |= {"samples": samples, "repeats": repeats}
         print(f"{samples} states a call, one thread, medians of {repeats} alternating repeats\n")
-        print(measure.table(list(lines(report.rows, TIMES))))
-        for engine in list(ENGINES)[1:]:
-            ratios = [row[f"{engine}_faster"] for row in report.rows if f"{engine}_faster" in row]
-            if ratios:
-                mean = float(np.exp(np.log(ratios).mean()))
-                print(f"\nfaster than {ENGINES[engine]}: {min(ratios):.1f} times at least, {mean:.1f} in the "
-                      f"geometric mean of {len(ratios)}")  # fmt: skip
-        print("\nLargest errors, of the largest acceleration at a state:\n")
-        print(measure.table(list(lines(report.rows, ERRORS))))
-        tell_refused(report.rows)
-        if options.reference:
-            for file in sorted(options.reference.glob("*_*.json")):
-                with report.part(file.stem):
-                    if row := stated(options.folder, file):
-                        report.rows.append(row)
-            print("\nAt the states of the references:\n")
-            print(measure.table(list(lines(report.rows, STATED, "state of"))))
+        for name, path in robots(options.folder, options.only).items():
+            with report.part(name):
+                report.rows.append(row_of(report, name, path, samples, repeats))
+                if options.motion and "refused" not in report.rows[-1]:
+                    report.rows[-1] |= motion_of(path, 1.0 if options.quick else 10.0)
+            print(f"{name} done", file=sys.stderr, flush=True)
+        for file in sorted(options.reference.glob("*_*.json")) if options.reference else ():
+            with report.part(file.stem):
+                if row := stated(options.folder, file):
+                    report.rows.append(row)
+        show_all(report.rows)
 
 
 if __name__ == "__main__":
