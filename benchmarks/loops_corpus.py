@@ -112,7 +112,7 @@ class States:
             step = WALK * motion / max(1.0, float(np.abs(motion / lengths).max(initial=0.0)))
             closed = self._closed(manifold.integrate(q, step))
             q = start if closed is None else closed
-        rank = len(self._singular(start))
+        rank = len(self._rates(start)[1])
         for _ in range(TRIES if self.numbers.rows else 0):
             step = np.pi * lengths * self.rng.uniform(-1.0, 1.0, size=self.numbers.nv)
             closed = self._closed(manifold.integrate(start, step))
@@ -123,9 +123,6 @@ class States:
                     rates.append(motion)
         self.q, self.v = np.array(places), np.array(rates)
         self.tau = self.rng.normal(size=self.v.shape)
-
-    def _singular(self, q: np.ndarray) -> np.ndarray:
-        return self._rates(q)[1]
 
     def _rates(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return random rates that keep the loops closed, and the singular values of their rows that count."""
@@ -172,9 +169,17 @@ def row_of(report: measure.Report, name: str, path: Path, samples: int, repeats:
     counts = {"robodyn": samples}
     for _ in range(-(-250_000 // samples) if repeats > 3 else 0):  # until the code is compiled for good
         calls["robodyn"]()
-    row |= {"states": len(states.q)} | errors(
-        report, scene, problem, mechanism, states, calls, counts, samples
-    )
+    if report.has("pinocchio"):
+        every = (states.q, states.v, states.tau)
+        given = Given(scene, problem, *every)
+        ours = error_of(mechanism, every, given.exact)
+        row |= {
+            "states": len(states.q),
+            "condition": float(given.condition.max()),
+            "robodyn_error": float(ours.max()),
+            "part": float((ours / given.allowed).max()),
+        }
+        row |= beside(report, given, calls, counts, samples)
     times = measure.alternate(calls, repeats)
     for engine, seconds in times.items():
         row[f"{engine}_us"] = 1e6 * measure.median(seconds) / counts[engine]
@@ -186,20 +191,11 @@ def row_of(report: measure.Report, name: str, path: Path, samples: int, repeats:
     return row
 
 
-def errors(
-    report: measure.Report, scene: Any, problem: Any, mechanism: Any, states: Any,
-    calls: dict[str, Any], counts: dict[str, int], samples: int,
-) -> dict[str, float]:  # fmt: skip
-    """Return the largest error of each engine, and hand over what is to be timed of it."""
-    if not report.has("pinocchio"):
-        return {}
-    given = Given(scene, problem, states.q, states.v, states.tau)
-    ours = error_of(mechanism, states, given.exact)
-    out = {
-        "condition": float(given.condition.max()),
-        "robodyn_error": float(ours.max()),
-        "part": float((ours / given.allowed).max()),
-    }
+def beside(
+    report: measure.Report, given: Given, calls: dict[str, Any], counts: dict[str, int], samples: int
+) -> dict[str, float]:
+    """Return the largest error of each other engine, and hand over what is to be timed of it."""
+    out = {}
     for engine, make in PEERS.items():
         if not report.has(engine):
             continue
@@ -213,10 +209,10 @@ def errors(
     return out
 
 
-def error_of(mechanism: Any, states: Any, exact: np.ndarray) -> np.ndarray:
+def error_of(mechanism: Any, states: Sequence[np.ndarray], exact: np.ndarray) -> np.ndarray:
     """Return the error of our accelerations at each state, of the largest one there; one by one and many at once."""
     one, many = (
-        mechanism.forward_dynamics(*(np.tile(x, (times, 1)) for x in (states.q, states.v, states.tau)))
+        mechanism.forward_dynamics(*(np.tile(x, (times, 1)) for x in states))
         for times in (1, -(-MANY // len(exact)))
     )
     apart = np.maximum(np.abs(one - exact), np.abs(many[: len(exact)] - exact))
@@ -246,11 +242,8 @@ def stated(folder: Path, file: Path) -> dict[str, Any] | None:
     a = numbers(ref["qacc_hard" if mjcf else "qdd"], rates)
     given = {own_name(name): torque for name, torque in ref.get("torque", {}).items()}
     tau = np.array([given.get(name, 0.0) for name in rates])
-    state = States.__new__(States)
-    state.q, state.v, state.tau = q[None], qd[None], tau[None]
-    condition = ref.get("cond_reduced_mass", 0.0)
-    error = float(error_of(mechanism, state, a[None])[0])
-    allowed = max(ALLOWED, DIGITS * condition)
+    error = float(error_of(mechanism, (q[None], qd[None], tau[None]), a[None])[0])
+    allowed = max(ALLOWED, DIGITS * ref.get("cond_reduced_mass", 0.0))
     return {"state of": file.stem, "error": error, "allowed": allowed, "part": error / allowed}
 
 
@@ -344,10 +337,9 @@ MOTIONS = (
     ("passed", "singular poses", "d"),
     ("seconds", "s", ".1f"),
 )
-Columns = tuple[tuple[str, str, str], ...]
 
 
-def show(rows: list[dict[str, Any]], columns: Columns, first: str = "robot") -> None:
+def show(rows: list[dict[str, Any]], columns: Any, first: str = "robot") -> None:
     """Print the rows that have the last of the columns as a table."""
     kept = [row for row in rows if {first, columns[-1][0]} <= row.keys()]
     cells = (
