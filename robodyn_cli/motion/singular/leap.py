@@ -88,7 +88,6 @@ EPS = float(np.finfo(float).eps)
 LOST = 1e-6  # ratio of singular values at a located pose below which a direction counts as lost
 HISTORY = 9  # points through which a guess is extrapolated
 ROUNDS = 60
-AT_ROUNDING = 1e-7  # of the positions: rounds that no longer lessen such a change, near the pose, are at rounding
 CLOSING = 9  # Newton steps that may close the loops at a node
 
 
@@ -295,7 +294,7 @@ class Collocation:
             q, v = new_q, new_v
             if not np.isfinite(change) or change > 1e3 * size:
                 raise NotSmooth("the motion over the pose does not settle")
-            if (change < AT_ROUNDING * size and change > 0.3 * last) or change < 4 * EPS * size:
+            if (change < 1e-9 * size and change > 0.3 * last) or change < 4 * EPS * size:
                 break
             last = change
         else:
