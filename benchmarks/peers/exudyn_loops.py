@@ -12,6 +12,7 @@ FREE = {
     "Revolute": (5,),
     "Prismatic": (2,),
     "Fixed": (),
+    "Spherical": (3, 4, 5),
 }  # axes that a joint leaves free: three shifts, three turns
 
 
@@ -131,6 +132,10 @@ def build(m: Mechanism, extra: Callable[[Any, list[int], int, Mechanism], None] 
                 itemNumbers=ends, position=m.place(loop.first), constrainedAxes=[1, 1, int(count == 3), 0, 0, 0],
                 show=False,
             )  # fmt: skip
+        elif kind == "FixedLoop" and count == 6:
+            system.CreateGenericJoint(
+                itemNumbers=ends, position=m.place(loop.first), constrainedAxes=[1] * 6, show=False
+            )
         else:
             raise Unsupported(f"loop {loop.name}")
     if extra is not None:

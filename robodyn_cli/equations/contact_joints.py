@@ -9,7 +9,8 @@ part of the equations and is switched on and off by its parameter, so one compil
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 from robodyn_cli.expr.graph import Expr
@@ -88,6 +89,17 @@ def contact_joints(model: Model) -> tuple[ContactJoint, ...]:
 def is_contact(force: JointForce) -> bool:
     """Tell whether a force in a joint has a contact state: friction that sticks, or rigid stops."""
     return bool(force.element.set_valued or force.element.rigid)
+
+
+def without_contacts(model: Model, places: Collection[int]) -> Model:
+    """Return the model without sticking friction and rigid stops in velocity coordinates."""
+    bodies = (
+        dataclasses.replace(
+            body, forces=tuple(f for f in body.forces if f.v not in places or not is_contact(f))
+        )
+        for body in model.bodies
+    )
+    return dataclasses.replace(model, bodies=tuple(bodies)) if places else model
 
 
 def _by_coordinate(body: Body) -> list[list[JointForce]]:

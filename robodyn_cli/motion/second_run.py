@@ -223,7 +223,9 @@ def estimate_error(
     for error, x in ((dq, recorder.array("q")[: len(dq)]), (dv, recorder.array("qd")[: len(dv)])):
         spread = float(np.ptp(x, axis=0).max(initial=0.0))
         rounding = REST * max(float(np.abs(x).max(initial=0.0)), 1.0)
-        lost |= error.max(axis=1, initial=0.0) > max(NOT_MEANINGFUL * spread, rounding)
+        # what ranges over less than the tolerance is at rest, if it errs by less
+        least = NOT_MEANINGFUL * spread if spread > first.options.atol else first.options.atol
+        lost |= error.max(axis=1, initial=0.0) > max(least, rounding)
     time = float(recorder.array("time")[int(np.argmax(lost))])
     q_end, qd_end, _ = motion.system.split(courses.at_end(floor)[0])
     errors = MotionErrors(

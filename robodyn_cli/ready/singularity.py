@@ -192,8 +192,13 @@ def rank_tolerance(problem: Problem, q: Array, t: float = 0.0) -> float:
     """Return the ratio of singular values below which rows depend on each other where the loops are closed at q (nq,):
     larger where what they lack is rounding in the data."""
     eta = problem.numbers([row.eta for row in problem.constraints.loop_rows], q, t)
-    residual = float(np.abs(eta).max(initial=0.0)) / max(mechanism_size(problem.model), 1e-300)
-    return ROUNDED if LEAST_ROUNDED < residual <= ROUNDED else RANK_TOLERANCE
+    return float(rank_tolerances(problem, np.abs(eta).max(initial=0.0)))
+
+
+def rank_tolerances(problem: Problem, gap: Array) -> Array:
+    """Return the same where the loops are open by ``gap`` (T,), rad or m."""
+    residual = gap / max(mechanism_size(problem.model), 1e-300)
+    return np.where((residual > LEAST_ROUNDED) & (residual <= ROUNDED), ROUNDED, RANK_TOLERANCE)
 
 
 def mobility(problem: Problem, psi: Array, tolerance: float = RANK_TOLERANCE) -> Mobility:

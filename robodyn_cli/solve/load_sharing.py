@@ -199,15 +199,17 @@ def least_norm_change(P: Array, x: Array, dP: Array, right: Array) -> Array:
     return change + free - np.einsum("tnm,tm->tn", inverse, np.einsum("tmn,tn->tm", P, free))
 
 
-def constrained(M: Array, psi: Array, f: Array, c: Array) -> tuple[Array, Array]:
+def constrained(
+    M: Array, psi: Array, f: Array, c: Array, tolerance: Array | float = RANK
+) -> tuple[Array, Array]:
     """Return a (T, nv, k) and lambda (T, m, k) with M a - Psi^T lambda = f (T, nv, k) and Psi a = c (T, m, k).
 
     a = Psi^+ c + N z with N^T M N z = N^T (f - M Psi^+ c), lambda = (Psi^T)^+ (M a - f): whatever the rank of Psi,
     whose rows may depend on each other, and for M that has an inverse along the motions N alone. lambda has the least
-    norm.
+    norm. tolerance (T,) : ratio of singular values below which rows depend on each other.
     """
     U, s, Vt = np.linalg.svd(psi, full_matrices=True)
-    ranks = (s > RANK * s[:, :1]).sum(axis=1)
+    ranks = (s > np.reshape(tolerance, (-1, 1)) * s[:, :1]).sum(axis=1)
     a, lam = np.zeros(f.shape), np.zeros(c.shape)
     for rank in np.unique(ranks):
         at = ranks == rank
@@ -224,9 +226,9 @@ def constrained(M: Array, psi: Array, f: Array, c: Array) -> tuple[Array, Array]
     return a, lam
 
 
-def accelerations(M: Array, f: Array, psi: Array, gamma: Array) -> Array:
+def accelerations(M: Array, f: Array, psi: Array, gamma: Array, tolerance: Array | float = RANK) -> Array:
     """Return v-dot (T, nv) of M v-dot = f + Psi^T lambda, Psi v-dot + gamma = 0, whatever the rank of Psi."""
-    a, _ = constrained(M, psi, f[:, :, None], -gamma[:, :, None])
+    a, _ = constrained(M, psi, f[:, :, None], -gamma[:, :, None], tolerance)
     return a[:, :, 0]
 
 

@@ -78,7 +78,7 @@ class MotionErrors:
         "whether the estimate is within 100 times of `rounding_floor`", default=ABSENT
     )
     meaningful_until: float | Absent = fact(
-        "time from which on the estimate exceeds 1 % of the motion", "s", default=ABSENT
+        "time from which on the estimate exceeds 1 % of the motion, or `atol` at rest", "s", default=ABSENT
     )
     reason: str | Absent = fact("why there is no estimate", default=ABSENT)
 

@@ -240,7 +240,8 @@ def test_loops_may_end_on_the_ground(kind: str, engine: str) -> None:
     assert summary["accelerations"]["error"] < 1e-9
 
 
-def test_massless_links_get_a_little_mass_on_both_sides() -> None:
+@pytest.mark.parametrize("turning", ["", ", com: [0, 0, 0], inertia: {xx: 1e-3, yy: 1e-3, zz: 1e-3}"])
+def test_massless_links_get_a_little_mass_on_both_sides(turning: str) -> None:
     text = (
         (FOUR_BAR % "")
         .replace("name: c, type: revolute", "name: c0, type: revolute")
@@ -250,7 +251,8 @@ def test_massless_links_get_a_little_mass_on_both_sides() -> None:
         text.replace("loops:", "    # \nloops:")
         .replace(
             "  links:",
-            "    - {name: c, type: revolute, axis: [0, 1, 0], parent: stub, link: rocker}\n  links:\n    - {name: stub, mass: 0}",
+            "    - {name: c, type: revolute, axis: [0, 1, 0], parent: stub, link: rocker}\n  links:\n"
+            f"    - {{name: stub, mass: 0{turning}}}",
         )
         .replace("c: 1.4}", "c0: 1.4}")
     )

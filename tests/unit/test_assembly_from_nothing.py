@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from robodyn_cli import load_scene, load_scene_text, simulate
+from robodyn_cli import Mechanism, load_scene, load_scene_text, simulate
 from robodyn_cli.cli.commands.assemble import describe
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, GeometryError
@@ -13,6 +13,7 @@ from robodyn_cli.results.result import Result
 from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
 from robodyn_cli.solve.closure import CLOSED, ROUNDED, Numbers, newton
 from robodyn_cli.works.assemble import assemble
+from robodyn_cli.works.functions.constrained import MANY
 from robodyn_cli.works.kinematics import kinematics
 from tests.mechanisms import CONFIGS
 
@@ -286,6 +287,41 @@ def test_led_motions_of_rounded_data_say_why_not() -> None:
     assert simulate(load_scene_text(text, overrides=(led,)))["q"][-1, 0] == pytest.approx(0.59, abs=1e-9)
     fine = load_scene_text(BARS.format(tilt="[0, 0, 0]", off="1e-10"), overrides=(led,))
     assert kinematics(fine)["q"][-1, 0] == pytest.approx(0.59, abs=1e-9)
+
+
+def test_rounded_data_are_accelerated_as_exact_ones() -> None:
+    """A row of singular value 3e-8 is no row: with it the mechanism could not move. Few states and many."""
+    start = "initial={q: {crank: 0.5}, hold: [crank], qd: {crank: 1}}"
+    answers = []
+    for tilt, off in (("[3e-8, -2e-8, 0]", "3e-8"), ("[0, 0, 0]", "0")):
+        scene = load_scene_text(BARS.format(tilt=tilt, off=off), overrides=(start,))
+        run, dynamics = simulate(scene), Mechanism(scene).forward_dynamics
+        q, v = (np.tile(run[name], (MANY // 4, 1)) for name in ("q", "qd"))
+        tau = np.tile([0.3, -0.2, 0.1], (len(q), 1))
+        answers += [dynamics(q[:4], v[:4], tau[:4]), dynamics(q, v, tau)[:4]]
+    for answer in answers:
+        np.testing.assert_allclose(answer, answers[-1], atol=1e-6)
+    assert np.abs(answers[-1]).max() > 10.0
+
+
+def test_a_whole_pose_closed_but_for_rounding_stays() -> None:
+    text = BARS.format(tilt="[3e-8, -2e-8, 0]", off="3e-8")
+    q = assembled(text, "initial={q: {crank: 0.5}, hold: [crank]}")["q"][0] + [0.0, 2e-7, -1e-7]
+    given = {name: float(x) for name, x in zip(("crank", "coup", "rock"), q)}
+    result = assembled(text, f"initial.q={given}")
+    np.testing.assert_array_equal(result["q"][0], q)
+    assert 2e-8 < result.summary["residual_by_loop"]["pin"] < 2e-7
+
+
+def test_rounding_does_not_choose_the_pose() -> None:
+    """A tilt of 1e-6 looks like a rank of 3 on another branch; what is nearest stays nearest."""
+    poses = []
+    for tilt in ("[0, 3e-8, 0]", "[0, 1e-6, 0]"):
+        text = BARS.format(tilt=tilt, off="3e-8").replace(
+            "type: revolute, between", "type: spherical, between"
+        )
+        poses.append(assembled(text, "initial={}")["q"][0])
+    np.testing.assert_allclose(poses[1], poses[0], atol=1e-5)
 
 
 def test_more_than_rounding_is_refused() -> None:

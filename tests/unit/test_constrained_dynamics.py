@@ -203,6 +203,8 @@ def test_joints_that_stick_are_solved_without_their_states() -> None:
     q, v = (np.tile(start[name][1:2], (MANY + 1, 1)) for name in ("q", "qd"))
     every = m.forward_dynamics(q, v, 0.0 * v)
     assert_close(every[:1], m.forward_dynamics(q[:1], v[:1], 0.0 * v[:1]), 1e-12)
+    elimination = cast("ConstrainedDynamics", m.forward_dynamics)._elimination
+    assert elimination is not None and elimination(q, v, 0.0 * v)[1].all()  # in compiled code
 
 
 def test_a_row_between_driven_joints_is_no_dead_point() -> None:

@@ -205,3 +205,23 @@ def test_the_second_run_takes_steps_of_its_own(rtol: float) -> None:
     settings = [f"simulate.rtol={rtol}", f"simulate.atol={0.1 * rtol}", "simulate.integrator=gauss"]
     summary = simulate(load_scene_text(PULSED, overrides=settings)).summary
     assert summary["error_estimate"]["steps"] > 1.15 * summary["counters"]["steps"]
+
+
+def test_a_mechanism_at_rest_has_a_meaning() -> None:
+    """Rounding turns the weight of one finger by 1e-16, so that coordinates range over rounding: no motion to lose."""
+    fingers = """
+schema: 1
+command: simulate
+gravity: [0, -5.9, -7.8]
+robot:
+  links: [{name: a, mass: 0.015, com: [0, 0, 0]}, {name: b, mass: 0.015, com: [0, 0, 0]}]
+  joints:
+    - {name: s, type: prismatic, parent: base, axis: [0, 1, 0], spring: {stiffness: 10, rest: 0}}
+    - {name: r, type: prismatic, parent: base, axis: [0, 1, 0], origin: {rpy: [0, 0, 3.141592653589793]}}
+couplers: [{name: c, terms: {s: 1, r: -1}}]
+initial: {q: {s: 0, r: 0}}
+simulate: {duration: 1}
+"""
+    result = simulate(load_scene_text(fingers))
+    assert 0.0 < np.abs(result["q"]).max() < 1e-13
+    assert "meaningful_until" not in result.summary["error_estimate"] and "warnings" not in result.summary

@@ -15,6 +15,7 @@ import numpy as np
 from robodyn_cli.equations.linear.residuals import Residuals, States, drift
 from robodyn_cli.errors import NumericalError
 from robodyn_cli.record import record
+from robodyn_cli.solve.closure import RANK as SINGULAR
 from robodyn_cli.solve.load_sharing import constrained
 from robodyn_cli.spatial.algebra import Array
 
@@ -101,10 +102,15 @@ def held_by(
     return States(states.times, states.q, states.v, None, tau), left
 
 
-def accelerations(values: Mapping[str, Array], tau: Array) -> tuple[Array, Array]:
-    """Return what torques tau (T, nv) cause, from ``Residuals.values``: a (T, nv) and multipliers (T, m)."""
+def accelerations(
+    values: Mapping[str, Array], tau: Array, tolerance: Array | float = SINGULAR
+) -> tuple[Array, Array]:
+    """Return what torques tau (T, nv) cause, from ``Residuals.values``: a (T, nv) and multipliers (T, m).
+
+    tolerance : see ``constrained``.
+    """
     force, gap = (tau - values["load"])[:, :, None], -values["gamma"][:, :, None]
-    a, lam = constrained(values["M"], values["Psi"], force, gap)
+    a, lam = constrained(values["M"], values["Psi"], force, gap, tolerance)
     return a[:, :, 0], lam[:, :, 0]
 
 

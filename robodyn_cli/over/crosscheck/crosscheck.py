@@ -12,6 +12,7 @@ from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
 from robodyn_cli.over.commands import command_of, locks
 from robodyn_cli.over.crosscheck.engine import PeerEngine, Translation, translate
 from robodyn_cli.over.crosscheck.own_settings import OWN_ENGINES
+from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.spatial.algebra import Array, vector
 from robodyn_cli.summaries.crosscheck import ComparedQuantity, CrosscheckReport
@@ -154,7 +155,8 @@ def _integrated(translated: Translation, other: PeerEngine, times: Array, start:
     """Return states (T, nq + nv) at times (T,): q-dot = N(q) v, v-dot from the engine."""
     from scipy.integrate import solve_ivp
 
-    model, closed = translated.model, (translated.model.loops, translated.couplers)
+    model, rest = translated.model, translated.rest
+    closed = (model.loops, translated.couplers, rank_tolerance(rest, start[: model.nq], times[0]))
     handed = translated.evaluator(smooth=True)
 
     def rate(t: float, x: Array) -> Array:
@@ -165,7 +167,7 @@ def _integrated(translated: Translation, other: PeerEngine, times: Array, start:
         for body in model.bodies:
             own = vector(v[body.v : body.v + body.joint.nv])
             qd[body.q : body.q + body.joint.nq] = body.joint.velocity_map(slice_q(body, q), own)
-        return np.concatenate([qd, other.accelerations(q, v, tau, *closed)])
+        return np.concatenate([qd, other.accelerations((q, v, tau), *closed)])
 
     breaks = sorted({x for x in translated.rest.switching.breakpoints if times[0] < x < times[-1]})
     edges = [float(times[0]), *breaks, float(times[-1])]

@@ -80,15 +80,18 @@ class PeerEngine(ABC):
         return out
 
     def accelerations(
-        self, q: Array, v: Array, tau: Array, loops: Sequence[Loop], couplers: Array | None = None
+        self, state: tuple[Array, Array, Array], loops: Sequence[Loop], couplers: Array, tolerance: float
     ) -> Array:
-        """Return the accelerations (nv,) with closed loops: M a = tau - h + Psi^T lambda, Psi a + gamma = 0.
+        """Return the accelerations (nv,) at a state (q, v, tau) with closed loops: M a = tau - h + Psi^T lambda,
+        Psi a + gamma = 0.
 
         M, h, Psi and gamma are the engine's, the solution is numpy's; the opened tree's M may be singular. couplers :
-        rows (c, nv) of Psi whose gamma is zero.
+        rows (c, nv) of Psi whose gamma is zero. tolerance : ratio of singular values below which rows depend on each
+        other.
         """
+        q, v, tau = state
         rows = [self._rows(loop, q, v) for loop in loops]
-        if couplers is not None and len(couplers):
+        if len(couplers):
             rows.append((couplers, np.zeros(len(couplers))))
         if not rows:
             return self.free_accelerations(q, v, tau)
@@ -96,7 +99,7 @@ class PeerEngine(ABC):
         gamma = np.concatenate([gamma for _, gamma in rows])
         force = tau - self.torques(q, v, np.zeros_like(v))
         M = self.mass_matrix(q)
-        return np.asarray(accelerations(M[None], force[None], psi[None], gamma[None])[0])
+        return np.asarray(accelerations(M[None], force[None], psi[None], gamma[None], tolerance)[0])
 
     def _rows(self, loop: Loop, q: Array, v: Array) -> tuple[Array, Array]:
         """Return Psi (m, nv) and gamma (m,) of a closure: equal points, and no turning about some directions."""

@@ -17,10 +17,12 @@ from robodyn_cli.model.model import Model
 from robodyn_cli.over.crosscheck.drake import OwnDrake
 from robodyn_cli.over.crosscheck.engine import Translation, is_plain, mass_properties, translate
 from robodyn_cli.over.crosscheck.own_engines import OwnMujoco, OwnRun
+from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Inertia, Scene
-from robodyn_cli.solve.load_sharing import allowed_motions, constrained
+from robodyn_cli.solve.closure import rank
+from robodyn_cli.solve.load_sharing import constrained
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.crosscheck import (
     ClosureGap,
@@ -80,20 +82,20 @@ def own_settings(
 def with_masses(scene: Scene, model: Model) -> tuple[Scene, list[str]]:
     """Return a scene in which no body moves without mass, as engines need it, and the links that got some: a small part
     of the least there is. Both answers are of this scene."""
-    known = [mass_properties(body) for body in model.bodies]
-    bare = {body.name for body, (m, _, I) in zip(model.bodies, known) if m == 0.0 and not I.any()}
-    heavy = [(m, float(np.linalg.eigvalsh(I).max())) for m, _, I in known if m > 0.0]
+    known = {body.name: mass_properties(body) for body in model.bodies}
+    bare = {name: I.any() for name, (m, _, I) in known.items() if m == 0.0}
+    heavy = [(m, float(np.linalg.eigvalsh(I).max())) for m, _, I in known.values() if m > 0.0]
     if not bare or not heavy:
         return scene, []
     m, moment = (LIGHT * min(x for x in column if x > 0.0) for column in zip(*heavy))
     inertia = Inertia(xx=moment, yy=moment, zz=moment, xy=0.0, xz=0.0, yz=0.0)
-    some = {
-        "mass": m,
-        "com": (0.0, 0.0, 0.0),
-        "inertia": inertia,
-    }
     links = tuple(
-        dataclasses.replace(link, **some) if link.name in bare else link for link in scene.robot.links
+        dataclasses.replace(
+            link, mass=m, com=(0.0, 0.0, 0.0), inertia=link.inertia if bare[link.name] else inertia
+        )
+        if link.name in bare
+        else link
+        for link in scene.robot.links
     )
     robot = dataclasses.replace(scene.robot, links=links)
     return dataclasses.replace(scene, robot=robot), [link.name for link in links if link.name in bare]
@@ -206,7 +208,7 @@ def _exact(translated: Translation, other: OwnRun, run: OwnStates, times: Array)
             gravity_energy(problem.model, problem.q, problem.gravity) + spring_energy(sprung, problem.q)
         ],
     }
-    parts, rank, apart = [], None, 0.0
+    parts, kept, apart = [], None, 0.0
     pieces = np.array_split(np.arange(len(times)), -(-len(times) * nv * nv // CHUNK))
     checked = set(np.linspace(0, len(times) - 1, CHECKED).astype(int).tolist())
     for piece in pieces:
@@ -214,9 +216,9 @@ def _exact(translated: Translation, other: OwnRun, run: OwnStates, times: Array)
         if problem.at_start:
             groups["p"] = np.tile(problem.at_start, (len(piece), 1))
         values = evaluated(outputs, groups)
-        if rank is None:
-            rank = allowed_motions(values["psi"][:1])[1]
-        psi, gamma = of_rank(values["psi"], values["gamma"], rank)
+        if kept is None:
+            kept = rank(values["psi"][0], rank_tolerance(problem, run.q[0], times[0]))
+        psi, gamma = of_rank(values["psi"], values["gamma"], kept)
         a = _solved(values["M"], values["f"] - values["h"], psi, gamma)
         parts.append((a, values["kinetic"][:, 0], values["potential"][:, 0], values["eta"]))
         for k in checked & set(piece.tolist()):

@@ -69,7 +69,9 @@ def close(numbers: Numbers, q: Array, task: Closable) -> ClosedPose:
     if exact is None or _hides_dependence(numbers, exact[1]):
         rounded = _close_rounded(numbers, q, task, near)
         if rounded and (exact is None or _spends_freedom(numbers, exact, rounded)):
-            return ClosedPose(rounded[1], ROUNDED)
+            # a pose that is given whole, and closed as well as such rows may be, stays what it is
+            whole = not task.missing and np.abs(numbers.relative(q)).max() <= ROUNDED
+            return ClosedPose(q if whole else rounded[1], ROUNDED)
     if not poses:
         aligned = Aligned(numbers)
         for seed, spread in enumerate((0.0, 0.3, 1.0, np.pi), start=20):
@@ -121,7 +123,8 @@ def _close_rounded(numbers: Numbers, q: Array, task: Closable, starts: list[Arra
     ]
     nearest = sorted(poses, key=lambda pose: pose[0])
     lasting = (pose for pose in nearest if _hides_dependence(numbers, pose[1]))
-    return next(lasting, None) or (_regular(numbers, poses)[0] if poses else None)
+    # what is weaker than NEARLY is rounding in the data, which may look like a rank
+    return next(lasting, None) or (_regular(numbers, poses, NEARLY)[0] if poses else None)
 
 
 def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
@@ -131,9 +134,9 @@ def _far(numbers: Numbers, q: Array, closed: Array, task: Closable) -> bool:
     return bool(moved.max(initial=0.0) > np.pi)
 
 
-def _regular(numbers: Numbers, poses: list[Pose]) -> list[Pose]:
+def _regular(numbers: Numbers, poses: list[Pose], tolerance: float = RANK_TOLERANCE) -> list[Pose]:
     """Return the poses of highest rank, the nearest first: a regular one is preferred to any singular one."""
-    ranks = [rank(numbers.psi(closed), RANK_TOLERANCE) for _, closed in poses]
+    ranks = [rank(numbers.psi(closed), tolerance) for _, closed in poses]
     return sorted((f for f, own in zip(poses, ranks) if own == max(ranks)), key=lambda f: f[0])
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from robodyn_cli.algorithms.kinematics import transforms
 from robodyn_cli.algorithms.reactions import loop_wrench
-from robodyn_cli.equations.contact_joints import contact_joints, is_contact
+from robodyn_cli.equations.contact_joints import contact_joints, without_contacts
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.fixed import literal
 from robodyn_cli.formulations.system import System
@@ -248,16 +248,7 @@ def _without_contact(model: Model, basis: Array) -> Model:
     basis : orthonormal rows (r, nv) that span those of Psi.
     """
     held = np.einsum("ij,ij->j", basis, basis) > 1.0 - NEW
-    contacts = {joint.v for joint in contact_joints(model) if held[joint.v]}
-    if not contacts:
-        return model
-    bodies = (
-        dataclasses.replace(
-            body, forces=tuple(f for f in body.forces if f.v not in contacts or not is_contact(f))
-        )
-        for body in model.bodies
-    )
-    return dataclasses.replace(model, bodies=tuple(bodies))
+    return without_contacts(model, {joint.v for joint in contact_joints(model) if held[joint.v]})
 
 
 def _basis(psi: Array) -> Array:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.equations.contact_joints import without_contacts
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.linear.reduce import accelerations
 from robodyn_cli.equations.linear.residuals import LAMBDA, Residuals
@@ -15,8 +16,10 @@ from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import PARAMETER_GROUP
 from robodyn_cli.ready.prepare import solvable
+from robodyn_cli.ready.singularity import rank_tolerances
 from robodyn_cli.solve.closing.assembly import Assembled
-from robodyn_cli.solve.closure import Numbers, mechanism_size
+from robodyn_cli.solve.closing.nearest import ClosedPose
+from robodyn_cli.solve.closure import ROUNDED, Numbers, mechanism_size
 from robodyn_cli.solve.independent_rows import independent_rows
 from robodyn_cli.solve.load_sharing import constrained
 from robodyn_cli.spatial.algebra import Array, identity, vector, zeros
@@ -37,25 +40,31 @@ class Elimination:
     Parameters
     ----------
     problem : the mechanism. q : a closed pose (nq,), at which redundant rows are told from independent ones.
+    rounded : whether what the loops lack there is rounding in the data, by which redundant rows contradict each other.
 
     Raises
     ------
     SingularConfigurationError : the loops lose rank there. NumericalError : the closed mechanism has no inertia there.
     """
 
-    def __init__(self, problem: Problem, q: Array) -> None:
+    def __init__(self, problem: Problem, q: Array, rounded: bool = False) -> None:
         nv, names = problem.model.nv, problem.constraints.names
-        kept, redundant = independent_rows(Numbers(problem, problem.at_start), q)
-        assembled = Assembled(q, np.zeros(nv), 0.0, 0.0, kept, tuple(names[i] for i in redundant))
-        self.problem = own = solvable(problem, assembled, problem.model)
+        pose = ClosedPose(q, ROUNDED) if rounded else ClosedPose(q)
+        kept, redundant = independent_rows(Numbers(problem, problem.at_start), q, pose.rank_tolerance)
+        assembled = Assembled(q, np.zeros(nv), 0.0, 0.0, kept, tuple(names[i] for i in redundant), pose)
+        # the friction of a state has the sign of its rate, and nothing holds a joint
+        moving = without_contacts(problem.model, {joint.v for joint in problem.contact_joints})
+        own = Problem(problem.scene, model=moving)
+        self.problem = own = solvable(own, assembled, moving)
         tau = vector(own.graph.symbols(own.model.v_names, "tau"))
-        solved, _ = own.solution(own.independent_rows.gamma, sum(timeless(own), tau))
+        solved, _ = own.solution(own.independent_rows.gamma, sum(timeless(problem), tau))
         every = own.all_constraints
         gap = every.psi(nv) @ solved.qdd + np.array(every.gamma, dtype=object)
         outputs = {OUT: list(solved.qdd), "gap": list(gap), "gamma": every.gamma}
         self.kernel = SampleKernel(outputs, ("q", "v", "tau", PARAMETER_GROUP))
         self.choice = RowCombinations(own) if own.dependent else None
         self.size = max(1.0, mechanism_size(own.model))
+        self.holds = ROUNDED if rounded else HOLDS
 
     def __call__(self, q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
         """Return qdd (T, nv) of states, and whether it holds (T,): whether the rows have their rank there."""
@@ -75,7 +84,7 @@ class Elimination:
             known = {name: array for name, array in rows.items() if name in self.kernel.program.inputs}
             values = self.kernel.evaluate(len(left), known)
             size = self.size * _largest(values[OUT]) + _largest(values["gamma"])
-            good = _largest(values["gap"]) <= HOLDS * size  # False for what is not a number
+            good = _largest(values["gap"]) <= self.holds * size  # False for what is not a number
             qdd[left[good]], holds[left[good]] = values[OUT][good], True
         return qdd, holds
 
@@ -126,21 +135,21 @@ class ConstrainedDynamics:
     def __call__(self, q: Any, qd: Any, tau: Any) -> Array:
         """Return qdd (T, nv), or (nv,) of one state."""
         rows, one = self.arguments.rows((q, qd, tau))
-        self._refuse_open(rows)
-        qdd, left = self._eliminated(rows)
+        tolerance = self._refuse_open(rows)
+        qdd, left = self._eliminated(rows, bool(len(tolerance)) and tolerance[0] == ROUNDED)
         if len(left):
             some = {name: array[left] for name, array in rows.items()}
-            qdd[left] = accelerations(self._values(some), some["tau"])[0]
+            qdd[left] = accelerations(self._values(some), some["tau"], tolerance[left])[0]
         return qdd[0] if one else qdd
 
-    def _eliminated(self, rows: dict[str, Array]) -> tuple[Array, Array]:
+    def _eliminated(self, rows: dict[str, Array], rounded: bool) -> tuple[Array, Array]:
         """Return qdd (T, nv) as far as compiled elimination gives it, and the states that are left."""
         q, v, tau = rows.values()
-        if len(q) < MANY or self.problem.is_held:  # parameters of joints that stick would stand where W's are
+        if len(q) < MANY or self.problem.latches:  # parameters of latches would stand where W's are
             return np.zeros(v.shape), np.arange(len(q))
         if self._elimination is None:
             try:
-                self._elimination = Elimination(self.problem, q[0])
+                self._elimination = Elimination(self.problem, q[0], rounded)
             except (
                 NumericalError,
                 SingularConfigurationError,
@@ -156,9 +165,9 @@ class ConstrainedDynamics:
         for changes that keep the loops closed: Psi dq = 0 and Psi dqd + d(Psi qd)/dq dq = 0.
         """
         rows, one = self.arguments.rows((q, qd, tau))
-        self._refuse_open(rows)
+        tolerance = self._refuse_open(rows)
         values = self._values(rows)
-        qdd, lam = accelerations(values, rows["tau"])
+        qdd, lam = accelerations(values, rows["tau"], tolerance)
         if self._slopes is None:
             self._slopes = StateFunction(self.problem, ("q", "qd", "qdd", LAMBDA), self._residuals.slopes)
         slopes = self._slopes.evaluate({"q": rows["q"], "qd": rows["qd"], "qdd": qdd, LAMBDA: lam})
@@ -166,7 +175,7 @@ class ConstrainedDynamics:
         unit = np.broadcast_to(identity(nv).astype(float), (samples, nv, nv))
         force = np.concatenate([-slopes["r_q"], -slopes["r_v"], unit], axis=2)
         gap = np.concatenate([-slopes["g_q"], -slopes["g_v"], np.zeros((samples, lam.shape[1], nv))], axis=2)
-        solved, _ = constrained(values["M"], values["Psi"], force, gap)
+        solved, _ = constrained(values["M"], values["Psi"], force, gap, tolerance)
         parts = np.split(solved, 3, axis=2)
         return AccelerationDerivatives(*(part[0] if one else part for part in parts))
 
@@ -174,7 +183,8 @@ class ConstrainedDynamics:
         """Return M, load, Psi and gamma at states."""
         return self._parts.evaluate({name: rows[name] for name in ("q", "qd")})
 
-    def _refuse_open(self, rows: dict[str, Array]) -> None:
+    def _refuse_open(self, rows: dict[str, Array]) -> Array:
+        """Return the ratio of singular values (T,) below which rows depend on each other."""
         gaps = self._gaps.evaluate({name: rows[name] for name in ("q", "qd")})
         size = max(1.0, mechanism_size(self.problem.model))
         fastest = float(np.abs(rows["qd"]).max(initial=0.0))
@@ -190,6 +200,7 @@ class ConstrainedDynamics:
                     f"{gap[state, row]:.3g} (SI units); allowed: states that satisfy the loops, as `assemble` "
                     "finds them"
                 )
+        return rank_tolerances(self.problem, np.abs(gaps["eta"]).max(axis=1, initial=0.0))
 
 
 def _refuse(problem: Problem) -> None:
