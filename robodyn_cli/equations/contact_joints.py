@@ -44,6 +44,11 @@ class ContactJoint:
     limits: Limits | None = None
 
     @property
+    def end(self) -> int:
+        """The place behind its last parameter."""
+        return self.place + len(FIELDS)
+
+    @property
     def breakaway(self) -> tuple[float, float]:
         """Largest friction torques at rest against motion forwards and backwards, both >= 0."""
         return (0.0, 0.0) if self.friction is None else self.friction.breakaway(self.gear_ratio)
@@ -114,4 +119,4 @@ def moving_freely(held: Sequence[Any]) -> tuple[float, ...]:
 
     held : joints with a contact state, and latches, which are open.
     """
-    return (0.0,) * (held[-1].place + len(FIELDS)) if held else ()
+    return (0.0,) * held[-1].end if held else ()

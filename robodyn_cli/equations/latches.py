@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
-FIELDS = ("closed", "hold", "direction", "rest")
+# near : of an open one in its position, how far it has to leave that before it can close; else 0
+FIELDS = ("closed", "hold", "direction", "rest", "near")
 
 
 @record
@@ -49,6 +50,7 @@ class LatchRow:
     hold: Scalar
     direction: Scalar
     rest: Scalar
+    near: Scalar
     psi: Vector
     gamma: Scalar
     q: int | None
@@ -60,6 +62,11 @@ class LatchRow:
     @property
     def name(self) -> str:
         return self.spec.name
+
+    @property
+    def end(self) -> int:
+        """The place behind its last parameter."""
+        return self.place + len(FIELDS)
 
     @property
     def rigid(self) -> bool:
@@ -142,7 +149,7 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
     for k, given in enumerate(problem.scene.deploy.latches):
         spec = placed(given, f"deploy.latches.{given.name}")
         place = first + len(FIELDS) * k
-        closed, hold, direction, rest = (
+        fields = (
             model.graph.symbol(f"{spec.name}.{name}", PARAMETER_GROUP, place + i)
             for i, name in enumerate(FIELDS)
         )
@@ -151,10 +158,7 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
             LatchRow(
                 spec,
                 place,
-                closed,
-                hold,
-                direction,
-                rest,
+                *fields,
                 *_held(problem, spec),
                 *_closes(problem, spec),
                 opens,

@@ -281,9 +281,7 @@ class RecordedMotion:
         driver.run(run.end, Grid(run.end, 0.0, 0), lambda t, x: None, watch=watch)
         begin, end = run.beginning.time, run.end
         times = np.unique([begin, *noted.times, *(event[0] for event in driver.met), *self._cuts(run), end])
-        times = times[(times >= begin) & (times <= end)]
-        apart = np.diff(times) > ROUNDED * max(abs(begin), abs(end))
-        return Steps(times[np.append(apart, True)], driver.counters.steps)
+        return Steps(times[(times >= begin) & (times <= end)], driver.counters.steps)
 
     @cached_property
     def _of_signals(self) -> list[float]:
@@ -316,11 +314,14 @@ class RecordedMotion:
         stretches, count = max(len(steps.knots) - 1, 1), max(steps.count, 1)
         in_step = min(max(MANY / count, 2 * FEWEST_IN_STEP), IN_STEP) * max(1.0, count / stretches)
         inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))
+        # samples of steps right behind an event may be as near as roundings, and say nothing beside each other
+        apart = np.diff(steps.knots) > inside * ROUNDED * float(np.abs(steps.knots).max())
+        knots = steps.knots[np.append(apart, True)]
         blocks: list[Block] = []
         met: list[Met] = []
         driver.met = met
         start()
-        grid = Grid.between(steps.knots, inside)
+        grid = Grid.between(knots, inside)
         driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
         stopped = bool(met) and met[-1][0] == driver.time
         ends = run.beginning.time, driver.time if stopped else run.end

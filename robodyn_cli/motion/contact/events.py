@@ -10,6 +10,7 @@ from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.latches import LatchRow
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.functions import absolute, where
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
 from robodyn_cli.record import mutable_record, record
@@ -174,10 +175,12 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
 
     for k, (latch, value) in enumerate(zip(problem.latches, values)):
         way, is_open = DIRECTIONS[latch.spec.side], 1.0 - latch.closed
-        add(k, LatchChange.CLOSES, is_open * value, way)
+        # one that is open in its position has to leave it first: rounding must not close it there
+        leaves = (-1.0 if way < 0 else 1.0) * (absolute(value) - latch.near)
+        add(k, LatchChange.CLOSES, is_open * where(latch.near, leaves, value), way)
         add(k, LatchChange.TURNS, is_open * _rate(problem, latch, value), 0)
         if way:
-            add(k, LatchChange.PASSES, is_open * value, -way)
+            add(k, LatchChange.PASSES, is_open * where(latch.near, 0.0, value), -way)
         if latch.opens is not None:
             add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
         if not latch.rigid:

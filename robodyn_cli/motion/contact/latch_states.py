@@ -75,7 +75,7 @@ class LatchStates(ContactStates):
         self.closings: dict[int, LatchClosing] = {}
         self.last: tuple[float, Array, int] | None = None
         self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
-        self._since = np.full(len(self.latches), -np.inf)
+        self._near = np.zeros(len(self.latches))
         self._frozen: set[int] = set()
         self._brisk = 1e-300  # the largest acceleration at a closing so far
         self._just: int | None = None  # that has closed at this event

@@ -8,7 +8,7 @@ those that close at the same instant do so together, by impulses of least norm w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,8 @@ from robodyn_cli.ready.singularity import classify
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
 
-AGAIN = 1e-6  # s, or part of the time: so soon after it has opened in its position a latch does not close
+IN_PLACE = 1e-9  # rad or m, or part of the largest position: an open latch so near to its position is in it
+LEFT = 1e-12  # likewise: so far off rounding does not close it any more
 NEW = 1e-6  # part of a row that must be independent of the others for its latch to bear anything
 TORN = 1e-6  # part of a rate, or of an acceleration, that a closed latch may leave
 
@@ -42,15 +43,21 @@ class Latches(LatchStates):
     def begin(self, t: float, x: Array, options: Options) -> Array:
         x = super().begin(t, x, options)
         self._look(t, x)
-        self._since[np.abs(self._values) <= TORN] = t
+        self._stay_open(x, range(len(self.latches)))
         given = [(k, self.given[name]) for k, name in enumerate(self.names) if name in self.given]
         if given:
             self._note_brisk(t, x)
         for k, event in given:
             self._take_up(x, k, event)
-        if self.closed:
-            self._rearrange(t, x)
+        self._rearrange(t, x)
         return x
+
+    def _stay_open(self, x: Array, opened: Iterable[int]) -> None:
+        """Let latches that are open in their positions leave these before they close."""
+        size = max(1.0, float(np.abs(self.system.split(x)[0]).max()))
+        for k in opened:
+            off = abs(float(self._values[k]))
+            self._near[k] = max(2.0 * off, LEFT * size) if off <= IN_PLACE * size else 0.0
 
     def _note_brisk(self, t: float, x: Array) -> None:
         """Note accelerations before latches close, beside which those that closed ones leave are rounding."""
@@ -98,7 +105,7 @@ class Latches(LatchStates):
         """Tell whether a function at zero is to be watched from the positive side."""
         k = function.number
         if function.change is LatchChange.CLOSES:
-            return k not in self.closed and self._values[k] == 0.0
+            return k not in self.closed and self._values[k] == 0.0 and not self._near[k]
         return k == self._just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
 
     def handle(self, event: Event) -> Outcome:
@@ -144,8 +151,12 @@ class Latches(LatchStates):
         t = event.time
         rows, _ = self._look(t, x)
         latch = self.latches[k]
-        if k in self.closed or t <= self._since[k] + AGAIN * max(1.0, t):
+        if k in self.closed:
             return GO_ON
+        if self._near[k]:
+            self._near[k] = 0.0
+            self._write()
+            return self.arm(x)
         if (closed := event.close()) is not None:
             return self._take_over(t, x, k, closed)
         if latch.closes is None:
@@ -264,7 +275,7 @@ class Latches(LatchStates):
             self.closings[k].opened = t
         self._log.append({"time": t, "name": latch.name, "kind": "opened"})
         self._look(t, x)
-        self._since[k] = t
+        self._stay_open(x, [k])
         self._rearrange(t, x)
         return self._outcome(t, x)
 
@@ -327,7 +338,7 @@ class Latches(LatchStates):
         super()._write()
         for k, latch in enumerate(self.latches):
             closed, bears = float(k in self.closed), float(k in self.bearing)
-            values = (closed, bears, self._direction[k], self._rest[k])
+            values = (closed, bears, self._direction[k], self._rest[k], self._near[k])
             self.p[latch.place : latch.place + len(FIELDS)] = values
 
     def _outcome(self, t: float, x: Array) -> Outcome:
