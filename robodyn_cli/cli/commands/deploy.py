@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -68,15 +69,16 @@ def _latches(summary: Mapping[str, Any]) -> list[str]:
     status, termination = summary.get("status"), summary["termination"]
     verb = "locked" if status == "locked" else "no lock" if status == "no_lock" else str(status)
     lines = [f"  {verb:<18} t = {number(termination.get('time'), 9)} s  ({termination['reason']})"]
-    for name, own in sorted(summary["locks"].items(), key=lambda item: float(item[1]["time"])):
+    for name, own in sorted(summary["locks"].items(), key=lambda item: float(item[1].get("time", -math.inf))):
         error = own.get("errors", {}).get("time")
         bound = f" +- {error_text(error)}" if error is not None else ""
+        when = f"t = {own['time']:.9g}{bound} s" if "time" in own else "closed from the start on"
         load = f"impulse {number(own['angular_impulse'])} N m s" if "angular_impulse" in own else ""
         load = f"bears up to {number(own['peak_moment'])} N m" if "peak_moment" in own else load
-        parts = [f"energy lost {number(own['energy_lost'])} J", load]
+        parts = [f"energy lost {number(own['energy_lost'])} J" if "energy_lost" in own else "", load]
+        parts.append("redundant" if own["redundant"] else "")
         parts.append(f"open again from t = {number(own['opened'])} s on" if "opened" in own else "")
-        told = ", ".join(part for part in parts if part)
-        lines.append(f"  {name:<18} t = {own['time']:.9g}{bound} s, {told}")
+        lines.append(f"  {name:<18} {', '.join(part for part in (when, *parts) if part)}")
     for name, own in summary.get("missed", {}).items():
         near = (
             f", nearest at t = {number(own['time'])} s: {number(own['nearest'])} off"

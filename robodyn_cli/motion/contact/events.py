@@ -119,23 +119,25 @@ class LatchFunction(EventFunction):
 class LatchClosing:
     """What has happened to a latch since it closed last.
 
-    order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
+    order : 1 for those that closed first, 0 for those that an earlier run has closed, of which nothing is told that was
+    before this run. angle, speed : of what it holds, before it closed. lost : energy [J].
     impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. has_peaked : whether the load has been
     at a peak, so that this says something. past : largest load of earlier closings, with its time, where that is known.
-    opened : when, if it has.
+    redundant : whether others held already what it holds. opened : when, if it has.
     """
 
     order: int
-    time: float
+    time: float | Absent
     angle: float | Absent
-    speed: float
-    lost: float = 0.0
+    speed: float | Absent
+    lost: float | Absent = 0.0
     impulse: float | Absent = ABSENT
     peak: float = 0.0
     peak_time: float = 0.0
     has_peaked: bool = False
     past: tuple[float, float] | None = None
     rebounds: int = 0
+    redundant: bool = False
     opened: float | Absent = ABSENT
     closings: int = 1
 
@@ -152,8 +154,8 @@ class LatchClosing:
         known = None if rigid else self.largest
         peak, when = (ABSENT, ABSENT) if known is None else known
         return LatchLock(
-            self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.rebounds,
-            self.closings, self.opened, LatchLockErrors(),
+            self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when,
+            self.redundant, self.rebounds, self.closings, self.opened, LatchLockErrors(),
         )  # fmt: skip
 
 

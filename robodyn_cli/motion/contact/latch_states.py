@@ -18,7 +18,8 @@ from robodyn_cli.motion.motion import Motion
 from robodyn_cli.ready.singularity import passive_determinant
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
-from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import LatchLock, MissedLatch, MissedLatchErrors
 
 INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
 BY_CHANCE = 0.5  # of how far the rates of two runs are apart: one that agrees better does so by chance
@@ -170,6 +171,11 @@ class LatchStates(ContactStates):
         return until in names if until not in ("all", "end") else len(names) == len(self.latches)
 
 
+def _both(lock: LatchLock, other: LatchLock | None) -> bool:
+    """Tell whether a latch has closed in both runs."""
+    return other is not None and lock.speed is not ABSENT and other.speed is not ABSENT
+
+
 def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Return ``locks`` and ``missed`` of a run with errors by those of a second one.
 
@@ -181,10 +187,10 @@ def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dic
     one, two : ``locks`` and ``missed`` of both. factor : times a difference is an error.
     """
     locks, again = dict(one["locks"]), two["locks"]
-    gaps = [abs(lock.speed - again[name].speed) for name, lock in locks.items() if name in again]
+    gaps = [abs(lock.speed - again[name].speed) for name, lock in locks.items() if _both(lock, again.get(name))]
     apart = BY_CHANCE * factor * max(gaps, default=0.0)
     for name, lock in locks.items():
-        if name not in again or not lock.speed:
+        if not _both(lock, again.get(name)) or not lock.speed:
             continue
         part = apart / abs(lock.speed)
         shares = {"speed": 1.0, "energy_lost": 2.0, "angular_impulse": 1.0}

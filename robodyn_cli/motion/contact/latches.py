@@ -48,8 +48,9 @@ class Latches(LatchStates):
         if given:
             self._note_brisk(t, x)
         for k, event in given:
-            self._take_up(x, k, event)
+            self._take_up(t, x, k, event)
         self._rearrange(t, x)
+        self._bear_all(t, x)
         return x
 
     def _stay_open(self, x: Array, opened: Iterable[int]) -> None:
@@ -64,7 +65,7 @@ class Latches(LatchStates):
         if self.problem.constraints.rows:
             self._brisk = max(self._brisk, float(np.abs(self.rates(t, x)[0]).max()))
 
-    def _take_up(self, x: Array, k: int, event: Mapping[str, Any]) -> None:
+    def _take_up(self, t: float, x: Array, k: int, event: Mapping[str, Any]) -> None:
         """Close a latch as an earlier run has closed it, at this event."""
         latch, place = self.latches[k], self._v_of[k]
         self.closed.append(k)
@@ -72,6 +73,12 @@ class Latches(LatchStates):
         self._rest[k] = event["rest"]
         if latch.rigid and place is not None:
             x[place] = 0.0
+        angle = ABSENT if self._q_of[k] is None else float(x[self._q_of[k]])
+        self.closings[k] = LatchClosing(
+            0, ABSENT, angle, ABSENT, ABSENT, peak_time=t, has_peaked=True, closings=0
+        )
+        facts = {"rest": event["rest"], "speed": event["speed"]}
+        self._log.append({"time": t, "name": self.names[k], "kind": "carried", **facts})
 
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix (nv, nv), and Psi (m, nv) with the rows of latches that bear below it."""
@@ -169,7 +176,7 @@ class Latches(LatchStates):
         together = [k, *self._others(t, x, k)] if latch.rigid else [k]
         self.last = (t, before, min(together))
         self._bear_all(t, x)
-        order = 1 + sum(it.time < t for it in self.closings.values())
+        order = self._order(t)
         for j in together:
             self._take(t, x, j, float(rows[j] @ x[places]), order)
         if latch.rigid:
@@ -182,6 +189,7 @@ class Latches(LatchStates):
             self.closings[k].has_peaked = self._growth(t, x, k) <= 0.0
         freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
         for j in together:
+            self.closings[j].redundant = self.latches[j].rigid and j not in self.bearing
             self._tell(t, j, int(freedom))
         return self._outcome(t, x)
 
@@ -190,7 +198,7 @@ class Latches(LatchStates):
         v = self._v_of[k]
         assert v is not None
         self.last = (t, x.copy(), k)
-        order = 1 + sum(it.time < t for it in self.closings.values())
+        order = self._order(t)
         self._take(t, x, k, float(x[v]), order)
         self.closings[k].lost, self.closings[k].impulse = closed.lost, closed.impulse
         self.closed.append(k)
@@ -210,6 +218,11 @@ class Latches(LatchStates):
             "speed": it.speed,
         }
         self._log.append({"time": t, "name": self.names[k], "kind": "latched", **facts})
+
+    def _order(self, t: float) -> int:
+        """Return the order of a closing in this run."""
+        times = [it.time for it in self.closings.values() if it.order]
+        return 1 + sum(time < t for time in times)
 
     def _take(self, t: float, x: Array, k: int, speed: float, order: int) -> None:
         """Note a closing, and put a coordinate exactly where its latch holds it."""

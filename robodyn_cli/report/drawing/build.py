@@ -142,8 +142,8 @@ def _latches(result: Result, scene: Scene) -> Iterator[tuple[Sequence[str], Stre
         yield scene.deploy.latch.between, () if locked is None else ((locked, NEVER),)
     for latch in scene.deploy.latches:
         starts, ends = (
-            [float(e["time"]) for e in result.events if (e["kind"], e["name"]) == (kind, latch.name)]
-            for kind in ("latched", "opened")
+            [float(e["time"]) for e in result.events if e["kind"] in kinds and e["name"] == latch.name]
+            for kinds in (("latched", "carried"), ("opened",))
         )
         yield _held_links(scene, latch), tuple(zip(starts, [*ends, NEVER]))
 
