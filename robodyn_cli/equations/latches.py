@@ -30,7 +30,8 @@ if TYPE_CHECKING:
 
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
-# near : of an open one in its position, how far it has to leave that before it can close; else 0
+# near : of an open one in its position, how far it has to leave that before it can close; -1 where nothing can move;
+# else 0
 FIELDS = ("closed", "hold", "direction", "rest", "near")
 
 

@@ -139,7 +139,23 @@ def test_next_stage_of_a_mast_goes_on_when_its_last_latch_opens(seed: int, tmp_p
         assert carried["order"] == 0 and abs(carried["opened"] - at) <= 1e-13 * at and "time" not in carried
     least = summary["extremes"]["q.a1"]
     assert abs(least["smallest"] - middle) <= least["errors"]["smallest"] + 1e-12
-    assert least["errors"]["smallest"] < 1e-7
+    assert least["errors"]["smallest"] < 1e-5
+
+
+@pytest.mark.parametrize("singular", ["stop", "pass"])
+def test_a_stop_before_a_singular_pose_is_met_first(singular: str) -> None:
+    """The bars of a mast would come in line behind the stop: the way there is not looked for past it."""
+    from robodyn_cli.works.simulate import simulate
+
+    mast = Mast(np.random.default_rng([1010, 21]))
+    tree = mast.scene()
+    at = float(np.pi - 2.0 * mast.angles[2])
+    tree["robot"]["joints"][1]["limits"] = {"lower": at, "stop": {"restitution": 0}}
+    tree["simulate"] |= {"singular": singular, "duration": mast.time(*mast.angles[::2]) + 2.0, "samples": 11}
+    result = simulate(load_scene_text(yaml.safe_dump(tree | {"command": "simulate"})))
+    assert result.status == "ok" and abs(result["q"][-1, 1] - at) < 1e-12
+    (hit,) = [event for event in result.events if event["kind"] == "impact"]
+    assert abs(hit["time"] - mast.time(*mast.angles[::2])) < 1e-9
 
 
 def test_a_latch_that_is_slow_to_leave_its_position_is_not_closed_there_by_rounding() -> None:

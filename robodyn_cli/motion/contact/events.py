@@ -111,6 +111,10 @@ class LatchFunction(EventFunction):
     change: LatchChange = LatchChange.CLOSES
 
     @property
+    def turns_motion(self) -> bool:
+        return self.change in (LatchChange.CLOSES, LatchChange.OPENS)
+
+    @property
     def closing(self) -> int | None:
         return self.number if self.change is LatchChange.CLOSES else None
 
@@ -180,7 +184,8 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
         # one that is open in its position has to leave it first: rounding must not close it there
         leaves = (-1.0 if way < 0 else 1.0) * (absolute(value) - latch.near)
         add(k, LatchChange.CLOSES, is_open * where(latch.near, leaves, value), way)
-        add(k, LatchChange.TURNS, is_open * _rate(problem, latch, value), 0)
+        turning = where(latch.near * latch.near, 0.0, _rate(problem, latch, value))
+        add(k, LatchChange.TURNS, is_open * turning, 0)
         if way:
             add(k, LatchChange.PASSES, is_open * where(latch.near, 0.0, value), -way)
         if latch.opens is not None:

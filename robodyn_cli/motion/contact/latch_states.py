@@ -10,6 +10,7 @@ import numpy as np
 
 from robodyn_cli.equations.latches import refuse_company
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.events import LatchClosing, contact_functions, latch_functions
@@ -64,6 +65,12 @@ class LatchStates(ContactStates):
         self._q_of = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
         self._v_of = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
         self._names = p.model.q_names
+        # those that come near to closing by motion alone
+        self._moved = [
+            k
+            for k, value in enumerate(self.values)
+            if not any(symbol.value[1] == "t" for symbol in free_symbols([value]))
+        ]
 
     @property
     def kernels(self) -> dict[str, SampleKernel]:
@@ -78,6 +85,7 @@ class LatchStates(ContactStates):
         self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
         self._near = np.zeros(len(self.latches))
         self._frozen: set[int] = set()
+        self._stands = False  # nothing can move
         self._brisk = 1e-300  # the largest acceleration at a closing so far
         self._just: int | None = None  # that has closed at this event
         self._looked_at: tuple[float, bytes] | None = None

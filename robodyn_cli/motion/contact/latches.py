@@ -112,7 +112,7 @@ class Latches(LatchStates):
         """Tell whether a function at zero is to be watched from the positive side."""
         k = function.number
         if function.change is LatchChange.CLOSES:
-            return k not in self.closed and self._values[k] == 0.0 and not self._near[k]
+            return k not in self.closed and self._values[k] == 0.0 and self._near[k] <= 0.0
         return k == self._just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
 
     def handle(self, event: Event) -> Outcome:
@@ -160,7 +160,7 @@ class Latches(LatchStates):
         latch = self.latches[k]
         if k in self.closed:
             return GO_ON
-        if self._near[k]:
+        if self._near[k] > 0.0:
             self._near[k] = 0.0
             self._write()
             return self.arm(x)
@@ -311,6 +311,12 @@ class Latches(LatchStates):
                 self.bearing.append(k)
             else:
                 idle.append(k)
+        stands = len(basis) == basis.shape[1] and not self.problem.constraints.rheonomic
+        for k in self._moved:
+            self._near[k] = max(self._near[k], 0.0) or -float(stands)
+        if stands or self._stands:  # nothing moves, or has until now; rounding would go on
+            x[list(self.system.v_places)] = 0.0
+        self._stands = stands
         held = np.einsum("ij,ij->j", basis, basis) > 1.0 - NEW
         self._frozen = {k for k, joint in enumerate(self.joints) if held[joint.v]} if self.closed else set()
         self._settle_speeds(x)
