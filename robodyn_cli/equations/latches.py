@@ -288,7 +288,7 @@ def latch_loads(problem: Any) -> list[Scalar]:
     """
     rows, _, _ = held_rows(problem)
     closures = iter(problem.holding[len(problem.contact_joints) :])
-    bearing = np.concatenate([problem.independent_rows.psi(problem.model.nv), rows])
+    bearing = np.concatenate([problem.psi, rows])
     multipliers = [*problem.forward.lam, *problem.holding]
     f = problem.applied - problem.bias
     loads = []
@@ -317,11 +317,10 @@ def refuse_company(problem: MechanismParts) -> None:
         "'at_dead_point' in an open chain, which has none": dead_points and not model.closures,
         "'at_dead_point' and prescribed motion together; allowed: criterion: dead_point": dead_points
         and bool(scene.prescribed),
-        "loops with redundant rows, whose loads are not unique; allowed: loops in their plane": problem.dependent,
-        "'simulate.singular: pass'; allowed: stop": scene.simulate.singular == "pass",
         "payloads that are gripped or released": model.switched,
-        "joints whose motion is prescribed, in one that it holds": any(
-            row.q is not None and model.q_names[row.q] in scene.prescribed for row in problem.latches
+        "joints whose motion is prescribed, in a rigid one that holds such; allowed: a spring": any(
+            row.rigid and row.q is not None and model.q_names[row.q] in scene.prescribed
+            for row in problem.latches
         ),
     }
     for words, there in reasons.items():

@@ -203,7 +203,14 @@ class Problem:
     @property
     def at_start(self) -> tuple[float, ...]:
         """The parameters p at t = 0, with all joints moving freely and all latches open."""
-        return self.model.switched or moving_freely((*self.contact_joints, *self.latches))
+        switched = self.model.switched
+        return (*switched, *moving_freely((*self.contact_joints, *self.latches))[len(switched) :])
+
+    @property
+    def parameter_count(self) -> int:
+        """How many parameters p there are before those that a partition chooses."""
+        held = (*self.contact_joints, *self.latches)
+        return held[-1].end if held else len(self.model.parameters)
 
     @cached_property
     def elements(self) -> Elements:
@@ -286,7 +293,7 @@ class Problem:
             return []
         from robodyn_cli.equations.constraints import combinations
 
-        return combinations(self.graph, self.dependent, self.constraints.names, len(self.model.parameters))
+        return combinations(self.graph, self.dependent, self.constraints.names, self.parameter_count)
 
     @cached_property
     def independent_rows(self) -> Constraints:

@@ -117,7 +117,7 @@ class LatchStates(ContactStates):
         """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
         state = t, x.tobytes()
         if state != self._looked_at:
-            here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+            here = self._rows.evaluate(1, self._groups(t, x))
             self._values = here["values"][0]
             self.turns.append((t, np.abs(self._values)))
             self._looked_at, self._seen_rows = (

@@ -173,8 +173,8 @@ class Latches(LatchStates):
         before = x.copy()
         self._note_brisk(t, x)
         places = list(self.system.v_places)
-        together = [k, *self._others(t, x, k)] if latch.rigid else [k]
-        self.last = (t, before, min(together))
+        together = sorted([k, *self._others(t, x, k)]) if latch.rigid else [k]
+        self.last = (t, before, together[0])
         self._bear_all(t, x)
         order = self._order(t)
         for j in together:

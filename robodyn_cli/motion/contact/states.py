@@ -61,7 +61,7 @@ class ContactStates(Watcher):
     slowest = 1.0  # times the rate below which a joint does not bounce any more
 
     def __init__(self, problem: Problem) -> None:
-        if problem.dependent:
+        if problem.dependent and problem.contact_joints:
             raise CapabilityError(
                 f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which "
                 f"needs loops without redundant rows (here {', '.join(problem.dependent[0].rows)} depend on each "
@@ -121,8 +121,16 @@ class ContactStates(Watcher):
 
     def rates(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return accelerations (nv,) and multipliers of held joints in the present contact states."""
-        values = self._rates.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+        values = self._rates.evaluate(1, self._groups(t, x))
         return values["a"][0], values["lam"][0]
+
+    def _groups(self, t: float, x: Array) -> dict[str, Array]:
+        """Return the inputs of kernels at a state in the present contact states; combinations of dependent rows are
+        those that suit it."""
+        partition, p = self.system.partition, self.p
+        if partition is not None:
+            p = np.append(p, partition.choose(t, self.system.split(x)[0], None))
+        return self.system.groups(np.array([[t]]), x[None, :], p)
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
@@ -156,7 +164,7 @@ class ContactStates(Watcher):
 
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix (nv, nv) and Psi (m, nv) at a state."""
-        values = self._matrices.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+        values = self._matrices.evaluate(1, self._groups(t, x))
         nv = self.problem.model.nv
         return values["M"].reshape(nv, nv), values.get("psi", np.zeros(0)).reshape(-1, nv)
 

@@ -57,10 +57,13 @@ class BesidePose:
         self.kernel = SampleKernel({"g": values}, STATE_GROUPS) if values else None
 
     def refuse_held(self, parameters: Array) -> str:
-        """Return why no leap starts in the contact states of ``parameters``, "" where one may."""
+        """Return why no leap starts in the contact states and with the latches of ``parameters``, "" where one may."""
         for joint in self.problem.contact_joints:
             if parameters[joint.place]:
                 return f"joint {joint.name!r} sticks or lies on its stop there"
+        for latch in self.problem.latches:
+            if latch.rigid and parameters[latch.place]:
+                return f"latch {latch.name!r} is closed there"
         return ""
 
     def check(self, equations: LeapEquations, leap: PoseLeap, pose: float) -> None:
