@@ -317,7 +317,6 @@ def refuse_company(problem: MechanismParts) -> None:
         "'at_dead_point' in an open chain, which has none": dead_points and not model.closures,
         "'at_dead_point' and prescribed motion together; allowed: criterion: dead_point": dead_points
         and bool(scene.prescribed),
-        "payloads that are gripped or released": model.switched,
         "joints whose motion is prescribed, in a rigid one that holds such; allowed: a spring": any(
             row.rigid and row.q is not None and model.q_names[row.q] in scene.prescribed
             for row in problem.latches

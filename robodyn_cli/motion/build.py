@@ -28,18 +28,18 @@ AUTOMATIC = "baumgarte"
 
 def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), contact states, limits."""
-    watchers = [*rank_watchers(problem), *contact_watchers(problem)]
-    if problem.model.switched:
-        watchers += payload_watchers(problem)
+    watchers = [*rank_watchers(problem), *contact_watchers(problem), *payload_watchers(problem)]
     own = [watcher for watcher in watchers if watcher.functions or watcher.changes_motion]
     return [*own, *limit_watchers(problem)] if problem.scene.robot.limited else own
 
 
 def follow_latches(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
-    """Return the watchers of a motion with latches: loss of rank, contact states and latches together, limits."""
+    """Return the watchers of a motion with latches: loss of rank, payloads, contact states and latches together, limits.
+    """
     from robodyn_cli.motion.contact.latches import Latches
 
-    return [*rank_watchers(problem), Latches(problem, passive), *limit_watchers(problem)]
+    own = Latches(problem, passive)  # which takes over what payloads have found out at the start
+    return [*rank_watchers(problem), *payload_watchers(problem), own, *limit_watchers(problem)]
 
 
 def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:

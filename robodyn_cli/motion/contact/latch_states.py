@@ -14,8 +14,9 @@ from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.events import LatchClosing, contact_functions, latch_functions
+from robodyn_cli.motion.contact.payloads import Payloads
 from robodyn_cli.motion.contact.states import ContactStates
-from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.ready.singularity import passive_determinant
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
@@ -38,6 +39,7 @@ class LatchStates(ContactStates):
     """
 
     functions: tuple[Any, ...]
+    _payloads: Payloads | None = None
 
     def __init__(self, problem: Problem, passive: Sequence[int] = ()) -> None:
         refuse_company(problem)
@@ -71,6 +73,24 @@ class LatchStates(ContactStates):
             for k, value in enumerate(self.values)
             if not any(symbol.value[1] == "t" for symbol in free_symbols([value]))
         ]
+
+    def meet(self, others: Sequence[Watcher]) -> None:
+        self._payloads = next((x for x in others if isinstance(x, Payloads)), None)
+        if self._payloads is not None:
+            self._payloads.latches = self
+
+    def _carry(self) -> None:
+        """Take over the parameters that say which payloads are carried."""
+        if self._payloads is not None:
+            self.p[: len(self._payloads.carried)] = self._payloads.carried
+
+    def _groups(self, t: float, x: Array) -> dict[str, Array]:
+        self._carry()
+        return super()._groups(t, x)
+
+    def held_rows(self, t: float, x: Array) -> Array:
+        """Return the rows (k, nv) of latches that bear."""
+        return self._look(t, x)[0][self.bearing]
 
     @property
     def kernels(self) -> dict[str, SampleKernel]:
@@ -125,6 +145,17 @@ class LatchStates(ContactStates):
                 (here["rows"].reshape(len(self.latches), -1), here["drift"][0]),
             )
         return self._seen_rows
+
+    def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
+        """Let what latches bear stand exactly still: what rounding leaves would go on."""
+        x[[place for j in (*self.bearing, *more) if (place := self._v_of[j]) is not None]] = 0.0
+
+    def jumped(self, t: float, before: Array, x: Array) -> None:
+        """Look at what payloads that are gripped or released make of a state, which this may change."""
+        self._halt(x)
+        for state in (before, x):
+            self._look(t, state)
+            self._bear_all(t, state)
 
     # -- loads of springs ------------------------------------------------------------------------------
     def _bear_all(self, t: float, x: Array) -> None:

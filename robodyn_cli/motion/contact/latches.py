@@ -89,6 +89,7 @@ class Latches(LatchStates):
         return M, np.concatenate([psi, self._look(t, x)[0][self.bearing]]) if self.bearing else psi
 
     def arm(self, x: Array) -> Outcome:
+        self._carry()
         sides = {n: 1.0 for n, f in enumerate(self._own) if self._starts_positive(f)} | self._turning(x)
         contacts = known_sides(self.functions[len(self._own) :], self.state, self.rest, self.contact)
         return Jump(
@@ -116,6 +117,7 @@ class Latches(LatchStates):
         return k == self._just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
 
     def handle(self, event: Event) -> Outcome:
+        self._carry()
         function = event.function
         if isinstance(function, ContactFunction):
             if function.joint in self._frozen:
@@ -272,10 +274,6 @@ class Latches(LatchStates):
         self._halt(x, together)
         if self.system.work_place is not None:
             x[self.system.work_place] -= lost
-
-    def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
-        """Let what latches bear stand exactly still: what rounding leaves would go on."""
-        x[[place for j in (*self.bearing, *more) if (place := self._v_of[j]) is not None]] = 0.0
 
     def _open(self, t: float, x: Array, k: int) -> Outcome:
         """Open a latch; the energy in its spring is lost."""
