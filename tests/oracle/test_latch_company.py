@@ -236,7 +236,7 @@ def five_bar(**latch: Any) -> dict[str, Any]:
             "latches": [
                 {"name": "ka", "joint": "a", "at": 2.1, **latch}, {"name": "kc", "joint": "c", "at": 1.25, **latch},
             ],
-            "until": "all",
+            "until": "end",
         },
     }  # fmt: skip
 
@@ -255,9 +255,10 @@ def same(one: dict[str, Any], other: dict[str, Any]) -> None:
 SPRING = {"hold": {"stiffness": 60.0, "damping": 1.0}}
 
 
-@pytest.mark.parametrize("latch", [{}, SPRING])
-def test_five_bar_in_space_and_in_independent_coordinates_is_the_planar_one(latch: dict[str, Any]) -> None:
+@pytest.mark.parametrize(("latch", "at"), [({}, 1.25), (SPRING, 0.9)])
+def test_five_bar_in_space_and_in_independent_coordinates_is_the_planar_one(latch: dict[str, Any], at: float) -> None:
     tree = five_bar(**latch)
+    tree["deploy"]["latches"][1]["at"] = at
     planar = deployed(tree).summary
     assert planar["status"] == "locked" and len(planar["locks"]) == 2
     same(deployed(tree, stabilisation="independent").summary, planar)

@@ -268,7 +268,7 @@ class Latches(LatchStates):
             raise forced_on([self.names[j] for j in together], t)
         stay = np.eye(len(v))[[k for k in resting if after[k] == 0.0]]
         lost = met.lost(after)
-        for j, share in zip(together, shared(M, np.concatenate([psi, stay]), rows, rates)):
+        for j, share in zip(together, shared(M @ (after - v), np.concatenate([psi, stay]), rows)):
             self.closings[j].impulse, self.closings[j].lost = float(abs(share)), lost
         x[places] = after
         self._halt(x, together)
