@@ -150,7 +150,7 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
     for k, given in enumerate(problem.scene.deploy.latches):
         spec = placed(given, f"deploy.latches.{given.name}")
         place = first + len(FIELDS) * k
-        fields = (
+        closed, hold, direction, rest, near = (
             model.graph.symbol(f"{spec.name}.{name}", PARAMETER_GROUP, place + i)
             for i, name in enumerate(FIELDS)
         )
@@ -159,7 +159,11 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
             LatchRow(
                 spec,
                 place,
-                *fields,
+                closed,
+                hold,
+                direction,
+                rest,
+                near,
                 *_held(problem, spec),
                 *_closes(problem, spec),
                 opens,
@@ -174,20 +178,9 @@ def _closes(problem: MechanismParts, spec: DeployLatch) -> tuple[int | None, Sca
         return None, spec.when.evaluate(problem.environment)
     if spec.at_dead_point:
         return None, None
-    name, at = closing_position(problem.scene.robot, spec)
+    name, at = spec.position(problem.scene.robot)
     model = problem.model
     return model.v_names.index(name), problem.q[model.q_names.index(name)] - at
-
-
-def closing_position(robot: Any, spec: DeployLatch) -> tuple[str, float]:
-    """Return the coordinate whose position closes a latch, and that position [rad or m]."""
-    if isinstance(spec.at, float):
-        return str(spec.joint), spec.at
-    if spec.at:
-        ((name, at),) = spec.at.items()
-        return name, at
-    ((name, side),) = spec.at_limit.items()
-    return name, getattr(robot.limits_of(name), side)
 
 
 def _held(problem: MechanismParts, spec: DeployLatch) -> tuple[Vector, Scalar, int | None, int | None]:

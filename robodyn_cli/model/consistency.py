@@ -6,6 +6,7 @@ from collections.abc import Iterator
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.joints.registry import joint_types
+from robodyn_cli.scene.nested_options import DeployLatch
 from robodyn_cli.scene.types import Inertia, Link, Scene
 
 Path = tuple[str | int, ...]  # of keys, as in ``scene.text.nodes``
@@ -41,10 +42,9 @@ def doubtful_parts(scene: Scene) -> list[tuple[Path, str, str]]:
 
 def _doubtful_latches(scene: Scene) -> Iterator[tuple[Path, str, str]]:
     """Yield rigid latches that hold a joint, by its position, which another one holds too."""
-    from robodyn_cli.equations.latches import closing_position
     from robodyn_cli.model.build import moved_link, parent_link
 
-    robot, own = scene.robot, {}
+    robot, own = scene.robot, dict[str, tuple[DeployLatch, float]]()
     links = {
         frozenset((parent_link(robot, k), moved_link(robot, k))): joint.name
         for k, joint in enumerate(robot.joints)
@@ -53,7 +53,7 @@ def _doubtful_latches(scene: Scene) -> Iterator[tuple[Path, str, str]]:
         if latch.hold != "rigid" or latch.at_dead_point or latch.when is not None:
             continue
         held = latch.joint or links.get(frozenset(latch.between or ()))
-        name, at = closing_position(robot, latch)
+        name, at = latch.position(robot)
         if held != name:
             continue
         other, place = own.setdefault(held, (latch, at))
@@ -61,7 +61,11 @@ def _doubtful_latches(scene: Scene) -> Iterator[tuple[Path, str, str]]:
             continue
         path = ("deploy", "latches", k)
         if place == at:
-            yield path, latch.name, f"holds joint {held!r} in the place in which {other.name!r} does: it bears nothing"
+            yield (
+                path,
+                latch.name,
+                f"holds joint {held!r} in the place in which {other.name!r} does: it bears nothing",
+            )
         elif latch.release is None and other.release is None:
             yield (
                 path,

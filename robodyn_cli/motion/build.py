@@ -34,8 +34,7 @@ def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
 
 
 def follow_latches(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
-    """Return the watchers of a motion with latches: loss of rank, payloads, contact states and latches together, limits.
-    """
+    """Return the watchers of a motion with latches: loss of rank, payloads, contacts and latches together, limits."""
     from robodyn_cli.motion.contact.latches import Latches
 
     own = Latches(problem, passive)  # which takes over what payloads have found out at the start

@@ -242,8 +242,8 @@ class Stored:
         if waited and all(latch.name in closed and latch.release is None for latch in waited):
             named = until if until != "all" else f"all ({_listed(tuple(latch.name for latch in waited))})"
             raise SceneError(
-                f"{scene.path}: deploy.until: {named}: closed already in the stored run, at {self.time:g} s, and nothing "
-                "opens it; allowed: end, or a latch that is open there or has a 'release'",
+                f"{scene.path}: deploy.until: {named}: closed already in the stored run, at {self.time:g} s, and "
+                "nothing opens it; allowed: end, or a latch that is open there or has a 'release'",
                 file=scene.path, key="deploy.until",
             )  # fmt: skip
 

@@ -40,7 +40,11 @@ class Arm:
     time, and a payload that the second link grips and releases at times."""
 
     def __init__(self, rng: np.random.Generator) -> None:
-        self.m, self.c, self.length = rng.uniform(0.5, 3.0, 2), rng.uniform(0.2, 0.6, 2), rng.uniform(0.6, 1.2)
+        self.m, self.c, self.length = (
+            rng.uniform(0.5, 3.0, 2),
+            rng.uniform(0.2, 0.6, 2),
+            rng.uniform(0.6, 1.2),
+        )
         self.inertia, self.damping = rng.uniform(0.05, 0.3, 2), rng.uniform(0.05, 0.3, 2)
         self.tau, self.q = np.array([rng.uniform(0.2, 0.6), rng.uniform(-0.6, -0.4)]), np.array([0.0, 2.0])
         self.at, self.load, self.reach = rng.uniform(1.0, 1.6), rng.uniform(0.3, 2.0), rng.uniform(0.4, 1.0)
@@ -63,7 +67,12 @@ class Arm:
             "velocity": [*self.drift.tolist(), 0.0], "from": {"time": moments["grip"]},
             "until": {"time": moments["let_go"]},
         }  # fmt: skip
-        latch = {"name": "catch", "joint": "elbow", "at": float(self.at), "release": f"t - {moments['opens']!r}"}
+        latch = {
+            "name": "catch",
+            "joint": "elbow",
+            "at": float(self.at),
+            "release": f"t - {moments['opens']!r}",
+        }
         return {
             "schema": 1, "command": "deploy", "gravity": [0, 0, 0],
             "robot": {"joints": joints, "links": links, "points": {"tip": {"link": "fore", "at": [self.reach, 0, 0]}}},
@@ -84,7 +93,10 @@ class Arm:
                 [first * np.cos(a) + second * np.cos(b), second * np.cos(b)],
             ])  # fmt: skip
 
-        bodies = [(m1, i1, on(0.0, c1), np.array([1.0, 0.0])), (m2, i2, on(c2, self.length), np.array([1.0, 1.0]))]
+        bodies = [
+            (m1, i1, on(0.0, c1), np.array([1.0, 0.0])),
+            (m2, i2, on(c2, self.length), np.array([1.0, 1.0])),
+        ]
         if carries:
             bodies.append((self.load, self.spin, on(self.reach, self.length), np.array([1.0, 1.0])))
         return bodies
@@ -93,7 +105,9 @@ class Arm:
         return sum(m * J.T @ J + i * np.outer(w, w) for m, i, J, w in self.points(q, carries))
 
     def accelerations(self, q: Any, v: Any, carries: bool, holds: bool) -> Any:
-        coupling = self.m[1] * self.length * self.c[1] + (self.load * self.length * self.reach if carries else 0.0)
+        coupling = self.m[1] * self.length * self.c[1] + (
+            self.load * self.length * self.reach if carries else 0.0
+        )
         h = -coupling * np.sin(q[1])
         bias = np.array([h * v[1] * (2.0 * v[0] + v[1]), -h * v[0] ** 2])
         f, M = self.tau - self.damping * v - bias, self.matrix(q, carries)
@@ -146,7 +160,9 @@ class Arm:
 def test_latches_close_and_open_while_payloads_come_and_go(seed: int) -> None:
     rng = np.random.default_rng([seed, 5])
     arm = Arm(rng)
-    first = Arm.follow(arm, {"grip": 50.0, "end": 20.0}).get("closings")[0][0]  # when it closes with nothing carried
+    first = Arm.follow(arm, {"grip": 50.0, "end": 20.0}).get("closings")[0][
+        0
+    ]  # when it closes with nothing carried
     names = ["grip", "opens", "let_go"]
     order = [names, ["grip", "let_go", "opens"], ["opens", "grip", "let_go"]][seed % 3]
     times = first * np.cumsum(rng.uniform(0.2, 0.7, 3)) + first * rng.uniform(0.0, 0.9)
@@ -256,7 +272,9 @@ SPRING = {"hold": {"stiffness": 60.0, "damping": 1.0}}
 
 
 @pytest.mark.parametrize(("latch", "at"), [({}, 1.25), (SPRING, 0.9)])
-def test_five_bar_in_space_and_in_independent_coordinates_is_the_planar_one(latch: dict[str, Any], at: float) -> None:
+def test_five_bar_in_space_and_in_independent_coordinates_is_the_planar_one(
+    latch: dict[str, Any], at: float
+) -> None:
     tree = five_bar(**latch)
     tree["deploy"]["latches"][1]["at"] = at
     planar = deployed(tree).summary

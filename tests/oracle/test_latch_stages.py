@@ -44,7 +44,11 @@ class Mast:
 
     def __init__(self, rng: np.random.Generator) -> None:
         self.stages = int(rng.integers(2, 6))
-        self.length, self.mass, self.stiffness = rng.uniform(0.3, 2.0), rng.uniform(0.1, 3.0), rng.uniform(0.2, 4.0)
+        self.length, self.mass, self.stiffness = (
+            rng.uniform(0.3, 2.0),
+            rng.uniform(0.1, 3.0),
+            rng.uniform(0.2, 4.0),
+        )
         self.inertia = self.mass * self.length**2 / rng.uniform(11.0, 14.0)
         self.angles = np.radians([rng.uniform(8, 14), rng.uniform(30, 45), rng.uniform(55, 75)])
 
@@ -68,8 +72,12 @@ class Mast:
             }
             for joint in joints
         ]  # fmt: skip
-        points = {f"p{x}{k}": {"link": f"{x.upper()}{k}", "at": [half, 0, 0]} for x in "ab" for k in range(2, n + 1)}
-        loops = [{"name": f"pin{k}", "type": "revolute", "between": [f"pa{k}", f"pb{k}"]} for k in range(2, n + 1)]
+        points = {
+            f"p{x}{k}": {"link": f"{x.upper()}{k}", "at": [half, 0, 0]} for x in "ab" for k in range(2, n + 1)
+        }
+        loops = [
+            {"name": f"pin{k}", "type": "revolute", "between": [f"pa{k}", f"pb{k}"]} for k in range(2, n + 1)
+        ]
         start = {"a1": float(self.angles[0])} | {
             name: (folded if name[0] == "b" else -folded) for name in parents if name != "a1"
         }
@@ -170,7 +178,8 @@ def array(*names: str, **latch: Any) -> dict[str, Any]:
     """Return three panels without friction on parallel hinges, whose constant torques close latches at 1 rad."""
     axis, torques = [0, 0, 1], {"one": 1.0, "two": 0.3, "three": 0.05}
     joints = [
-        {"name": name, "type": "revolute", "axis": axis, "parent": "base", "link": f"p{name}"} for name in torques
+        {"name": name, "type": "revolute", "axis": axis, "parent": "base", "link": f"p{name}"}
+        for name in torques
     ]
     links = [{"name": f"p{name}", "mass": 0, "inertia": {"zz": 0.5}} for name in torques]
     return {
@@ -205,7 +214,9 @@ def test_waiting_for_what_is_closed_is_refused(until: str, tmp_path: Path) -> No
     kept(array(), tmp_path)
     tree = array() | {"initial": {"from": str(tmp_path)}}
     tree["deploy"]["until"] = until
-    with pytest.raises(SceneError, match=f"deploy.until: {until}.*closed already in the stored run.*allowed: end"):
+    with pytest.raises(
+        SceneError, match=f"deploy.until: {until}.*closed already in the stored run.*allowed: end"
+    ):
         deployed(tree)
     for latch in tree["deploy"]["latches"]:  # it opens, turns back and closes again
         latch["release"] = f"t - {15.0!r}"
@@ -224,7 +235,10 @@ def told_by(tree: dict[str, Any], folder: Path) -> list[str]:
 
 
 def test_two_latches_in_one_place_are_told(tmp_path: Path) -> None:
-    latches = [{"name": "k", "joint": "hinge", "at": 1.2}, {"name": "l", "between": ["base", "panel"], "at": {"hinge": 1.2}}]
+    latches = [
+        {"name": "k", "joint": "hinge", "at": 1.2},
+        {"name": "l", "between": ["base", "panel"], "at": {"hinge": 1.2}},
+    ]
     tree = panel(deploy={"latches": latches})
     (message,) = told_by(tree, tmp_path)
     assert "l: holds joint 'hinge' in the place in which 'k' does" in message

@@ -468,7 +468,14 @@ def test_deployment_goes_on_from_its_first_lock(tmp_path: Path) -> None:
     again["initial"]["from"] = str(tmp_path)
     rest = deployed(again)
     assert rest.status == "locked" and rest.summary["missed"] == {}
-    carried = {"order": 0, "angle": AT, "redundant": False, "rebounds": 0, "closings": 0, "errors": {"angle": 1e-14 * AT}}
+    carried = {
+        "order": 0,
+        "angle": AT,
+        "redundant": False,
+        "rebounds": 0,
+        "closings": 0,
+        "errors": {"angle": 1e-14 * AT},
+    }
     assert rest.summary["locks"]["catch"] == carried
     own, other = rest.summary["locks"]["lower"], whole.summary["locks"]["lower"]
     assert own["time"] == pytest.approx(other["time"], abs=1e-9)

@@ -353,7 +353,9 @@ class Integrator:
                     break
         if not located.roots and high - start <= resolution(start, high):
             # the step is shorter than the clock resolves, so that no trial step can end beyond the root: it is here
-            return start, (Root(seen, start, start, math.copysign(1.0, self.memory.saved_w[DoubleSlot.EVENT_SLOPE])),)
+            return start, (
+                Root(seen, start, start, math.copysign(1.0, self.memory.saved_w[DoubleSlot.EVENT_SLOPE])),
+            )
         if not located.roots and located.time <= start:
             # no motion leads there: take the step, so that its failure is reported
             self._go(high, -1, flush)

@@ -7,10 +7,27 @@ from collections.abc import Sequence
 import numpy as np
 
 from robodyn_cli.equations.contact_joints import ContactJoint
+from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import CapabilityError, NumericalError
 from robodyn_cli.spatial.algebra import Array
 
 MISSED = 1e-6  # what has gone past an event by this part of its scale was missed
+
+
+def refuse_dependent(problem: Problem) -> None:
+    """Refuse joints with a contact state in loops with redundant rows.
+
+    Raises
+    ------
+    CapabilityError
+    """
+    if problem.dependent and problem.contact_joints:
+        raise CapabilityError(
+            f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which "
+            f"needs loops without redundant rows (here {', '.join(problem.dependent[0].rows)} depend on each "
+            "other); allowed: 'transition_speed', and stops with 'stiffness'",
+            joint=problem.contact_joints[0].name,
+        )
 
 
 def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:

@@ -226,7 +226,9 @@ def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dic
     one, two : ``locks`` and ``missed`` of both. factor : times a difference is an error.
     """
     locks, again = dict(one["locks"]), two["locks"]
-    gaps = [abs(lock.speed - again[name].speed) for name, lock in locks.items() if _both(lock, again.get(name))]
+    gaps = [
+        abs(lock.speed - again[name].speed) for name, lock in locks.items() if _both(lock, again.get(name))
+    ]
     apart = BY_CHANCE * factor * max(gaps, default=0.0)
     for name, lock in locks.items():
         if not _both(lock, again.get(name)) or not lock.speed:

@@ -8,7 +8,7 @@ those that close at the same instant do so together, by impulses of least norm w
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -223,8 +223,8 @@ class Latches(LatchStates):
 
     def _order(self, t: float) -> int:
         """Return the order of a closing in this run."""
-        times = [it.time for it in self.closings.values() if it.order]
-        return 1 + sum(time < t for time in times)
+        times = [it.time for it in self.closings.values()]
+        return 1 + sum(time < t for time in times if isinstance(time, float))
 
     def _take(self, t: float, x: Array, k: int, speed: float, order: int) -> None:
         """Note a closing, and put a coordinate exactly where its latch holds it."""

@@ -70,7 +70,7 @@ class Holding(Protocol):
 
 
 class Payloads(Watcher):
-    """The payloads of one run. phase : of each of them. latches : that hold joints beside them, where there are some."""
+    """The payloads of one run. phase : of each of them. latches : that hold joints beside them, if there are any."""
 
     latches: Holding | None = None
     functions: tuple[Change, ...]
@@ -272,8 +272,8 @@ class Payloads(Watcher):
         p = self._p(phase)
         if self.latches is not None:
             p = np.append(p, self.latches.p[len(p) :])
-        groups = self.system.groups(np.array([[t]]), x[None, :], p)
-        return {name: array[0] for name, array in self._kernel.evaluate(1, groups).items()}
+        values = self._kernel.evaluate(1, self.system.at(t, x, p))
+        return {name: array[0] for name, array in values.items()}
 
     def _note(self, t: float, k: int, phase: str, step: PayloadStep) -> None:
         gripped = phase == CARRIED

@@ -16,12 +16,12 @@ import numpy as np
 
 from robodyn_cli.equations.contact_joints import UNBOUNDED, ContactJoint
 from robodyn_cli.equations.problem import Problem
-from robodyn_cli.errors import CapabilityError, NumericalError, SceneError
+from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.formulations.events import Event, Jump, Outcome
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
-from robodyn_cli.motion.contact.checks import check_freedom, refuse_blocked, refuse_missed
+from robodyn_cli.motion.contact.checks import check_freedom, refuse_blocked, refuse_dependent, refuse_missed
 from robodyn_cli.motion.contact.events import (
     HELD,
     STOPS,
@@ -61,13 +61,7 @@ class ContactStates(Watcher):
     slowest = 1.0  # times the rate below which a joint does not bounce any more
 
     def __init__(self, problem: Problem) -> None:
-        if problem.dependent and problem.contact_joints:
-            raise CapabilityError(
-                f"joint {problem.contact_joints[0].name!r} has friction with 'law: set_valued' or a rigid stop, which "
-                f"needs loops without redundant rows (here {', '.join(problem.dependent[0].rows)} depend on each "
-                "other); allowed: 'transition_speed', and stops with 'stiffness'",
-                joint=problem.contact_joints[0].name,
-            )
+        refuse_dependent(problem)
         self.problem = problem
         self.joints = problem.contact_joints
         self.functions = contact_functions(problem, self)
@@ -125,12 +119,8 @@ class ContactStates(Watcher):
         return values["a"][0], values["lam"][0]
 
     def _groups(self, t: float, x: Array) -> dict[str, Array]:
-        """Return the inputs of kernels at a state in the present contact states; combinations of dependent rows are
-        those that suit it."""
-        partition, p = self.system.partition, self.p
-        if partition is not None:
-            p = np.append(p, partition.choose(t, self.system.split(x)[0], None))
-        return self.system.groups(np.array([[t]]), x[None, :], p)
+        """Return the inputs of kernels at a state in the present contact states."""
+        return self.system.at(t, x, self.p)
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:

@@ -69,7 +69,7 @@ class ClosedRuns:
         """Return what the latches did in run k, of the first or of the second runs."""
         names = [row.name for row in self.batch.structure.motion.problem.latches]
         rows = _notes(self.batch, runs)[k].tolist()
-        times = [row[Note.TIME] for row in rows if not math.isnan(row[Note.TIME])]
+        times = {name: row[Note.TIME] for name, row in zip(names, rows) if not math.isnan(row[Note.TIME])}
         locks, missed = {}, {}
         for name, row in zip(names, rows):
             time, *figures = row[: Note.IMPULSE + 1]
@@ -77,12 +77,12 @@ class ClosedRuns:
                 missed[name] = MissedLatch(row[Note.NEAREST], row[Note.NEAREST_TIME], MissedLatchErrors())
                 continue
             angle, speed, lost, impulse = figures
-            order = 1 + sum(x < time for x in times)
+            order = 1 + sum(x < time for x in times.values())
             locks[name] = LatchClosing(order, time, angle, speed, lost, impulse).described(rigid=True)
         if not locks:
             return LatchFacts(locks, missed, None)
-        last = max(locks, key=lambda name: locks[name].time)
-        return LatchFacts(locks, missed, (locks[last].time, runs.w[k, -runs.y.shape[1] :], last))
+        last = max(times, key=times.__getitem__)
+        return LatchFacts(locks, missed, (times[last], runs.w[k, -runs.y.shape[1] :], last))
 
 
 def suits(batch: RunBatch, method: str) -> bool:

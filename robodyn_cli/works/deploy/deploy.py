@@ -170,7 +170,7 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
             key="control",
         )
     if not scene.deploy.latches:
-        refuse_changes(scene, "deploy up to a dead point")
+        refuse_changes(scene, "deploy")
     else:
         scene = dataclasses.replace(scene, latched=True)
         ready, loads = integrable(scene, watch), bool(scene.deploy.loads)
