@@ -239,6 +239,15 @@ def _turning(problem: MechanismParts, loop: Loop) -> tuple[Vector, Scalar]:
     return n @ (second.Jw - first.Jw), dot(n, second.wd - first.wd)
 
 
+def moving(problem: MechanismParts) -> dict[int, Scalar]:
+    """Return for each coordinate that rigid latches may hold, by its place in v, 1 while it moves and 0 else."""
+    moves: dict[int, Scalar] = {}
+    for latch in problem.latches:
+        if latch.rigid and latch.v is not None:
+            moves[latch.v] = moves.get(latch.v, 1.0) - latch.hold
+    return moves
+
+
 def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matrix, Vector, Matrix]:
     """Return M (nv, nv), f (nv,) and rows Psi (m, nv) without the coordinates that rigid latches hold.
 
@@ -248,11 +257,7 @@ def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matri
     if not problem.latches:
         return problem.mass_matrix, vector(list(f)), psi
     M, f, psi = problem.mass_matrix.copy(), vector(list(f)), psi.copy()
-    held: dict[int, Scalar] = {}
-    for latch in problem.latches:
-        if latch.rigid and latch.v is not None:
-            held[latch.v] = held.get(latch.v, 1.0) - latch.hold
-    for v, moves in held.items():
+    for v, moves in moving(problem).items():
         own, M[v] = M[v, v], M[v] * moves
         M[:, v] = M[:, v] * moves
         M[v, v], f[v], psi[:, v] = own, f[v] * moves, psi[:, v] * moves

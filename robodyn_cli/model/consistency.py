@@ -70,8 +70,8 @@ def _doubtful_latches(scene: Scene) -> Iterator[tuple[Path, str, str]]:
             yield (
                 path,
                 latch.name,
-                f"holds joint {held!r} at {at:g}, and {other.name!r} does at {place:g}: whichever closes first keeps the "
-                "other from its position",
+                f"holds joint {held!r} at {at:g}, and {other.name!r} does at {place:g}: whichever closes first keeps "
+                "the other from its position",
             )
 
 

@@ -284,6 +284,33 @@ def test_five_bar_in_space_and_in_independent_coordinates_is_the_planar_one(
         same(deployed(turned(tree, random_turn(np.random.default_rng(seed)))).summary, planar)
 
 
+METHODS = {"generalized_alpha": {"step": 1e-3}, "bdf": {}, "radau9": {}, "dopri5": {}}
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_other_methods_lock_the_same_within_their_errors(method: str) -> None:
+    options = METHODS[method] | {"integrator": method}
+    arm = Arm(np.random.default_rng(3))
+    first = arm.follow({"grip": 50.0, "end": 20.0})["closings"][0][0]
+    moments = {"grip": 0.5 * first, "let_go": 1.5 * first, "opens": 1.7 * first, "end": 2.0 * first}
+    mast = Mast(np.random.default_rng([1, 8])).scene() | {
+        "deploy": {"latches": Mast(np.random.default_rng([1, 8])).latches(1)}
+    }
+    for tree in (five_bar(), arm.scene(moments), mast):
+        tree["simulate"] |= {"rtol": 1e-9, "atol": 1e-11}
+        same(deployed(tree, **options).summary, deployed(tree).summary)
+
+
+def test_what_generalized_alpha_does_not_follow_is_refused() -> None:
+    method = {"integrator": "generalized_alpha", "step": 1e-3}
+    with pytest.raises(RobodynError, match="latch of a closed mechanism has a spring"):
+        deployed(five_bar(**SPRING), **method)
+    tree = five_bar()
+    tree["deploy"]["latches"] = [{"name": "k", "between": ["B", "D"], "when": "t - 1"}]
+    with pytest.raises(RobodynError, match="a rigid latch holds the links of a closure"):
+        deployed(tree, **method)
+
+
 def test_latched_joint_stands_in_independent_coordinates() -> None:
     tree = five_bar()
     tree["deploy"] = {"latches": tree["deploy"]["latches"][:1], "until": "end"}
