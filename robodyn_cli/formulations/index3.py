@@ -59,8 +59,8 @@ class Index3:
         p, constraints = self.problem, self.problem.independent_rows
         psi = constraints.psi(p.model.nv)
         multipliers = p.graph.symbols([f"lambda{k}" for k in range(self.rows)], "l")
-        r = list(p.inverse_dynamics - p.applied)
-        mass, r, psi = without_held(p, r, psi)
+        mass, torques, psi = without_held(p, p.inverse_dynamics - p.applied, psi)
+        r = list(torques)
         for k, moves in moving(p).items():
             r[k] = r[k] + (1.0 - moves) * (p.mass_matrix[k, k] * p.a[k])
         for row, multiplier in zip(psi, multipliers):

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import TYPE_CHECKING
 
 from robodyn_cli.errors import SceneError
 from robodyn_cli.joints.registry import joint_types
-from robodyn_cli.scene.nested_options import DeployLatch
 from robodyn_cli.scene.types import Inertia, Link, Scene
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.nested_options import DeployLatch
 
 Path = tuple[str | int, ...]  # of keys, as in ``scene.text.nodes``
 
@@ -44,7 +47,8 @@ def _doubtful_latches(scene: Scene) -> Iterator[tuple[Path, str, str]]:
     """Yield rigid latches that hold a joint, by its position, which another one holds too."""
     from robodyn_cli.model.build import moved_link, parent_link
 
-    robot, own = scene.robot, dict[str, tuple[DeployLatch, float]]()
+    own: dict[str, tuple[DeployLatch, float]] = {}
+    robot = scene.robot
     links = {
         frozenset((parent_link(robot, k), moved_link(robot, k))): joint.name
         for k, joint in enumerate(robot.joints)
