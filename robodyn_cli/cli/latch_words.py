@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -12,16 +13,22 @@ from robodyn_cli.summaries.facts import IMPULSE, LOAD
 def latch_lines(summary: Mapping[str, Any]) -> list[str]:
     """Return lines about several latches: what each did, in the order in which they closed, and which stay open."""
     lines = []
-    for name, own in sorted(summary.get("locks", {}).items(), key=lambda item: float(item[1]["time"])):
+    for name, own in sorted(
+        summary.get("locks", {}).items(), key=lambda item: float(item[1].get("time", -math.inf))
+    ):
         bound = bound_text(own.get("errors", {}).get("time"))
-        parts = [f"energy lost {number(own['energy_lost'])} J"]
+        parts = [f"closes at t = {own['time']:.9g}{bound} s" if "time" in own else "closed from the start on"]
+        if "energy_lost" in own:
+            parts.append(f"energy lost {number(own['energy_lost'])} J")
         if "peak_moment" in own:
             parts.append(f"bears up to {number(own['peak_moment'])} {LOAD(own['unit'])}")
         elif "angular_impulse" in own:
             parts.append(f"impulse {number(own['angular_impulse'])} {IMPULSE(own['unit'])}")
+        if own["redundant"]:
+            parts.append("redundant")
         if "opened" in own:
             parts.append(f"open again from t = {number(own['opened'])} s on")
-        lines.append(f"  {name:<18} closes at t = {own['time']:.9g}{bound} s, {', '.join(parts)}")
+        lines.append(f"  {name:<18} {', '.join(parts)}")
     for name, own in summary.get("missed", {}).items():
         near = f"{number(own['nearest'])} {own['unit']}".rstrip()
         told = "" if own["time"] is None else f", nearest at t = {number(own['time'])} s: {near} off"

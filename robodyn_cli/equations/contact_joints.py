@@ -45,6 +45,11 @@ class ContactJoint:
     limits: Limits | None = None
 
     @property
+    def end(self) -> int:
+        """The place behind its last parameter."""
+        return self.place + len(FIELDS)
+
+    @property
     def breakaway(self) -> tuple[float, float]:
         """Largest friction torques at rest against motion forwards and backwards, both >= 0."""
         return (0.0, 0.0) if self.friction is None else self.friction.breakaway(self.gear_ratio)
@@ -121,9 +126,9 @@ def _contacts(forces: Sequence[JointForce]) -> tuple[Friction | None, Limits | N
     return friction, limits
 
 
-def moving_freely(held: Sequence[Any]) -> tuple[float, ...]:
+def moving_freely(held: Sequence[Any], carried: Sequence[float] = ()) -> tuple[float, ...]:
     """Return the parameters p with which every joint moves freely, without Coulomb friction; () for no joints.
 
-    held : joints with a contact state, and latches, which are open.
+    held : joints with a contact state, and latches, which are open. carried : parameters of payloads, which come first.
     """
-    return (0.0,) * (held[-1].place + len(FIELDS)) if held else ()
+    return (*carried, *(0.0,) * (held[-1].end - len(carried) if held else 0))

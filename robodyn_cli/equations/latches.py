@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 TOGETHER = 1e-10  # s, or part of the time: latches that would close so soon after one another close together
 # closed : 1 where it is. hold : 1 where its row is solved with; others may hold it already. direction, rest : s, rest
-FIELDS = ("closed", "hold", "direction", "rest")
+# near : of an open one in its position, how far it has to leave that before it can close; -1 where nothing can move;
+# else 0
+FIELDS = ("closed", "hold", "direction", "rest", "near")
 
 
 @record
@@ -49,6 +51,7 @@ class LatchRow:
     hold: Scalar
     direction: Scalar
     rest: Scalar
+    near: Scalar
     psi: Vector
     gamma: Scalar
     q: int | None
@@ -60,6 +63,11 @@ class LatchRow:
     @property
     def name(self) -> str:
         return self.spec.name
+
+    @property
+    def end(self) -> int:
+        """The place behind its last parameter."""
+        return self.place + len(FIELDS)
 
     @property
     def rigid(self) -> bool:
@@ -150,7 +158,7 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
     for k, given in enumerate(problem.scene.deploy.latches):
         spec = placed(given, f"deploy.latches.{given.name}")
         place = first + len(FIELDS) * k
-        closed, hold, direction, rest = (
+        closed, hold, direction, rest, near = (
             model.graph.symbol(f"{spec.name}.{name}", PARAMETER_GROUP, place + i)
             for i, name in enumerate(FIELDS)
         )
@@ -163,6 +171,7 @@ def latch_rows(problem: MechanismParts) -> tuple[LatchRow, ...]:
                 hold,
                 direction,
                 rest,
+                near,
                 *_held(problem, spec),
                 *_closes(problem, spec),
                 opens,
@@ -177,20 +186,9 @@ def _closes(problem: MechanismParts, spec: DeployLatch) -> tuple[int | None, Sca
         return None, spec.when.evaluate(problem.environment)
     if spec.at_dead_point:
         return None, None
-    name, at = closing_position(problem.scene.robot, spec)
+    name, at = spec.position(problem.scene.robot)
     model = problem.model
     return model.v_names.index(name), problem.q[model.q_names.index(name)] - at
-
-
-def closing_position(robot: Any, spec: DeployLatch) -> tuple[str, float]:
-    """Return the coordinate whose position closes a latch, and that position [rad or m]."""
-    if isinstance(spec.at, float):
-        return str(spec.joint), spec.at
-    if spec.at:
-        ((name, at),) = spec.at.items()
-        return name, at
-    ((name, side),) = spec.at_limit.items()
-    return name, getattr(robot.limits_of(name), side)
 
 
 def _held(problem: MechanismParts, spec: DeployLatch) -> tuple[Vector, Scalar, int | None, int | None]:
@@ -249,6 +247,15 @@ def _turning(problem: MechanismParts, loop: Loop) -> tuple[Vector, Scalar]:
     return n @ (second.Jw - first.Jw), dot(n, second.wd - first.wd)
 
 
+def moving(problem: MechanismParts) -> dict[int, Scalar]:
+    """Return for each coordinate that rigid latches may hold, by its place in v, 1 while it moves and 0 else."""
+    moves: dict[int, Scalar] = {}
+    for latch in problem.latches:
+        if latch.rigid and latch.v is not None:
+            moves[latch.v] = moves.get(latch.v, 1.0) - latch.hold
+    return moves
+
+
 def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matrix, Vector, Matrix]:
     """Return M (nv, nv), f (nv,) and rows Psi (m, nv) without the coordinates that rigid latches hold.
 
@@ -258,11 +265,7 @@ def without_held(problem: MechanismParts, f: Values, psi: Matrix) -> tuple[Matri
     if not problem.latches:
         return problem.mass_matrix, vector(list(f)), psi
     M, f, psi = problem.mass_matrix.copy(), vector(list(f)), psi.copy()
-    held: dict[int, Scalar] = {}
-    for latch in problem.latches:
-        if latch.rigid and latch.v is not None:
-            held[latch.v] = held.get(latch.v, 1.0) - latch.hold
-    for v, moves in held.items():
+    for v, moves in moving(problem).items():
         own, M[v] = M[v, v], M[v] * moves
         M[:, v] = M[:, v] * moves
         M[v, v], f[v], psi[:, v] = own, f[v] * moves, psi[:, v] * moves
@@ -291,7 +294,7 @@ def latch_loads(problem: Any) -> list[Scalar]:
     """
     rows, _, _ = held_rows(problem)
     closures = iter(problem.holding[len(problem.contact_joints) :])
-    bearing = np.concatenate([problem.independent_rows.psi(problem.model.nv), rows])
+    bearing = np.concatenate([problem.psi, rows])
     multipliers = [*problem.forward.lam, *problem.holding]
     f = problem.applied - problem.bias
     loads = []
@@ -321,11 +324,9 @@ def refuse_company(problem: MechanismParts) -> None:
         "'at_dead_point' in an open chain, which has none": dead_points and not model.closures,
         "'at_dead_point' and prescribed motion together; allowed: criterion: dead_point": dead_points
         and bool(scene.prescribed),
-        "loops with redundant rows, whose loads are not unique; allowed: loops in their plane": problem.dependent,
-        "'simulate.singular: pass'; allowed: stop": scene.simulate.singular == "pass",
-        "payloads that are gripped or released": model.switched,
-        "joints whose motion is prescribed, in one that it holds": any(
-            row.q is not None and model.q_names[row.q] in scene.prescribed for row in problem.latches
+        "joints whose motion is prescribed, in a rigid one that holds such; allowed: a spring": any(
+            row.rigid and row.q is not None and model.q_names[row.q] in scene.prescribed
+            for row in problem.latches
         ),
     }
     for words, there in reasons.items():

@@ -203,7 +203,12 @@ class Problem:
     @property
     def at_start(self) -> tuple[float, ...]:
         """The parameters p at t = 0, with all joints moving freely and all latches open."""
-        return self.model.switched or moving_freely((*self.contact_joints, *self.latches))
+        return moving_freely((*self.contact_joints, *self.latches), self.model.switched)
+
+    @property
+    def parameter_count(self) -> int:
+        """How many parameters p there are before those that a partition chooses."""
+        return max(len(self.at_start), len(self.model.parameters))
 
     @cached_property
     def elements(self) -> Elements:
@@ -286,7 +291,7 @@ class Problem:
             return []
         from robodyn_cli.equations.constraints import combinations
 
-        return combinations(self.graph, self.dependent, self.constraints.names, len(self.at_start))
+        return combinations(self.graph, self.dependent, self.constraints.names, self.parameter_count)
 
     @cached_property
     def independent_rows(self) -> Constraints:
@@ -322,11 +327,6 @@ class Problem:
 
     # -- forward dynamics -----------------------------------------------------------------------------
     @property
-    def has_multipliers(self) -> bool:
-        """Whether constraints or held joints act on the accelerations."""
-        return bool(self.constraints.rows or self.is_held)
-
-    @property
     def is_held(self) -> bool:
         """Whether parameters hold and release parts of the mechanism: joints with a contact state, and latches."""
         return bool(self.contact_joints or self.latches)
@@ -351,7 +351,7 @@ class Problem:
         from robodyn_cli.algorithms.constraints import Multipliers, solve_with_multipliers
 
         f = (self.applied if applied is None else applied) - self.bias
-        if not self.has_multipliers:
+        if not (self.constraints.rows or self.is_held):
             return Multipliers(self.free_accelerations(f), zeros(0)), []
         from robodyn_cli.equations.latches import held_rows, without_held
 

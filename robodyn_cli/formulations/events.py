@@ -144,6 +144,11 @@ class EventFunction:
         return None
 
     @property
+    def turns_motion(self) -> bool:
+        """Whether the motion goes on otherwise than it does without the event."""
+        return self.kind in (EventKind.CONTACT, EventKind.PAYLOAD)
+
+    @property
     def is_discontinuity(self) -> bool:
         """Whether the right-hand side or its slope jumps where the function is zero."""
         return self.kind is EventKind.DISCONTINUITY

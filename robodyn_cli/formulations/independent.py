@@ -38,6 +38,7 @@ from robodyn_cli.model.model import PARAMETER_GROUP
 from robodyn_cli.spatial.algebra import Array, Matrix, vector, zeros
 
 NEWTON_STEPS = 2
+HELD = 1e-3  # times the size of a column in the choice, of a coordinate that a latch may hold
 WORN = 0.1  # of the closeness to losing rank at the choice: below it, the choice is made anew
 
 
@@ -49,7 +50,7 @@ class CoordinatePartition(Partition):
 
     def __init__(self, problem: Problem) -> None:
         nv = problem.model.nv
-        self.first = len(problem.model.parameters)
+        self.first = problem.parameter_count
         self.count = nv + 1
         self.rows = problem.independent_rows.psi(nv)
         self.shape = self.rows.shape
@@ -57,6 +58,9 @@ class CoordinatePartition(Partition):
         w = [problem.graph.symbol(f"w[{k}]", PARAMETER_GROUP, self.first + k) for k in range(nv)]
         self.threshold = problem.graph.symbol(f"w[{nv}]", PARAMETER_GROUP, self.first + nv)
         self.masked = _masked(self.rows, w)
+        # what a latch may hold is independent as long as others can depend, or it would stand but for their errors
+        held = [row.v for row in problem.latches if row.rigid and row.v is not None]
+        self.weights = np.where(np.isin(np.arange(nv), held), HELD, 1.0)
 
     @property
     def functions(self) -> tuple[EventFunction, ...]:
@@ -74,7 +78,7 @@ class CoordinatePartition(Partition):
         rest = psi.copy()
         for _ in range(self.shape[0]):
             size = np.linalg.norm(rest, axis=0) * (1.0 - w)
-            k = int(np.argmax(size))
+            k = int(np.argmax(size * self.weights))
             w[k] = 1.0
             if size[k] > 0.0:
                 axis = rest[:, k] / size[k]
@@ -88,10 +92,10 @@ def independent(problem: Problem, z_rate: Sequence[Scalar], asked: object = None
 
     Raises
     ------
-    CapabilityError : rows depend on each other, or joints stick, slip or latch: their parameters change on the way.
+    CapabilityError : rows depend on each other, or joints stick and slip: their parameters change on the way.
     """
-    if problem.dependent or problem.is_held:
-        why = "redundant rows" if problem.dependent else "joints that stick, meet rigid stops or latch"
+    if problem.dependent or problem.contact_joints:
+        why = "redundant rows" if problem.dependent else "joints that stick or meet rigid stops"
         raise CapabilityError(
             f"simulate.stabilisation: independent coordinates do not go with {why}; allowed: projection, none, "
             "Baumgarte's {alpha, beta}"
@@ -139,7 +143,7 @@ class RowCombinations(Partition):
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self.groups = [(c, c.W.shape[0]) for c in problem.combinations]
-        self.first = len(problem.at_start)
+        self.first = problem.parameter_count
         self.count = sum(group.numbers for group in problem.dependent)
         self.shape = problem.psi.shape
         self.psi = Evaluator(list(problem.psi.ravel()))

@@ -18,6 +18,7 @@ from collections.abc import Sequence
 from functools import cached_property
 
 from robodyn_cli.algorithms.linear import LuFactor
+from robodyn_cli.equations.latches import moving, without_held
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import jacobian
 from robodyn_cli.expr.graph import Expr, Graph, Scalar, free_symbols
@@ -42,20 +43,32 @@ class Index3:
     def rows(self) -> int:
         return len(self.problem.independent_rows.rows)
 
+    @property
+    def obstacle(self) -> str:
+        """What of a mechanism index 3 does not take, "" where there is nothing."""
+        if any(latch.rigid and latch.v is None for latch in self.problem.latches):
+            return "a rigid latch holds the links of a closure, of whose turn no position is known"
+        if (
+            self.problem.sprung
+        ):  # with steps as short as it takes to come there, rounding of eta / g_q is large
+            return "a latch of a closed mechanism has a spring, whose contacts are met by steps too short for index 3"
+        return ""
+
     @cached_property
     def program(self) -> Program:
         p, constraints = self.problem, self.problem.independent_rows
         psi = constraints.psi(p.model.nv)
         multipliers = p.graph.symbols([f"lambda{k}" for k in range(self.rows)], "l")
-        r = list(p.inverse_dynamics - p.applied)
+        mass, torques, psi = without_held(p, p.inverse_dynamics - p.applied, psi)
+        r = list(torques)
+        for k, moves in moving(p).items():
+            r[k] = r[k] + (1.0 - moves) * (p.mass_matrix[k, k] * p.a[k])
         for row, multiplier in zip(psi, multipliers):
             r = [total - x * multiplier for total, x in zip(r, row)]
         g = weights(p.graph)
         columns: list[Column] = [(x, k, g[0]) for k, x in enumerate(p.q)]
         columns += [(x, k, g[1]) for k, x in enumerate(p.v)]
-        return newton_step(
-            r, p.mass_matrix, columns, psi, [e / g[0] for e in constraints.eta], p.elimination_order
-        )
+        return newton_step(r, mass, columns, psi, [e / g[0] for e in constraints.eta], p.elimination_order)
 
 
 def first_order_step(f: Sequence[Scalar], nv: int) -> Program:

@@ -191,11 +191,18 @@ class System:
         q, v, z = np.split(x, [self.nq, self.nq + self.nv], axis=-1)
         return {"t": t, "q": q, "v": v, "z": z, "p": p}
 
-    def parameters_at(self, t: float, q: NDArray[Any]) -> NDArray[np.float64]:
-        """Return the parameters p that a run starts with at q (nq,): those given, or what the partition chooses."""
-        if self.partition is None:
-            return np.array(self.parameters or [0.0])
-        return np.concatenate([np.zeros(self.partition.first), self.partition.choose(t, q, None)])
+    def parameters_at(
+        self, t: float, q: NDArray[Any], given: NDArray[Any] | None = None
+    ) -> NDArray[np.float64]:
+        """Return the parameters p at q (nq,): those given, by default of a start, and what the partition chooses."""
+        own = np.array(self.parameters if given is None else given, dtype=float)
+        if self.partition is not None:
+            own = np.append(own, self.partition.choose(t, q, None))
+        return own if len(own) else np.zeros(1)
+
+    def at(self, t: float, x: NDArray[Any], p: NDArray[Any]) -> dict[str, Any]:
+        """Return the inputs of kernels at one state (nx,), with these parameters beside those of the partition."""
+        return self.groups(np.array([[t]]), x[None, :], self.parameters_at(t, self.split(x)[0], p))
 
     def watched_by(self, owner_of: Callable[[EventFunction], Owner | None]) -> System:
         """Return the system with other owners of its events, without those that ``owner_of`` gives none for."""

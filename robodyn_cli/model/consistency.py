@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
 from robodyn_cli.errors import SceneError
 from robodyn_cli.joints.registry import joint_types
 from robodyn_cli.scene.types import Inertia, Link, Scene
+
+if TYPE_CHECKING:
+    from robodyn_cli.scene.nested_options import DeployLatch
 
 Path = tuple[str | int, ...]  # of keys, as in ``scene.text.nodes``
 
@@ -24,13 +30,53 @@ def refuse_immovable(scene: Scene) -> None:
 
 
 def physical_warnings(scene: Scene) -> list[str]:
-    """List what is doubtful about the bodies: what the loader found, and inertias that cannot be.
+    """List what is doubtful: what the loader found, latches in each other's way, and inertias that cannot be.
 
     Those are not positive semi-definite or violate the triangle inequality. Only given data are judged; a planar scene
     that gives ``zz`` alone is fine.
     """
-    bodies = [f"{name}: {text}" for _, name, text in doubtful_bodies(scene)]
-    return [*scene.warnings, *bodies]
+    return [*scene.warnings, *(f"{name}: {text}" for _, name, text in doubtful_parts(scene))]
+
+
+def doubtful_parts(scene: Scene) -> list[tuple[Path, str, str]]:
+    """List what is wrong with bodies and latches: the place in the scene, the name, and what it is."""
+    return [*doubtful_bodies(scene), *(_doubtful_latches(scene) if scene.deploy.latches else ())]
+
+
+def _doubtful_latches(scene: Scene) -> Iterator[tuple[Path, str, str]]:
+    """Yield rigid latches that hold a joint, by its position, which another one holds too."""
+    from robodyn_cli.model.build import moved_link, parent_link
+
+    own: dict[str, tuple[DeployLatch, float]] = {}
+    robot = scene.robot
+    links = {
+        frozenset((parent_link(robot, k), moved_link(robot, k))): joint.name
+        for k, joint in enumerate(robot.joints)
+    }
+    for k, latch in enumerate(scene.deploy.latches):
+        if latch.hold != "rigid" or latch.at_dead_point or latch.when is not None:
+            continue
+        held = latch.joint or links.get(frozenset(latch.between or ()))
+        name, at = latch.position(robot)
+        if held != name:
+            continue
+        other, place = own.setdefault(held, (latch, at))
+        if other is latch:
+            continue
+        path = ("deploy", "latches", k)
+        if place == at:
+            yield (
+                path,
+                latch.name,
+                f"holds joint {held!r} in the place in which {other.name!r} does: it bears nothing",
+            )
+        elif latch.release is None and other.release is None:
+            yield (
+                path,
+                latch.name,
+                f"holds joint {held!r} at {at:g}, and {other.name!r} does at {place:g}: whichever closes first keeps "
+                "the other from its position",
+            )
 
 
 def doubtful_bodies(scene: Scene) -> list[tuple[Path, str, str]]:

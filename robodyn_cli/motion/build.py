@@ -28,34 +28,32 @@ AUTOMATIC = "baumgarte"
 
 def follow_motion(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of a simulation: loss of rank (a stop, or a pose to pass), contact states, limits."""
-    watchers: list[Watcher] = []
-    if problem.model.closures:
-        from robodyn_cli.motion.singular.rank_loss import Passage, RankLoss
-
-        stops = problem.scene.simulate.singular == "stop"
-        watchers.append(RankLoss(problem) if stops else Passage(problem))
-    watchers += contact_watchers(problem)
-    if problem.model.switched:
-        watchers += payload_watchers(problem)
+    watchers = [*rank_watchers(problem), *contact_watchers(problem), *payload_watchers(problem)]
     own = [watcher for watcher in watchers if watcher.functions or watcher.changes_motion]
     return [*own, *limit_watchers(problem)] if problem.scene.robot.limited else own
 
 
 def follow_latches(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
-    """Return the watchers of a motion with latches: loss of rank, contact states and latches together, limits."""
+    """Return the watchers of a motion with latches: loss of rank, payloads, contacts and latches together, limits."""
     from robodyn_cli.motion.contact.latches import Latches
 
-    own: list[Watcher] = [Latches(problem, passive)]
-    if problem.model.closures:
-        from robodyn_cli.motion.singular.rank_loss import RankLoss
-
-        own.insert(0, RankLoss(problem))
-    return [*own, *limit_watchers(problem)]
+    own = Latches(problem, passive)  # which takes over what payloads have found out at the start
+    return [*rank_watchers(problem), *payload_watchers(problem), own, *limit_watchers(problem)]
 
 
 def follow_changes(problem: Problem, passive: Sequence[int]) -> list[Watcher]:
     """Return the watchers of what changes a motion: poses to pass, and contact states."""
     return [watcher for watcher in follow_motion(problem, passive) if watcher.changes_motion]
+
+
+def rank_watchers(problem: Problem) -> list[Watcher]:
+    """Return the watcher of poses in which loops lose rank, where there are loops."""
+    if not problem.model.closures:
+        return []
+    from robodyn_cli.motion.singular.rank_loss import Passage, RankLoss
+
+    stops = problem.scene.simulate.singular == "stop"
+    return [RankLoss(problem) if stops else Passage(problem)]
 
 
 def contact_watchers(problem: Problem) -> list[Watcher]:

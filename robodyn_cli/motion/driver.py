@@ -95,6 +95,8 @@ class Driver:
     ) -> None:
         self.system, self.options = system, options
         self.watchers = tuple(watchers)
+        for watcher in self.watchers:
+            watcher.meet(self.watchers)
         self.supervisor = supervisor
         self.given = parameters
         self.tick: Callable[[float], None] | None = None

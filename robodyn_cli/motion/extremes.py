@@ -46,7 +46,7 @@ from robodyn_cli.summaries.motion import MotionErrors
 IN_STEP, FEWEST_IN_STEP = 64, 8  # samples: steps of high order are long
 STRETCHES = 512  # of uniform samples, which are of several steps in a long run
 MANY, MOST = 2**15, 2**17  # samples, beyond which steps have fewer, and those of the fewest
-NEAR = 1e-3  # of the way between samples: one that is so near to a state at an event says no more
+NEAR = 0.1  # of the way between samples: one that is so near to a state at an event says no more
 ROUNDED = 1e-14  # of a time
 
 
@@ -287,9 +287,7 @@ class RecordedMotion:
             ended = driver.integrator.advance(run.end, every)
         begin, end = run.beginning.time, run.end
         times = np.unique([begin, *ended, *(event[0] for event in driver.met), *self._cuts(run), end])
-        times = times[(times >= begin) & (times <= end)]
-        apart = np.diff(times) > ROUNDED * max(abs(begin), abs(end))
-        return Steps(times[np.append(apart, True)], driver.counters.steps)
+        return Steps(times[(times >= begin) & (times <= end)], driver.counters.steps)
 
     @cached_property
     def _of_signals(self) -> list[float]:
@@ -322,11 +320,14 @@ class RecordedMotion:
         stretches, count = max(len(steps.knots) - 1, 1), max(steps.count, 1)
         in_step = min(max(MANY / count, 2 * FEWEST_IN_STEP), IN_STEP) * max(1.0, count / stretches)
         inside = 8 * max(1, round(min(in_step, MOST / stretches) / 8))
+        # samples of steps right behind an event may be as near as roundings, and say nothing beside each other
+        apart = np.diff(steps.knots) > inside * ROUNDED * float(np.abs(steps.knots).max())
+        knots = steps.knots[np.append(apart, True)]
         blocks: list[Block] = []
         met: list[Met] = []
         driver.met = met
         start()
-        grid = Grid.between(steps.knots, inside)
+        grid = Grid.between(knots, inside)
         driver.run(run.end, grid, lambda t, x: blocks.append((t, x, driver.parameters)), watch=watch)
         stopped = bool(met) and met[-1][0] == driver.time
         ends = run.beginning.time, driver.time if stopped else run.end
@@ -343,19 +344,24 @@ def pieces(times: Array, values: Array, cuts: Sequence[Cut], ends: tuple[float, 
     for (begin, _, first), (end, last, _) in itertools.pairwise(bounds):
         inside = slice(np.searchsorted(times, begin), np.searchsorted(times, end + rounding, side="right"))
         t, y = times[inside], values[inside]
-        near = NEAR * float(t[-1] - t[0]) / (len(t) - 1) if len(t) > 2 else rounding
         # of a sample at a cut it is not known of which side it is
-        kept = (t > begin + (near if first is not None else rounding)) | (begin == ends[0])
-        kept &= (t < end - (near if last is not None else rounding)) | (end == ends[1])
+        kept = (t > begin + rounding) | ((begin == ends[0]) & (first is None))
+        kept &= (t < end - rounding) | (end == ends[1])
+        t, y = t[kept], y[kept]
+        if len(t) > 1:
+            kept = np.ones(len(t), dtype=bool)
+            kept[0] = first is None or t[0] - begin > NEAR * (t[1] - t[0])
+            kept[-1] = last is None or end - t[-1] > NEAR * (t[-1] - t[-2])
+            t, y = t[kept], y[kept]
         known = [(begin, first)] * (first is not None) + [(end, last)] * (
-            last is not None and end > begin + near
+            last is not None and end > begin + rounding
         )
         parts = [*((np.array([at]), value[None]) for at, value in known[:1] if at == begin)]
-        parts.append((t[kept], y[kept]))
+        parts.append((t, y))
         parts += [(np.array([at]), value[None]) for at, value in known if at != begin]
         t, y = (np.concatenate(arrays) for arrays in zip(*parts))
-        if len(t):
-            yield t, y, begin, end
+        if len(t):  # one from event to event within rounding is an instant
+            yield t, y, begin, end if end > begin + rounding else begin
 
 
 def extremes_over(motions: Sequence[RecordedMotion], names: Sequence[str]) -> dict[str, Extremes]:

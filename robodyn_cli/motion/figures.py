@@ -148,7 +148,8 @@ def _with_loads_of_latches(summary: MotionSummary, found: RunExtremes) -> Motion
     locks = dict(summary.locks)
     for name, lock in locks.items():
         load = found.extremes.get(f"latch_loads.{name}")
-        if load is None or lock.angular_impulse is ABSENT or lock.errors is ABSENT:
+        is_rigid = lock.angular_impulse is not ABSENT or (not lock.order and lock.peak_moment is ABSENT)
+        if load is None or not is_rigid or lock.errors is ABSENT:
             continue
         side = "largest" if load.largest >= -load.smallest else "smallest"
         peak, error = getattr(load, side), getattr(load.errors, side)

@@ -16,7 +16,7 @@ import contextlib
 import dataclasses
 import json
 import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -237,9 +237,22 @@ class Stored:
                 f"latches that were closed and that this scene does not have, so they are open: {_listed(opened)}"
             )
         if latches is not None:
+            self._refuse_end(motion.scene, closed)
             latches.given = closed
         self._check_loops(motion.problem, q, v)
         return Beginning(self.time, system.join(q, v, self._further(system)), tuple(told))
+
+    def _refuse_end(self, scene: Scene, closed: Collection[str]) -> None:
+        """Refuse a deployment that waits for what is closed already and does not open."""
+        until = scene.deploy.until
+        waited = [latch for latch in scene.deploy.latches if until in ("all", latch.name)]
+        if waited and all(latch.name in closed and latch.release is None for latch in waited):
+            named = until if until != "all" else f"all ({_listed(tuple(latch.name for latch in waited))})"
+            raise SceneError(
+                f"{scene.path}: deploy.until: {named}: closed already in the stored run, at {self.time:g} s, and "
+                "nothing opens it; allowed: end, or a latch that is open there or has a 'release'",
+                file=scene.path, key="deploy.until",
+            )  # fmt: skip
 
     def _columns(self, quantity: str, names: Sequence[str], needed: Sequence[str], row: Array) -> Array:
         """Return the columns that a scene needs; a deployment may have others, of joints that are gone."""
@@ -266,7 +279,7 @@ class Stored:
         """Return the latches that are closed at the sample, by name, with the event at which each closed."""
         closed: dict[str, Mapping[str, Any]] = {}
         for event in self.events:
-            if event["kind"] in ("latched", "held") and event["time"] <= self.time:
+            if event["kind"] in ("latched", "carried") and event["time"] <= self.time:
                 closed[event["name"]] = event
             elif event["kind"] == "opened" and event["time"] <= self.time:
                 closed.pop(event["name"], None)

@@ -88,6 +88,9 @@ class Watcher:
     def follow(self, motion: Motion) -> None:
         """Take the motion, once it is built."""
 
+    def meet(self, others: Sequence[Watcher]) -> None:
+        """Take note of who follows the same integration."""
+
     def begin(self, t: float, x: Array, options: Options) -> Array:
         """Look at the state x (nx,) that a run with such options starts from; return the one to start from instead."""
         return x

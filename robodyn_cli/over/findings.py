@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import RobodynError, SceneError
-from robodyn_cli.model.consistency import doubtful_bodies
+from robodyn_cli.model.consistency import doubtful_parts
 from robodyn_cli.over.commands import check, command_of, owners, place
 from robodyn_cli.over.plan.text import listed_data
 from robodyn_cli.scene.checks.check import key_place
@@ -43,7 +43,7 @@ def _place(error: RobodynError) -> dict[str, Any]:
 
 def _physical(scene: Scene, root: Node) -> list[SceneError]:
     errors = [SceneError(text) for text in scene.warnings]
-    errors += [_at(root, path, f"{name}: {text}") for path, name, text in doubtful_bodies(scene)]
+    errors += [_at(root, path, f"{name}: {text}") for path, name, text in doubtful_parts(scene)]
     return errors
 
 

@@ -101,7 +101,7 @@ def refuse_changes(scene: Scene, command: str) -> None:
             raise CapabilityError(
                 f"{scene.path}: payloads.{k}: {command} does not follow masses that are gripped or released (here "
                 f"{payload.name!r}); allowed: payloads without 'from' and 'until', and with them the commands "
-                "simulate, inverse and work-precision",
+                "simulate, inverse, work-precision, and deploy with latches",
                 key=f"payloads.{k}",
             )
 

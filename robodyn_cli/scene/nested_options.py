@@ -277,6 +277,16 @@ class DeployLatch:
         given = {name: getattr(self, name) for name in CONDITIONS}
         return tuple(name for name, x in given.items() if x is not None and x is not False and x != {})
 
+    def position(self, robot: Any) -> tuple[str, float]:
+        """Return the coordinate whose position closes it, and that position [rad or m]."""
+        if isinstance(self.at, float):
+            return str(self.joint), self.at
+        if self.at:
+            ((name, at),) = self.at.items()
+            return name, at
+        ((name, side),) = self.at_limit.items()
+        return name, getattr(robot.limits_of(name), side)
+
 
 @record
 class Correlation:

@@ -225,16 +225,21 @@ class LatchLockErrors:
 class LatchLock:
     """What one of several latches did when it closed, the last time where it did so more often."""
 
-    order: int = fact("1 for the first to close; latches that close together have the same")
-    time: float = fact("when it closed", "s", errors=(".errors.time",))
+    order: int = fact(
+        "1 for the first to close; latches that close together have the same; 0: that of `initial.from` had closed it, "
+        "and this run tells what it did since"
+    )
+    time: float | Absent = fact("when it closed", "s", errors=(".errors.time",), default=ABSENT)
     angle: float | Absent = fact(
         "position of the joint that it holds; not of two links that a closure joins",
         OWN, errors=(".errors.angle",), default=ABSENT,
     )  # fmt: skip
-    speed: float = fact("rate of what it holds, right before", RATE, errors=(".errors.speed",), default=0.0)
-    energy_lost: float = fact(
+    speed: float | Absent = fact(
+        "rate of what it holds, right before", RATE, errors=(".errors.speed",), default=ABSENT
+    )
+    energy_lost: float | Absent = fact(
         "that the impact cost; of latches that close together, that of all of them",
-        "J", errors=(".errors.energy_lost",), default=0.0,
+        "J", errors=(".errors.energy_lost",), default=ABSENT,
     )  # fmt: skip
     angular_impulse: float | Absent = fact(
         "of a rigid one: its impulse, along a sliding joint in N s; of latches that close together and hold the same, "
@@ -248,6 +253,11 @@ class LatchLock:
     )  # fmt: skip
     peak_time: float | Absent = fact(
         "when its load is largest", "s", errors=(".errors.peak_time",), default=ABSENT
+    )
+    redundant: bool = fact(
+        "whether loops, or latches that closed before or with it, held already what it holds when it closed: then it "
+        "bears nothing as long as they do, and its impulse is a share of least norm",
+        default=False,
     )
     rebounds: int = fact("of one with a spring: how often it was left again", default=0)
     closings: int = fact("how often it closed", default=1)

@@ -37,9 +37,9 @@ REASONS: dict[str, str] = {
     r"its actuated joints \(.*\) command|the driven joints \(.*\) command|needs as many driven joints as degrees":
         "in a mechanism as many independent joints are driven as there are degrees of freedom",
     r"degrees of freedom left by loops": "no more joints stick than there are freedoms",
-    r"deploy.latches: latch '\w+' (cannot hold|has a spring)":
+    r"deploy.latches: latch '\w+' (cannot hold|has a spring)|latch holds the links of a closure|latch of a closed mechanism has a spring":
         "a latch holds a joint of one axis, or links that a closure of type `revolute` joins, with a spring where joints turn about parallel axes",
-    r"deploy.latches: does not go with": "latches go with loops in their plane and `singular: stop`, and hold no prescribed joint",
+    r"deploy.latches: does not go with": "rigid latches hold no prescribed joint, and dead points that close latches need loops that nothing prescribes",
     # kinematic design
     r"do not move in one plane|does not move in a plane|does not turn about one axis|kinematics.design.*does not move":
         "kinematic design is that of motions in a plane",
@@ -48,7 +48,7 @@ REASONS: dict[str, str] = {
     # payloads
     r"which is gripped or released, does not go with": "payloads do not come and go beside rigid stops, sticking and `singular: pass`",
     r"does not follow masses that are gripped or released|'fastest' chooses the times|payload.*'singular: pass'|payloads that come":
-        "payloads come and go in `inverse` and `simulate` alone, not in `fastest` or beside `singular: pass`",
+        "payloads come and go in `inverse`, `simulate` and `deploy` with `latches`, not in `fastest` or beside `singular: pass`",
     r"the motion is given in 'inverse'": "`inverse` grips and releases payloads at times, not where something happens",
     # margins of motorisation
     r"motorisation: a margin knows no": "margins of motorisation know no losses of gears, and no payloads that come and go",

@@ -210,6 +210,23 @@ def test_reasons_are_told_apart() -> None:
     assert reason_of("internal error") is None
 
 
+# -- latches beside what changes a motion on its way --------------------------------------------------------------
+BESIDE = [("payload", "gripped"), ("payload", "released"), ("form", "pass"), ("form", "independent"), ("method", "bdf"),
+          ("method", "generalized_alpha")]  # fmt: skip
+
+
+@pytest.mark.parametrize("asked", ["latches", "sprung"])
+@pytest.mark.parametrize(("family", "name"), BESIDE)
+@pytest.mark.parametrize("loop", [{}, {"loop": "revolute"}, {"coupler": "scene"}])
+def test_latches_go_with_what_changes_a_motion(
+    asked: str, family: str, name: str, loop: Case, tmp_path: Path
+) -> None:
+    done, found = judged(scene({"asked": asked, family: name, **loop}), "deploy", tmp_path / "scene")
+    assert not found and done.code in (0, 1, 2), f"{found} {done.err}"
+    may_be_refused = name == "generalized_alpha" or not loop
+    assert done.code != 2 or may_be_refused, done.err
+
+
 # -- figures that are asked for ------------------------------------------------------------------------------------
 GIVES = {"extremes": "extremes", "reactions": "reactions", "design": "fluctuation", "spring": "motorisation"}
 

@@ -56,8 +56,8 @@ class GeneralizedAlpha(Method):
             return "some rows of the loops depend on each other, or 'stabilisation: independent' chooses coordinates"
         if any(e.kind is EventKind.CONTACT for e in system.events):
             return "a joint has friction with 'law: set_valued' or a rigid stop"
-        if any(e.kind is EventKind.LATCH for e in system.events) and len(system.parameters):
-            return "latches hold joints by parameters of the equations"
+        if system.index3 is not None and system.index3.obstacle:
+            return system.index3.obstacle
         return super().obstacle(system)
 
     def projects(self, system: System) -> bool:

@@ -363,9 +363,11 @@ class Integrator:
                 if further <= stop and events[seen].crosses(armed[seen], values(further)[seen]):
                     located = first_roots(events, values, armed, seen, (start, low, further))
                     break
-        if not located.roots and high <= start:
+        if not located.roots and high - start <= resolution(start, high):
             # the step is shorter than the clock resolves, so that no trial step can end beyond the root: it is here
-            return start, (Root(seen, start, start, -math.copysign(1.0, armed[seen])),)
+            return start, (
+                Root(seen, start, start, math.copysign(1.0, self.memory.saved_w[DoubleSlot.EVENT_SLOPE])),
+            )
         if not located.roots and located.time <= start:
             # no motion leads there: take the step, so that its failure is reported
             self._go(high, -1, flush)

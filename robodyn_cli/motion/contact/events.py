@@ -10,6 +10,7 @@ from robodyn_cli.algorithms.kinematics import position_rates
 from robodyn_cli.equations.latches import LatchRow
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.expr.calculus import directional
+from robodyn_cli.expr.functions import absolute, where
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.formulations.events import EventFunction, EventKind, Owner
 from robodyn_cli.model.model import Model
@@ -111,6 +112,10 @@ class LatchFunction(EventFunction):
     change: LatchChange = LatchChange.CLOSES
 
     @property
+    def turns_motion(self) -> bool:
+        return self.change in (LatchChange.CLOSES, LatchChange.OPENS)
+
+    @property
     def closing(self) -> int | None:
         return self.number if self.change is LatchChange.CLOSES else None
 
@@ -119,23 +124,25 @@ class LatchFunction(EventFunction):
 class LatchClosing:
     """What has happened to a latch since it closed last.
 
-    order : 1 for those that closed first. angle, speed : of what it holds, before it closed. lost : energy [J].
+    order : 1 for those that closed first, 0 for those that an earlier run has closed, of which nothing is told that was
+    before this run. angle, speed : of what it holds, before it closed. lost : energy [J].
     impulse : [N m s or N s]. peak : largest load [N m or N], with its time [s]. has_peaked : whether the load has been
     at a peak, so that this says something. past : largest load of earlier closings, with its time, where that is known.
-    opened : when, if it has.
+    redundant : whether others held already what it holds. opened : when, if it has.
     """
 
     order: int
-    time: float
+    time: float | Absent
     angle: float | Absent
-    speed: float
-    lost: float = 0.0
+    speed: float | Absent
+    lost: float | Absent = 0.0
     impulse: float | Absent = ABSENT
     peak: float = 0.0
     peak_time: float = 0.0
     has_peaked: bool = False
     past: tuple[float, float] | None = None
     rebounds: int = 0
+    redundant: bool = False
     opened: float | Absent = ABSENT
     closings: int = 1
 
@@ -152,8 +159,8 @@ class LatchClosing:
         known = None if latch.rigid else self.largest
         peak, when = (ABSENT, ABSENT) if known is None else known
         return LatchLock(
-            self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.rebounds,
-            self.closings, self.opened, LatchLockErrors(), latch.unit(model),
+            self.order, self.time, self.angle, self.speed, self.lost, self.impulse, peak, when, self.redundant,
+            self.rebounds, self.closings, self.opened, LatchLockErrors(), latch.unit(model),
         )  # fmt: skip
 
 
@@ -175,10 +182,13 @@ def latch_functions(problem: Problem, values: Sequence[Scalar], owner: Owner) ->
 
     for k, (latch, value) in enumerate(zip(problem.latches, values)):
         way, is_open = DIRECTIONS[latch.spec.side], 1.0 - latch.closed
-        add(k, LatchChange.CLOSES, is_open * value, way)
-        add(k, LatchChange.TURNS, is_open * _rate(problem, latch, value), 0)
+        # one that is open in its position has to leave it first: rounding must not close it there
+        leaves = (-1.0 if way < 0 else 1.0) * (absolute(value) - latch.near)
+        add(k, LatchChange.CLOSES, is_open * where(latch.near, leaves, value), way)
+        turning = where(latch.near * latch.near, 0.0, _rate(problem, latch, value))
+        add(k, LatchChange.TURNS, is_open * turning, 0)
         if way:
-            add(k, LatchChange.PASSES, is_open * value, -way)
+            add(k, LatchChange.PASSES, is_open * where(latch.near, 0.0, value), -way)
         if latch.opens is not None:
             add(k, LatchChange.OPENS, latch.closed * latch.opens, 1)
         if not latch.rigid:

@@ -74,19 +74,25 @@ class Impact:
         return 0.5 * float(self.v @ self.M @ self.v - after @ self.M @ after)
 
 
-def shared(M: Array, psi: Array, rows: Array, rates: Array) -> Array:
-    """Return the impulses (k,) of latches that stop the rates rho v (k,) of ``rows`` rho (k, nv).
+def shared(gained: Array, psi: Array, rows: Array) -> Array:
+    """Return the impulses (k,) of latches with ``rows`` rho (k, nv) that make up generalised impulses with others.
 
-        A Lambda = -rho v,   A = rho (M^-1 - M^-1 Psi^T (Psi M^-1 Psi^T)^+ Psi M^-1) rho^T
+        M (v+ - v-) = rho^T Lambda + Psi^T mu
 
-    Where latches hold the same, those of least norm. Psi (m, nv) : what is held already.
+    Where latches hold the same, those of least norm, whatever mu is.
+
+    Parameters
+    ----------
+    gained : M (v+ - v-) (nv,). psi : rows Psi (m, nv) of what is held already.
     """
-    spread = np.linalg.inv(M)
-    both = rows @ spread @ psi.T
-    A = rows @ spread @ rows.T
-    if len(psi):
-        A -= both @ np.linalg.pinv(psi @ spread @ psi.T, rcond=1e-13) @ both.T
-    impulses: Array = np.linalg.lstsq(A, -rates, rcond=1e-9)[0]
+    _, s, basis = np.linalg.svd(psi, full_matrices=False)
+    basis = basis[: int((s > 1e-9 * s.max(initial=0.0)).sum())]
+
+    def beside(x: Array) -> Array:
+        """Return what Psi leaves of x (nv, ...)."""
+        return x - basis.T @ (basis @ x)
+
+    impulses: Array = np.linalg.lstsq(beside(rows.T), beside(gained), rcond=1e-9)[0]
     return impulses
 
 

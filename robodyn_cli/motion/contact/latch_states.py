@@ -10,15 +10,18 @@ import numpy as np
 
 from robodyn_cli.equations.latches import refuse_company
 from robodyn_cli.equations.problem import Problem
+from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
 from robodyn_cli.motion.contact.events import LatchClosing, contact_functions, latch_functions
+from robodyn_cli.motion.contact.payloads import Payloads
 from robodyn_cli.motion.contact.states import ContactStates
-from robodyn_cli.motion.motion import Motion
+from robodyn_cli.motion.motion import Motion, Watcher
 from robodyn_cli.ready.singularity import passive_determinant
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import with_second
-from robodyn_cli.summaries.motion import MissedLatch, MissedLatchErrors
+from robodyn_cli.summaries.facts import ABSENT
+from robodyn_cli.summaries.motion import LatchLock, MissedLatch, MissedLatchErrors
 
 INSIDE = 1e-15  # rad or m, or part of a position: so far beyond its position a spring pushes
 BY_CHANCE = 0.5  # of how far the rates of two runs are apart: one that agrees better does so by chance
@@ -36,6 +39,7 @@ class LatchStates(ContactStates):
     """
 
     functions: tuple[Any, ...]
+    _payloads: Payloads | None = None
 
     def __init__(self, problem: Problem, passive: Sequence[int] = ()) -> None:
         refuse_company(problem)
@@ -63,6 +67,30 @@ class LatchStates(ContactStates):
         self._q_of = [None if x.q is None else self.system.q_places[x.q] for x in self.latches]
         self._v_of = [None if x.v is None else self.system.v_places[x.v] for x in self.latches]
         self._names = p.model.q_names
+        # those that come near to closing by motion alone
+        self._moved = [
+            k
+            for k, value in enumerate(self.values)
+            if not any(symbol.value[1] == "t" for symbol in free_symbols([value]))
+        ]
+
+    def meet(self, others: Sequence[Watcher]) -> None:
+        self._payloads = next((x for x in others if isinstance(x, Payloads)), None)
+        if self._payloads is not None:
+            self._payloads.latches = self
+
+    def _carry(self) -> None:
+        """Take over the parameters that say which payloads are carried."""
+        if self._payloads is not None:
+            self.p[: len(self._payloads.carried)] = self._payloads.carried
+
+    def _groups(self, t: float, x: Array) -> dict[str, Array]:
+        self._carry()
+        return super()._groups(t, x)
+
+    def held_rows(self, t: float, x: Array) -> Array:
+        """Return the rows (k, nv) of latches that bear."""
+        return self._look(t, x)[0][self.bearing]
 
     @property
     def kernels(self) -> dict[str, SampleKernel]:
@@ -75,8 +103,9 @@ class LatchStates(ContactStates):
         self.closings: dict[int, LatchClosing] = {}
         self.last: tuple[float, Array, int] | None = None
         self._direction, self._rest = np.zeros(len(self.latches)), np.zeros(len(self.latches))
-        self._since = np.full(len(self.latches), -np.inf)
+        self._near = np.zeros(len(self.latches))
         self._frozen: set[int] = set()
+        self._stands = False  # nothing can move
         self._brisk = 1e-300  # the largest acceleration at a closing so far
         self._just: int | None = None  # that has closed at this event
         self._looked_at: tuple[float, bytes] | None = None
@@ -111,7 +140,7 @@ class LatchStates(ContactStates):
         """Note the functions that pass zero where latches close; return the rows (k, nv) and their drift (k,)."""
         state = t, x.tobytes()
         if state != self._looked_at:
-            here = self._rows.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+            here = self._rows.evaluate(1, self._groups(t, x))
             self._values = here["values"][0]
             self.turns.append((t, np.abs(self._values)))
             self._looked_at, self._seen_rows = (
@@ -119,6 +148,17 @@ class LatchStates(ContactStates):
                 (here["rows"].reshape(len(self.latches), -1), here["drift"][0]),
             )
         return self._seen_rows
+
+    def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
+        """Let what latches bear stand exactly still: what rounding leaves would go on."""
+        x[[place for j in (*self.bearing, *more) if (place := self._v_of[j]) is not None]] = 0.0
+
+    def jumped(self, t: float, before: Array, x: Array) -> None:
+        """Look at what payloads that are gripped or released make of a state, which this may change."""
+        self._halt(x)
+        for state in (before, x):
+            self._look(t, state)
+            self._bear_all(t, state)
 
     # -- loads of springs ------------------------------------------------------------------------------
     def _bear_all(self, t: float, x: Array) -> None:
@@ -173,6 +213,11 @@ class LatchStates(ContactStates):
         return until in names if until not in ("all", "end") else len(names) == len(self.latches)
 
 
+def _both(lock: LatchLock, other: LatchLock | None) -> bool:
+    """Tell whether a latch has closed in both runs."""
+    return other is not None and lock.speed is not ABSENT and other.speed is not ABSENT
+
+
 def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dict[str, Any]:
     """Return ``locks`` and ``missed`` of a run with errors by those of a second one.
 
@@ -184,10 +229,12 @@ def beside(one: Mapping[str, Any], two: Mapping[str, Any], factor: float) -> dic
     one, two : ``locks`` and ``missed`` of both. factor : times a difference is an error.
     """
     locks, again = dict(one["locks"]), two["locks"]
-    gaps = [abs(lock.speed - again[name].speed) for name, lock in locks.items() if name in again]
+    gaps = [
+        abs(lock.speed - again[name].speed) for name, lock in locks.items() if _both(lock, again.get(name))
+    ]
     apart = BY_CHANCE * factor * max(gaps, default=0.0)
     for name, lock in locks.items():
-        if name not in again or not lock.speed:
+        if not _both(lock, again.get(name)) or not lock.speed:
             continue
         part = apart / abs(lock.speed)
         shares = {"speed": 1.0, "energy_lost": 2.0, "angular_impulse": 1.0}

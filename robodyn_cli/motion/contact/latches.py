@@ -8,7 +8,7 @@ those that close at the same instant do so together, by impulses of least norm w
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -30,7 +30,8 @@ from robodyn_cli.ready.singularity import classify
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.facts import ABSENT
 
-AGAIN = 1e-6  # s, or part of the time: so soon after it has opened in its position a latch does not close
+IN_PLACE = 1e-9  # rad or m, or part of the largest position: an open latch so near to its position is in it
+LEFT = 1e-12  # likewise: so far off rounding does not close it any more
 NEW = 1e-6  # part of a row that must be independent of the others for its latch to bear anything
 TORN = 1e-6  # part of a rate, or of an acceleration, that a closed latch may leave
 
@@ -42,15 +43,22 @@ class Latches(LatchStates):
     def begin(self, t: float, x: Array, options: Options) -> Array:
         x = super().begin(t, x, options)
         self._look(t, x)
-        self._since[np.abs(self._values) <= TORN] = t
+        self._stay_open(x, range(len(self.latches)))
         given = [(k, self.given[name]) for k, name in enumerate(self.names) if name in self.given]
         if given:
             self._note_brisk(t, x)
         for k, event in given:
             self._take_up(t, x, k, event)
-        if self.closed:
-            self._rearrange(t, x)
+        self._rearrange(t, x)
+        self._bear_all(t, x)
         return x
+
+    def _stay_open(self, x: Array, opened: Iterable[int]) -> None:
+        """Let latches that are open in their positions leave these before they close."""
+        size = max(1.0, float(np.abs(self.system.split(x)[0]).max()))
+        for k in opened:
+            off = abs(float(self._values[k]))
+            self._near[k] = max(2.0 * off, LEFT * size) if off <= IN_PLACE * size else 0.0
 
     def _note_brisk(self, t: float, x: Array) -> None:
         """Note accelerations before latches close, beside which those that closed ones leave are rounding."""
@@ -63,10 +71,14 @@ class Latches(LatchStates):
         self.closed.append(k)
         self._direction[k] = 1.0 if event["speed"] >= 0.0 else -1.0
         self._rest[k] = event["rest"]
-        facts = {name: event[name] for name in ("rest", "speed")}
-        self._log.append({"time": t, "name": self.names[k], "kind": "held", **facts})
         if latch.rigid and place is not None:
             x[place] = 0.0
+        angle = ABSENT if self._q_of[k] is None else float(x[self._q_of[k]])
+        self.closings[k] = LatchClosing(
+            0, ABSENT, angle, ABSENT, ABSENT, peak_time=t, has_peaked=True, closings=0
+        )
+        facts = {"rest": event["rest"], "speed": event["speed"]}
+        self._log.append({"time": t, "name": self.names[k], "kind": "carried", **facts})
 
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix (nv, nv), and Psi (m, nv) with the rows of latches that bear below it."""
@@ -77,6 +89,7 @@ class Latches(LatchStates):
         return M, np.concatenate([psi, self._look(t, x)[0][self.bearing]]) if self.bearing else psi
 
     def arm(self, x: Array) -> Outcome:
+        self._carry()
         sides = {n: 1.0 for n, f in enumerate(self._own) if self._starts_positive(f)} | self._turning(x)
         contacts = known_sides(self.functions[len(self._own) :], self.state, self.rest, self.contact)
         return Jump(
@@ -100,10 +113,11 @@ class Latches(LatchStates):
         """Tell whether a function at zero is to be watched from the positive side."""
         k = function.number
         if function.change is LatchChange.CLOSES:
-            return k not in self.closed and self._values[k] == 0.0
+            return k not in self.closed and self._values[k] == 0.0 and self._near[k] <= 0.0
         return k == self._just and function.change in (LatchChange.MEETS, LatchChange.LETS_GO)
 
     def handle(self, event: Event) -> Outcome:
+        self._carry()
         function = event.function
         if isinstance(function, ContactFunction):
             if function.joint in self._frozen:
@@ -146,8 +160,12 @@ class Latches(LatchStates):
         t = event.time
         rows, _ = self._look(t, x)
         latch = self.latches[k]
-        if k in self.closed or t <= self._since[k] + AGAIN * max(1.0, t):
+        if k in self.closed:
             return GO_ON
+        if self._near[k] > 0.0:
+            self._near[k] = 0.0
+            self._write()
+            return self.arm(x)
         if (closed := event.close()) is not None:
             return self._take_over(t, x, k, closed)
         if latch.closes is None:
@@ -157,10 +175,10 @@ class Latches(LatchStates):
         before = x.copy()
         self._note_brisk(t, x)
         places = list(self.system.v_places)
-        together = [k, *self._others(t, x, k)] if latch.rigid else [k]
-        self.last = (t, before, min(together))
+        together = sorted([k, *self._others(t, x, k)]) if latch.rigid else [k]
+        self.last = (t, before, together[0])
         self._bear_all(t, x)
-        order = 1 + sum(it.time < t for it in self.closings.values())
+        order = self._order(t)
         for j in together:
             self._take(t, x, j, float(rows[j] @ x[places]), order)
         if latch.rigid:
@@ -173,6 +191,7 @@ class Latches(LatchStates):
             self.closings[k].has_peaked = self._growth(t, x, k) <= 0.0
         freedom = len(places) - np.linalg.matrix_rank(self._mass_matrix_and_psi(t, x)[1], tol=1e-9)
         for j in together:
+            self.closings[j].redundant = self.latches[j].rigid and j not in self.bearing
             self._tell(t, j, int(freedom))
         return self._outcome(t, x)
 
@@ -181,7 +200,7 @@ class Latches(LatchStates):
         v = self._v_of[k]
         assert v is not None
         self.last = (t, x.copy(), k)
-        order = 1 + sum(it.time < t for it in self.closings.values())
+        order = self._order(t)
         self._take(t, x, k, float(x[v]), order)
         self.closings[k].lost, self.closings[k].impulse = closed.lost, closed.impulse
         self.closed.append(k)
@@ -201,6 +220,11 @@ class Latches(LatchStates):
             "speed": it.speed,
         }
         self._log.append({"time": t, "name": self.names[k], "kind": "latched", **facts})
+
+    def _order(self, t: float) -> int:
+        """Return the order of a closing in this run."""
+        times = [it.time for it in self.closings.values()]
+        return 1 + sum(time < t for time in times if isinstance(time, float))
 
     def _take(self, t: float, x: Array, k: int, speed: float, order: int) -> None:
         """Note a closing, and put a coordinate exactly where its latch holds it."""
@@ -244,16 +268,12 @@ class Latches(LatchStates):
             raise forced_on([self.names[j] for j in together], t)
         stay = np.eye(len(v))[[k for k in resting if after[k] == 0.0]]
         lost = met.lost(after)
-        for j, share in zip(together, shared(M, np.concatenate([psi, stay]), rows, rates)):
+        for j, share in zip(together, shared(M @ (after - v), np.concatenate([psi, stay]), rows)):
             self.closings[j].impulse, self.closings[j].lost = float(abs(share)), lost
         x[places] = after
         self._halt(x, together)
         if self.system.work_place is not None:
             x[self.system.work_place] -= lost
-
-    def _halt(self, x: Array, more: Sequence[int] = ()) -> None:
-        """Let what latches bear stand exactly still: what rounding leaves would go on."""
-        x[[place for j in (*self.bearing, *more) if (place := self._v_of[j]) is not None]] = 0.0
 
     def _open(self, t: float, x: Array, k: int) -> Outcome:
         """Open a latch; the energy in its spring is lost."""
@@ -266,7 +286,7 @@ class Latches(LatchStates):
             self.closings[k].opened = t
         self._log.append({"time": t, "name": latch.name, "kind": "opened"})
         self._look(t, x)
-        self._since[k] = t
+        self._stay_open(x, [k])
         self._rearrange(t, x)
         return self._outcome(t, x)
 
@@ -289,6 +309,12 @@ class Latches(LatchStates):
                 self.bearing.append(k)
             else:
                 idle.append(k)
+        stands = len(basis) == basis.shape[1] and not self.problem.constraints.rheonomic
+        for k in self._moved:
+            self._near[k] = max(self._near[k], 0.0) or -float(stands)
+        if stands or self._stands:  # nothing moves, or has until now; rounding would go on
+            x[list(self.system.v_places)] = 0.0
+        self._stands = stands
         held = np.einsum("ij,ij->j", basis, basis) > 1.0 - NEW
         self._frozen = {k for k, joint in enumerate(self.joints) if held[joint.v]} if self.closed else set()
         self._settle_speeds(x)
@@ -329,7 +355,7 @@ class Latches(LatchStates):
         super()._write()
         for k, latch in enumerate(self.latches):
             closed, bears = float(k in self.closed), float(k in self.bearing)
-            values = (closed, bears, self._direction[k], self._rest[k])
+            values = (closed, bears, self._direction[k], self._rest[k], self._near[k])
             self.p[latch.place : latch.place + len(FIELDS)] = values
 
     def _outcome(self, t: float, x: Array) -> Outcome:

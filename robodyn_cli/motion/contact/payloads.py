@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import dataclasses
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -60,9 +60,19 @@ class PayloadStep:
     gained: float
 
 
-class Payloads(Watcher):
-    """The payloads of one run. phase : of each of them."""
+class Holding(Protocol):
+    """What holds parts of the mechanism while payloads come and go; p : its parameters, behind those of payloads."""
 
+    p: Array
+
+    def held_rows(self, t: float, x: Array) -> Array: ...
+    def jumped(self, t: float, before: Array, x: Array) -> None: ...
+
+
+class Payloads(Watcher):
+    """The payloads of one run. phase : of each of them. latches : that hold joints beside them, if there are any."""
+
+    latches: Holding | None = None
     functions: tuple[Change, ...]
     changes_motion = True
     sets_start = True
@@ -179,8 +189,13 @@ class Payloads(Watcher):
             )  # fmt: skip
         return x
 
+    @property
+    def carried(self) -> Array:
+        """The parameters that say which payloads are carried now: the first ones of p."""
+        return self._p(self.phase)
+
     def arm(self, x: Array) -> Outcome:
-        return Jump(x, self._p(self.phase))
+        return Jump(x, self.carried)
 
     def handle(self, event: Event) -> Outcome:
         change = event.function
@@ -198,7 +213,7 @@ class Payloads(Watcher):
         return self._go_on(t, released.state, {k: phase for k, phase in due.items() if phase == CARRIED})
 
     def _p(self, phase: Sequence[str]) -> Array:
-        """Return the parameters, which are the first ones of p."""
+        """Return the parameters of phases."""
         return np.array([float(one == CARRIED) for one in phase])
 
     def _go_on(self, t: float, x: Array, changed: Mapping[int, str]) -> Jump:
@@ -207,6 +222,8 @@ class Payloads(Watcher):
         step, before = self._step(t, x, phase), x
         x = x.copy()
         x[list(s.v_places)] = step.after
+        if self.latches is not None:
+            self.latches.jumped(t, before, x)
         if s.work_place is not None:
             x[s.work_place] += step.gained
         for k in changed:
@@ -226,6 +243,8 @@ class Payloads(Watcher):
         new = self._numbers(t, x, phase)
         before, after = (values["M"].reshape(nv, nv) for values in (old, new))
         psi = old["psi"].reshape(-1, nv) if "psi" in old else np.zeros((0, nv))
+        if self.latches is not None:
+            psi = np.concatenate([psi, self.latches.held_rows(t, x)])
         momentum = old["momentum"].reshape(-1, nv)[gripped].sum(axis=0)
         then = v
         if gripped:
@@ -250,8 +269,11 @@ class Payloads(Watcher):
         return Flight(t, place, velocity, spin, float(values[9]), gravity, values[10:].reshape(3, 3), I)
 
     def _numbers(self, t: float, x: Array, phase: Sequence[str]) -> dict[str, Array]:
-        groups = self.system.groups(np.array([[t]]), x[None, :], self._p(phase))
-        return {name: array[0] for name, array in self._kernel.evaluate(1, groups).items()}
+        p = self._p(phase)
+        if self.latches is not None:
+            p = np.append(p, self.latches.p[len(p) :])
+        values = self._kernel.evaluate(1, self.system.at(t, x, p))
+        return {name: array[0] for name, array in values.items()}
 
     def _note(self, t: float, k: int, phase: str, step: PayloadStep) -> None:
         gripped = phase == CARRIED

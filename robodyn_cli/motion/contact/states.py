@@ -18,7 +18,6 @@ from robodyn_cli.equations.contact_joints import UNBOUNDED, ContactJoint
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.errors import NumericalError, SceneError
 from robodyn_cli.formulations.events import Event, Jump, Outcome
-from robodyn_cli.formulations.independent import RowCombinations
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.kernels.samples import SampleKernel
 from robodyn_cli.model.model import STATE_GROUPS
@@ -63,8 +62,6 @@ class ContactStates(Watcher):
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
-        # accelerations and holding forces are the same whatever combination of dependent rows they are found with
-        self._combined = RowCombinations(problem) if problem.dependent else None
         self.joints = problem.contact_joints
         self.functions = contact_functions(problem, self)
 
@@ -117,11 +114,12 @@ class ContactStates(Watcher):
 
     def rates(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return accelerations (nv,) and multipliers of held joints in the present contact states."""
-        p = self.p
-        if self._combined is not None:
-            p = np.concatenate([p, self._combined.choose(t, self.system.split(x)[0], None)])
-        values = self._rates.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], p))
+        values = self._rates.evaluate(1, self._groups(t, x))
         return values["a"][0], values["lam"][0]
+
+    def _groups(self, t: float, x: Array) -> dict[str, Array]:
+        """Return the inputs of kernels at a state in the present contact states."""
+        return self.system.at(t, x, self.p)
 
     # -- a run ----------------------------------------------------------------------------------------
     def begin(self, t: float, x: Array, options: Options) -> Array:
@@ -155,7 +153,7 @@ class ContactStates(Watcher):
 
     def _mass_matrix_and_psi(self, t: float, x: Array) -> tuple[Array, Array]:
         """Return the mass matrix (nv, nv) and Psi (m, nv) at a state."""
-        values = self._matrices.evaluate(1, self.system.groups(np.array([[t]]), x[None, :], self.p))
+        values = self._matrices.evaluate(1, self._groups(t, x))
         nv = self.problem.model.nv
         return values["M"].reshape(nv, nv), values.get("psi", np.zeros(0)).reshape(-1, nv)
 

@@ -46,12 +46,10 @@ class BesidePose:
 
     def __init__(self, problem: Problem, functions: Iterable[EventFunction]) -> None:
         self.problem = problem
-        known = [f for f in functions if f.kind in (EventKind.CONTACT, EventKind.DEAD_POINT)]
+        known = [f for f in functions if f.turns_motion or f.kind is EventKind.DEAD_POINT]
         switches = problem.switching.with_state
         self.names = [f.name for f in known] + [f"{key} switches" for key, _ in switches]
-        self.falling = np.array(
-            [f.kind is EventKind.CONTACT for f in known] + [False] * len(switches), dtype=bool
-        )
+        self.direction = np.array([f.direction * f.turns_motion for f in known] + [0] * len(switches))
         self.grip = np.array(
             [f.kind is EventKind.DEAD_POINT for f in known] + [False] * len(switches), dtype=bool
         )
@@ -59,10 +57,13 @@ class BesidePose:
         self.kernel = SampleKernel({"g": values}, STATE_GROUPS) if values else None
 
     def refuse_held(self, parameters: Array) -> str:
-        """Return why no leap starts in the contact states of ``parameters``, "" where one may."""
+        """Return why no leap starts in the contact states and with the latches of ``parameters``, "" where one may."""
         for joint in self.problem.contact_joints:
             if parameters[joint.place]:
                 return f"joint {joint.name!r} sticks or lies on its stop there"
+        for latch in self.problem.latches:
+            if latch.rigid and parameters[latch.place]:
+                return f"latch {latch.name!r} is closed there"
         return ""
 
     def check(self, equations: LeapEquations, leap: PoseLeap, pose: float) -> None:
@@ -76,7 +77,7 @@ class BesidePose:
             return
         t = np.linspace(leap.start.time, leap.end, TIMES)
         g = np.sign(equations.values(self.kernel, t, *leap.at(t))["g"])
-        crossed = (g[:-1] * g[1:] < 0.0) & ~(self.falling & (g[:-1] < 0.0))
+        crossed = (g[:-1] * g[1:] < 0.0) & (g[:-1] * self.direction <= 0.0)
         near = np.abs(0.5 * (t[:-1] + t[1:]) - pose) < AT_THE_POSE * leap.length
         crossed &= ~(near[:, None] & self.grip)
         if crossed.any():

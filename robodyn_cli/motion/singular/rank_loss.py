@@ -76,7 +76,8 @@ class PosesAhead(Watcher):
         return self._equations
 
     def ahead(self, event: Event) -> PoseAhead | Unresolved | None:
-        """Return the pose that the motion from an event runs into, None where it does not, or is still far.
+        """Return the pose that the motion from an event runs into, None where it does not, is still far, or where
+        another event comes first, after which the motion goes on otherwise.
 
         Raises
         ------
@@ -95,9 +96,27 @@ class PosesAhead(Watcher):
             pose = approach.pose_ahead(self._moment(event.time, event.state), self.end)
         except NumericalError:
             return None  # the run itself comes to the same place and says what is wrong
-        if pose is not None:
-            refuse_dependent_rows(self.problem, pose.state.q, pose.time)
+        if pose is None or self._turns_before(event, pose):
+            return None
+        refuse_dependent_rows(self.problem, pose.state.q, pose.time)
         return pose
+
+    def _turns_before(self, event: Event, pose: PoseAhead | Unresolved) -> bool:
+        """Tell whether a latch closes or opens, or a contact or a payload changes, on the way to a pose ahead."""
+        functions = self.motion.system.events
+        if not any(function.turns_motion for function in functions):
+            return False
+        here, there = self._scout(event).integrator, self._moment_of(pose)
+        before = here.event_values()
+        here.reset(there.time, self.motion.system.join(there.q, there.v, there.z), self.options)
+        return any(
+            function.turns_motion and function.crosses(a, b)
+            for function, a, b in zip(functions, before, here.event_values())
+        )
+
+    def _moment_of(self, pose: PoseAhead | Unresolved) -> LeapState:
+        """Return up to where nothing else is to happen."""
+        return pose.state
 
     def check(self, leap: FoundLeap, pose: float) -> None:
         """Refuse a leap over a pose at a time [s] that the run is not to make (NotSmooth)."""
@@ -184,6 +203,9 @@ class Passage(PosesAhead):
 
     def check(self, leap: FoundLeap, pose: float) -> None:
         self._beside.check(self.equations, leap, pose)
+
+    def _moment_of(self, pose: PoseAhead | Unresolved) -> LeapState:
+        return pose.leap.start if isinstance(pose, PoseAhead) else pose.state
 
     def handle(self, event: Event) -> Outcome:
         """Leap over the pose ahead, where there is one.

@@ -85,9 +85,12 @@ class ClosedRuns:
         """Return what the latches did in run k, of the first or of the second runs."""
         problem = self.batch.structure.motion.problem
         rows = _notes(self.batch, runs)[k].tolist()
-        times = [row[Note.TIME] for row in rows if not math.isnan(row[Note.TIME])]
+        latches = problem.latches
+        times = {
+            latch.name: row[Note.TIME] for latch, row in zip(latches, rows) if not math.isnan(row[Note.TIME])
+        }
         locks, missed = {}, {}
-        for latch, row in zip(problem.latches, rows):
+        for latch, row in zip(latches, rows):
             name = latch.name
             time, *figures = row[: Note.IMPULSE + 1]
             if math.isnan(time):
@@ -97,13 +100,13 @@ class ClosedRuns:
                 )
                 continue
             angle, speed, lost, impulse = figures
-            order = 1 + sum(x < time for x in times)
+            order = 1 + sum(x < time for x in times.values())
             closing = LatchClosing(order, time, angle, speed, lost, impulse)
             locks[name] = closing.described(latch, problem.model)
         if not locks:
             return LatchFacts(locks, missed, None)
-        last = max(locks, key=lambda name: locks[name].time)
-        return LatchFacts(locks, missed, (locks[last].time, runs.w[k, -runs.y.shape[1] :], last))
+        last = max(times, key=times.__getitem__)
+        return LatchFacts(locks, missed, (times[last], runs.w[k, -runs.y.shape[1] :], last))
 
 
 def suits(batch: RunBatch, method: str) -> bool:

@@ -68,6 +68,8 @@ class DeployLatches(Deploy):
                 latch.spec.at_dead_point for latch in latches
             ),
             "loads are judged on samples": bool(motion.scene.deploy.loads),
+            "payloads are gripped or released": bool(motion.problem.model.switched),
+            "singular poses are passed": motion.scene.simulate.singular == "pass",
         }
         return first_of(reasons)
 

@@ -49,7 +49,7 @@ from robodyn_cli.works.inverse import program_of
 def solver(problem: Problem) -> Decision:
     """Return the way that ``Problem.forward`` takes, and why."""
     quantity = "accelerations"
-    if problem.has_multipliers:
+    if problem.constraints.rows or problem.is_held:
         reason = "the multipliers need the factor of M"
         if problem.braces:
             reason += "; inertias along the rows of the loops, since the opened tree's M has no inverse or a bad one"

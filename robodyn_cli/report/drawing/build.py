@@ -161,7 +161,7 @@ def _latches(result: Result, scene: Scene) -> Iterator[tuple[Sequence[str], Stre
     for latch in scene.deploy.latches:
         starts, ends = (
             [float(e["time"]) for e in result.events if e["kind"] in kinds and e["name"] == latch.name]
-            for kinds in (("latched", "held"), ("opened",))
+            for kinds in (("latched", "carried"), ("opened",))
         )
         yield _held_links(scene, latch), tuple(zip(starts, [*ends, NEVER]))
 

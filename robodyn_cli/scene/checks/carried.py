@@ -55,7 +55,7 @@ def check_payloads(scene: Scene, check: Check) -> None:
     for path, payload in zip(paths, scene.payloads):
         with check:
             _check_place(scene, payload, path, check)
-        _check_instants(payload, path, check)
+        _check_instants(payload, scene, path, check)
         with check:
             if payload.plane is not None and payload.until is None:
                 check.fail((*path, "range"), "ends its flight, and it is not released; add 'until'", True)
@@ -72,11 +72,12 @@ def _check_place(scene: Scene, payload: Payload, path: Path, check: Check) -> No
         check.fail((*path, "at"), f"{payload.at!r} is fixed to the ground, which carries all masses alike")
 
 
-def _check_instants(payload: Payload, path: Path, check: Check) -> None:
+def _check_instants(payload: Payload, scene: Scene, path: Path, check: Check) -> None:
     for name, instant in payload.instants.items():
         with check:
             if (instant.time is None) == (instant.when is None):
                 check.fail((*path, name), "needs one of 'time' and 'when'")
+            check.varies(instant.when, scene.parameters, (*path, name, "when"))
     with check:
         start, until = (None if x is None else x.time for x in (payload.start, payload.until))
         if start is not None and until is not None and not until > start:

@@ -7,6 +7,7 @@ from collections.abc import Sequence as SequenceOf
 from typing import NoReturn
 
 from robodyn_cli.errors import plural_of, unknown_name
+from robodyn_cli.expr.formula import FormulaTree
 from robodyn_cli.scene.text import nodes
 
 EXTREMES = "extremes."  # begins keys of summaries that ask for a column over time
@@ -45,6 +46,15 @@ class Check(nodes.Faults):
         """Refuse a name that is not among ``options``."""
         if name not in options:
             self.fail(path, unknown_name(kind, name, options), at_key)
+
+    def varies(self, formula: FormulaTree | None, parameters: Collection[str], path: nodes.Path) -> None:
+        """Refuse the formula of an event that never passes zero, as it is a number or made of parameters alone."""
+        if formula is not None and {name.removeprefix("p.") for name in formula.names} <= set(parameters):
+            self.fail(
+                path,
+                f"never passes zero: it names neither t nor what moves (value {formula.text!r}); allowed: a formula in "
+                "t, positions, rates or points",
+            )
 
     def unique(self, names: SequenceOf[str], kind: str, paths: SequenceOf[nodes.Path]) -> None:
         """Refuse a name that appears twice."""

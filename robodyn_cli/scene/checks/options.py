@@ -153,6 +153,8 @@ def _check_one_of_several(scene: Scene, latch: DeployLatch, check: Check, path: 
             last,
             f"says when it closes {'twice' if given else 'nowhere'}; needed: one of {', '.join(CONDITIONS)}",
         )
+    for name in ("when", "release"):
+        check.varies(getattr(latch, name), scene.parameters, (*path, name))
     if latch.at_dead_point and latch.side != "either":
         check.fail((*path, "side"), "does not go with 'at_dead_point'", at_key=True)
     where = getattr(latch, given[0])

@@ -169,8 +169,9 @@ def build_deployment(scene: Scene, watch: Stopwatch, plan: bool = False) -> Moti
             "deploy.latches, or the command 'simulate'",
             key="control",
         )
-    refuse_changes(scene, "deploy")
-    if scene.deploy.latches:
+    if not scene.deploy.latches:
+        refuse_changes(scene, "deploy")
+    else:
         scene = dataclasses.replace(scene, latched=True)
         ready, loads = integrable(scene, watch), bool(scene.deploy.loads)
         return build_motion(ready, watch, follow_latches, reactions=loads, plan=plan)

@@ -138,6 +138,8 @@ def _report(run: Run, judgement: Judgement, estimate: Estimate | None, watch: St
     result.events = run.driver.log
     run.recorder.fill(result)
     add_joint_limits(result, scene, run.motion.problem.model)
+    for watcher in run.driver.watchers:
+        watcher.add_to(result)
     summary, *others = motion_records(run, judgement, estimate)
     summary = with_latches_beside(summary, run, estimate)
     if doubts := _doubts(run, estimate):

@@ -91,7 +91,7 @@ class Elimination:
     def _parameters(self, q: Array) -> Array:
         """Return the parameters p of the equations, with combinations of redundant rows chosen at q (nq,)."""
         chosen = np.zeros(0) if self.choice is None else self.choice.choose(0.0, q, None)
-        return np.concatenate([np.zeros(len(self.problem.at_start)), chosen])
+        return np.concatenate([np.zeros(self.problem.parameter_count), chosen])
 
 
 def _largest(x: Array) -> Array:
@@ -145,7 +145,7 @@ class ConstrainedDynamics:
     def _eliminated(self, rows: dict[str, Array], rounded: bool) -> tuple[Array, Array]:
         """Return qdd (T, nv) as far as compiled elimination gives it, and the states that are left."""
         q, v, tau = rows.values()
-        if len(q) < MANY or self.problem.latches:  # parameters of latches would stand where W's are
+        if len(q) < MANY or self.problem.is_held:  # with parameters of zero they would slip without friction
             return np.zeros(v.shape), np.arange(len(q))
         if self._elimination is None:
             try:
