@@ -20,6 +20,7 @@ from robodyn_cli.solve.closing.assembly import assemble
 from robodyn_cli.solve.closure import CLOSED, Numbers, rank
 from robodyn_cli.solve.guided import SAME, Guide, GuidedPlace, Stuck
 from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.summaries.facts import rounded_up
 from robodyn_cli.trajectories.course import Course, interpolated
 from robodyn_cli.trajectories.joint_space import CourseTrajectory
 from robodyn_cli.trajectories.led import led_joints, position_columns
@@ -103,7 +104,7 @@ def _start(problem: Problem, lead: Lead, conditions: LoopConditions) -> Array:
     if closed.closure is not None and closed.closure.tolerance > CLOSED and off > SAME:
         raise CapabilityError(
             f"{listed(closed.redundant)} follow from the other rows but for rounding in the data, which leaves the "
-            f"loops open by {closed.position_residual:.2g} m or rad: a motion that is led has to close them "
+            f"loops open by {rounded_up(closed.position_residual)} m or rad: a motion that is led has to close them "
             "at every sample; "
             "allowed: lengths and angles with all their digits, or simulate, with the motion in 'prescribed'",
             row=closed.redundant[0], residual=closed.position_residual,

@@ -16,7 +16,7 @@ REASONS: dict[str, str] = {
     r"gear losses together with|losses of gears depend on|takes gears without":
         "losses of gears: with rotors, prescribed motions and `fastest` paths in `inverse` alone, never in `linearise`",
     # motions
-    r"'trajectory' is missing": "`inverse` needs a motion",
+    r"'trajectory' is missing|trajectory.columns: has 1 entry": "`inverse` needs a motion",
     r"nothing moves: kinematics needs|nothing moves, and no time passes": "`kinematics` needs a motion, and a path a way",
     r"only `simulate` leaves others to the forces": "`inverse` and `kinematics` need the motion of all joints",
     r"and the trajectory leads \d+; lead \d+": "in a mechanism a motion leads as many joints as there are degrees of freedom",
@@ -57,7 +57,7 @@ REASONS: dict[str, str] = {
     r"'deploy' up to a dead point follows a mechanism without a controller|statics knows no controller|without a controller":
         "`deploy` without `latches`, `statics` and `singular: pass` have no controller",
     r"needs a function: simulate": "`control: python` is for Python",
-    r"drives every joint; |allowed: a list of names, at least|drives no joint|has an attitude, which|and 'law' differ|"
+    r"drives every joint; |control.joints: has no entry|drives no joint|has an attitude, which|and 'law' differ|"
     r"which the controller drives|unknown joint 'f":
         "a law drives the joints that it needs: all of them, one at least, joints of axes",
     r"control.reference: unknown key|leads joints; allowed: a path of a point":

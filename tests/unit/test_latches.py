@@ -478,13 +478,14 @@ def test_deployment_goes_on_from_its_first_lock(tmp_path: Path) -> None:
         "rebounds": 0,
         "closings": 0,
         "errors": {"angle": 1e-14 * AT},
+        "unit": "rad",
     }
     assert rest.summary["locks"]["catch"] == carried
     own, other = rest.summary["locks"]["lower"], whole.summary["locks"]["lower"]
     assert own["time"] == pytest.approx(other["time"], abs=1e-9)
     assert own["energy_lost"] == pytest.approx(other["energy_lost"], abs=1e-9)
     assert np.ptp(rest["q"][:, 0]) == 0.0
-    held = [e for e in rest.events if e["kind"] == "held"]
+    held = [e for e in rest.events if e["kind"] == "carried"]
     assert [(e["name"], e["time"]) for e in held] == [("catch", first.time[-1])]
     closed = {latch.vertices: latch.is_closed(rest.time[0]) for latch in make_drawing(rest).latches}
     assert sorted(closed.values()) == [False, True]
@@ -498,7 +499,7 @@ def test_third_run_knows_the_latches_that_the_first_has_closed(tmp_path: Path) -
         again["initial"]["from"] = str(tmp_path)
         again["simulate"]["duration"] = end or again["simulate"]["duration"]
         last = stored(again, tmp_path)
-    names = {e["name"] for e in last.events if e["kind"] == "held"}
+    names = {e["name"] for e in last.events if e["kind"] == "carried"}
     assert names == {"catch", "lower"} and np.ptp(last["q"], axis=0).max() == 0.0
 
 

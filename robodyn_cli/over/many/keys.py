@@ -24,7 +24,7 @@ from robodyn_cli.spatial.algebra import Array
 NUMBER, START, OPTION, STRUCTURE = "number", "start", "option", "structure"
 OPTIONS = ("duration",)
 # values that a key is tried with until two are allowed, to see what they change
-TRIED = (0.8137, 1.2871, 0.1019, 0.0123, 7.31, 113.7, -0.8137, -1.2871, 1013.0, 1e5, 3.0, 5.0)
+TRIED = (0.8137, 1.2871, 0.1019, 0.0123, 7.31, 113.7, -0.8137, -1.2871, 1013.0, 1e5, 3.0, 5.0, -7.31, -113.7)
 UNREAD = frozenset(
     {"text", "sources", "expect", "study", "search", "title"}
 )  # what equations do not know of a scene
