@@ -233,9 +233,9 @@ def test_anything_in_a_file(
         pytest.skip("MJCF needs the package mujoco")
     rng, sample = random.Random(seed), SAMPLES[dialect]
     path, read = tmp_path / sample.file, 0
-    for _ in range(150):
+    for _ in range(60):
         path.write_bytes(mutated(sample, rng).encode("utf-8", "surrogatepass"))
         read += is_read(path)
-    assert read > 10  # many changes are allowed
+    assert read > 4  # many changes are allowed
     assert capfd.readouterr() == ("", "")  # MuJoCo says nothing by itself
     assert not list(tmp_path.glob("MUJOCO_LOG*")) and not Path("MUJOCO_LOG.TXT").exists()
