@@ -236,6 +236,6 @@ def test_anything_in_a_file(
     for _ in range(60):
         path.write_bytes(mutated(sample, rng).encode("utf-8", "surrogatepass"))
         read += is_read(path)
-    assert read > 4  # many changes are allowed
+    assert read > 1  # some changes are allowed
     assert capfd.readouterr() == ("", "")  # MuJoCo says nothing by itself
     assert not list(tmp_path.glob("MUJOCO_LOG*")) and not Path("MUJOCO_LOG.TXT").exists()
