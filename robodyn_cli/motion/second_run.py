@@ -218,14 +218,9 @@ def estimate_error(
     largest = max(float(dq.max(initial=0.0)), float(dv.max(initial=0.0)))
     q_max, qd_max = float(dq.max(initial=least_q)), float(dv.max(initial=least_v))
     at_rounding = largest < AT_ROUNDING * max(least_q, least_v)
-    # where an estimate says no more than that the digits of a motion are lost
-    lost = np.zeros(len(dq), dtype=bool)
-    for error, x in ((dq, recorder.array("q")[: len(dq)]), (dv, recorder.array("qd")[: len(dv)])):
-        spread = float(np.ptp(x, axis=0).max(initial=0.0))
-        rounding = REST * max(float(np.abs(x).max(initial=0.0)), 1.0)
-        # what ranges over less than the tolerance is at rest, if it errs by less
-        least = NOT_MEANINGFUL * spread if spread > first.options.atol else first.options.atol
-        lost |= error.max(axis=1, initial=0.0) > max(least, rounding)
+    lost = _is_lost(dq, recorder.array("q"), first.options) | _is_lost(
+        dv, recorder.array("qd"), first.options
+    )
     time = float(recorder.array("time")[int(np.argmax(lost))])
     q_end, qd_end, _ = motion.system.split(courses.at_end(floor)[0])
     errors = MotionErrors(
@@ -242,6 +237,17 @@ def estimate_error(
     )
     observed = _observed(recorder, second) if figures or recorder.observer.figures else None
     return Estimate(errors, observed, second.facts, float(courses.scale[0]), second.watchers, second.end)
+
+
+def _is_lost(error: Array, x: Array, options: Options) -> Array:
+    """Tell at which samples (n,) an error of x (n, k) says no more than that the digits of a motion are lost."""
+    x = x[: len(error)]
+    spread = float(np.ptp(x, axis=0).max(initial=0.0))
+    rounding = REST * max(float(np.abs(x).max(initial=0.0)), 1.0)
+    # what ranges over less than the tolerance is at rest, if it errs by less
+    least = NOT_MEANINGFUL * spread if spread > options.atol else options.atol
+    lost: Array = error.max(axis=1, initial=0.0) > max(least, rounding)
+    return lost
 
 
 def _observed(recorder: Recorder, second: Second) -> Recorder:

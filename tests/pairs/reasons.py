@@ -39,7 +39,7 @@ REASONS: dict[str, str] = {
     r"degrees of freedom left by loops": "no more joints stick than there are freedoms",
     r"deploy.latches: latch '\w+' (cannot hold|has a spring)|latch holds the links of a closure|latch of a closed mechanism has a spring":
         "a latch holds a joint of one axis, or links that a closure of type `revolute` joins, with a spring where joints turn about parallel axes",
-    r"deploy.latches: does not go with": "rigid latches hold no prescribed joint, and dead points that close latches need loops that nothing prescribes",
+    r"deploy.latches(\.\w+)*: does not go with": "rigid latches hold no prescribed joint, and dead points that close latches need loops that nothing prescribes",
     # kinematic design
     r"do not move in one plane|does not move in a plane|does not turn about one axis|kinematics.design.*does not move":
         "kinematic design is that of motions in a plane",

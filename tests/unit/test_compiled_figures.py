@@ -94,7 +94,9 @@ def test_a_structure_serves_rows_beside_those_that_do_not_assemble() -> None:
     assert 10 in made.runs and len(made) >= 3
     row = made.rows[list(made.runs).index(10)]
     assert abs(row["outputs"][0] - make_one(task, 10, values[10])[0].rows["outputs"][0, 0]) < 1e-8
-    assert not compiled.left.keys() - {
-        "their numbers give equations of their own, or none",
-        "they do not start or end as the others, or look doubtful in compiled code",
-    }
+    told = (
+        "their numbers give equations of their own",
+        "they do not start or end",
+        "equations for many runs",
+    )
+    assert all(why.startswith(told) for why in compiled.left)

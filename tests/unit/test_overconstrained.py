@@ -35,7 +35,7 @@ robot:
     - {{name: j5, type: revolute, a: 1, alpha: 90 deg, d: 0}}
   links: [{{name: l1, {BODY}}}, {{name: l2, {BODY}}}, {{name: l3, {BODY}}}, {{name: l4, {BODY}}}, {{name: l5, {BODY}}}]
   points: {{anchor: {{link: base, at: [-1, 0, 0]}}}}
-loops: [{{name: ring, type: revolute, between: [l5.end, base.anchor], axis2: [0, 1, 0]}}]
+loops: [{{name: ring, type: revolute, between: [l5.end, base.anchor], axis2: [0, -1, 0]}}]
 initial: {{q: {{j1: 60 deg, j2: -1.9, j3: 60 deg, j4: -1.9, j5: 60 deg}}, qd: {{j1: 3}}, hold: [j1]}}
 simulate: {{duration: 6, samples: 121}}
 """

@@ -60,7 +60,8 @@ class Built:
     def _noting(self, make: Any) -> Any:
         def note(function: Any, *args: Any, **named: Any) -> None:
             make(function, *args, **named)
-            if "stepwise" not in named:  # what closes the loops of the start comes before the equations of the run
+            # what closes the loops of the start comes before the equations of the run
+            if "stepwise" not in named:
                 self.functions.append(function)
 
         return note

@@ -16,6 +16,7 @@ from robodyn_cli.spatial.algebra import Array
 BEST = 4  # of the starts that come nearest, from which the least is looked for
 GAIN = 1e-5  # part of the sum of squares that its steps must take off
 SAME_POSE = 1e-2  # rad, or part of the size, between the least and a pose that closes
+BESIDE = 0.1  # likewise: so near to a start another pose than its own is not meant
 
 
 @record
@@ -139,14 +140,16 @@ def _turned_words(numbers: Numbers, q: Array) -> str:
 
 
 def refuse_turned(numbers: Numbers, task: Closable, q: Array, closed: Array, residual: float) -> None:
-    """Refuse a start q (nq,) with all its values given that closes where it is, but half a turn off.
+    """Refuse a start q (nq,) with all its values given that closes there or right beside, but half a turn off.
+
+    No other pose is meant.
 
     Raises
     ------
     GeometryError
     """
     moved = np.abs(numbers.manifold.difference(q, closed) / numbers.lengths).max(initial=0.0)
-    if task.missing or residual > CLOSED or moved > SAME_POSE or not numbers.turned(closed):
+    if task.missing or residual > CLOSED or moved > BESIDE or not numbers.turned(closed):
         return
     names = ", ".join(numbers.turned(closed))
     text = f"'initial.q' closes the loops with {names} {_turned_words(numbers, closed)}, or start in another pose"

@@ -145,7 +145,7 @@ class ConstrainedDynamics:
     def _eliminated(self, rows: dict[str, Array], rounded: bool) -> tuple[Array, Array]:
         """Return qdd (T, nv) as far as compiled elimination gives it, and the states that are left."""
         q, v, tau = rows.values()
-        if len(q) < MANY or self.problem.is_held:  # with parameters of zero they would slip without friction
+        if len(q) < MANY:
             return np.zeros(v.shape), np.arange(len(q))
         if self._elimination is None:
             try:
