@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation
 
 from robodyn_cli import load_scene_text
 from robodyn_cli.works.assemble import assemble
