@@ -89,8 +89,8 @@ def size_number(model: Model) -> float:
 
 
 def far_ends(model: Model) -> dict[str, tuple[float, float]]:
-    """Return how far an end of a loop is from its link [m], and how often as far as all joints from each other together,
-    for loops whose ends are much farther: lengths in another unit."""
+    """Return how far an end of a loop is from its link [m], and that over the distances of all joints together, for
+    loops whose ends are so much farther that they may be in another unit."""
     lengths = _lengths(model)[: 3 * len(model.bodies)]
     joints = sum(math.hypot(*map(float, lengths[k : k + 3])) for k in range(0, len(lengths), 3))
     ends = {loop.name: [loop.first.p, loop.second.p] for loop in model.loops}

@@ -95,8 +95,8 @@ def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> 
     """
     if words := [text for text in state if "=" not in text]:
         raise SceneError(
-            f"--at {words[0]!r}: is no state; allowed: {BALANCE}, or a state such as 'theta1=60 deg', with --hold where "
-            "constant torques hold it there"
+            f"--at {words[0]!r}: is no state; allowed: {BALANCE}, or a state such as 'theta1=60 deg', with --hold "
+            "where constant torques hold it"
         )
     balance = len(state) < len(at)
     chosen = [

@@ -69,8 +69,8 @@ class Links:
             if body.parent == BASE and body.joint.nv < FREE:
                 self.add(GROUND, FixedFrame(BASE, body.X_tree.r, body.X_tree.E.T))
         for link in scene.robot.links:
-            frame, known = model.links[link.name], link.mass is not None and link.com is not None
-            if self.carrier[link.name] not in (link.name, GROUND) and known and link.mass:
+            frame, held = model.links[link.name], self.carrier[link.name] not in (link.name, GROUND)
+            if held and link.mass and link.com is not None:
                 self.add(link.name, FixedFrame(frame.body, frame.p + frame.R @ vector(link.com), frame.R))
         for loop in model.loops:
             for reference, frame in zip(loop.element.between, (loop.first, loop.second)):

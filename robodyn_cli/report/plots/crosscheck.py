@@ -50,8 +50,8 @@ def _gaps(result: Result) -> dict[str, DrawnCurves]:
         return {}
     variable, here = result.variables["crosscheck/gap"], result["crosscheck/gap_here"]
     panels = {}
-    for unit, label, factor in (("m", "gap [mm]", 1e3), ("rad", "angle [rad]", 1.0)):
-        columns = [k for k, one in enumerate(units_of(variable)) if one == unit]
+    for of, unit, label, factor in (("m", "mm", "gap [mm]", 1e3), ("rad", "rad", "angle [rad]", 1.0)):
+        columns = [k for k, one in enumerate(units_of(variable)) if one == of]
         if not columns:
             continue
         word = label.partition(" ")[0]
@@ -61,7 +61,8 @@ def _gaps(result: Result) -> dict[str, DrawnCurves]:
         names.append(f"largest {word} here")
         own = np.full((len(data), 1), factor * here[:, columns].max())
         # each beside itself alone: what is small beside the others need not be rounding here
-        panels[label] = curves(np.column_stack([data, own]), names, names, factor * ROUNDING)
+        together = np.column_stack([data, own])
+        panels[label] = curves(together, names, [unit] * len(names), factor * ROUNDING, alone=True)
     return panels
 
 

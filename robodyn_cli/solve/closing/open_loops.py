@@ -201,5 +201,8 @@ def _smallest_gap(aligned: Aligned, task: Closable, q: Array, least: float, star
             "and rad), which proves nothing about other poses"
         )
     for name, (far, times) in numbers.far_ends.items():
-        text += f"; {name!r} ends {far:.6g} m from its link, {times:.3g} times as far as all joints together: is it in m?"
+        text += (
+            f"; {name!r} ends {far:.6g} m from its link, {times:.3g} times as far as all joints together: is it "
+            "in m?"
+        )
     return GeometryError(text, loop=loop, gap=gap, angle=angle, **known)
