@@ -136,7 +136,8 @@ def test_the_smallest_gap_is_reported(distance: float) -> None:
 
 def test_an_end_in_millimetres_is_doubted() -> None:
     links = [f"{{name: {n}, mass: 1, com: [0.1, 0, 0], inertia: {{zz: 0.01}}}}" for n in "ab"]
-    text = f"""robot:
+    text = f"""gravity: [0, 0, 0]
+robot:
   joints:
     - {{name: a, type: revolute, axis: [0, 0, 1]}}
     - {{name: b, type: revolute, axis: [0, 0, 1], parent: base, origin: {{xyz: [0.3, 0, 0]}}}}
