@@ -81,6 +81,13 @@ class Bound:
         )
 
 
+def bounds_at_rest(scene: Scene, model: Model) -> dict[int, tuple[float, float]]:
+    """Return the limits of joints that are no stops, by their places in q; infinite where there is none."""
+    joints = [one for one in limited_joints(scene, model) if not one.limits.acts]
+    bounds = ((one.place, one.limits.lower, one.limits.upper) for one in joints)
+    return {k: (-np.inf if low is None else low, np.inf if high is None else high) for k, low, high in bounds}
+
+
 def warnings_at_rest(joints: Sequence[LimitedJoint], q: Array, tau: Array) -> list[str]:
     """Return a warning for each limit of position and effort that a balance is beyond; ``q`` (nq,), ``tau`` (nv,)."""
     now, texts = np.zeros(1), []

@@ -64,16 +64,16 @@ class DrawnCurves:
 
 def curves(
     data: Array, names: Sequence[str], units: Sequence[str], error: Any = np.nan,
-    beside: Mapping[str, float] | None = None,
+    beside: Mapping[str, float] | None = None, *, alone: bool = False,
 ) -> DrawnCurves:  # fmt: skip
     """Return the columns of ``data`` (T, n) as they are drawn.
 
-    error : of each column, or of all. beside : largest value of other peers, by unit.
+    error : of each column, or of all. beside : largest value of other peers, by unit. alone : no column has peers.
     """
     data = finite(data)
     top = np.nanmax(np.abs(data), axis=0, initial=0.0)
     peers = {one: max([0.0, *(x for x, u in zip(top, units) if u == one)]) for one in units}
-    size = np.array([max(peers[one], (beside or {}).get(one, 0.0)) for one in units])
+    size = top if alone else np.array([max(peers[one], (beside or {}).get(one, 0.0)) for one in units])
     errors = np.broadcast_to(np.asarray(error, dtype=float), top.shape)
     nothing = (top > 0.0) & (top <= np.fmax(errors, NOTHING * size))
     said = [

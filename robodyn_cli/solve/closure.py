@@ -35,6 +35,7 @@ WORTH = 200_000  # operations in Python from which on reading code that works th
 ROUNDED = (
     1e-6  # the same, and the residual, for redundant rows that contradict each other by rounding in the data
 )
+FAR = 100.0  # times the joints' distances together: an end of a loop this far from its link is doubtful
 RANK = 1e-8  # ratio of singular values below which rank is lost, in comparable units
 
 
@@ -85,6 +86,20 @@ def size_number(model: Model) -> float:
     bodies = len(model.bodies)
     (size,) = derived(lambda lengths: [_size(bodies, lengths)], _lengths(model))
     return size
+
+
+def far_ends(model: Model) -> dict[str, tuple[float, float]]:
+    """Return how far an end of a loop is from its link [m], and that over the distances of all joints together, for
+    loops whose ends are so much farther that they may be in another unit."""
+    lengths = _lengths(model)[: 3 * len(model.bodies)]
+    joints = sum(math.hypot(*map(float, lengths[k : k + 3])) for k in range(0, len(lengths), 3))
+    ends = {loop.name: [loop.first.p, loop.second.p] for loop in model.loops}
+    far = {name: max(math.hypot(*map(_known, p)) for p in places) for name, places in ends.items()}
+    return {name: (x, x / joints) for name, x in far.items() if 0.0 < FAR * joints < x}
+
+
+def _known(x: Scalar) -> float:
+    return 0.0 if isinstance(x, Expr) else float(x)
 
 
 def _lengths(model: Model) -> list[float]:
@@ -157,7 +172,7 @@ class Numbers:
         self._psi = self.values_of([x for row in self.rows for x in row.psi])
         self._both = self.values_of([x for row in self.rows for x in (row.eta, *row.psi)])
         self._cosines = self.values_of([row.cosine for row in self.rows])
-        self.size = mechanism_size(equations.model)
+        self.size, self.far_ends = mechanism_size(equations.model), far_ends(equations.model)
         self.sizes = np.array([self.size if row.kind in ("force", "m") else 1.0 for row in self.rows])
         self.lengths = np.array([self.size if unit == "m" else 1.0 for unit in equations.model.v_units])
 

@@ -20,6 +20,7 @@ from robodyn_cli.given.prescribed import check_prescribed
 from robodyn_cli.model.model import unknown_among
 from robodyn_cli.observe.evaluation import cause, refuse_result, without_idle_unknowns
 from robodyn_cli.observe.formulas import check_formulas
+from robodyn_cli.observe.joint_limits import bounds_at_rest, limited_joints, warnings_at_rest
 from robodyn_cli.observe.observe import add_rows, add_sample
 from robodyn_cli.observe.reactions import Loads, loads_along
 from robodyn_cli.observe.units import joint_columns
@@ -30,6 +31,7 @@ from robodyn_cli.record import record
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.types import Scene
 from robodyn_cli.solve.closing.assembly import assemble
+from robodyn_cli.solve.closure import CLOSED, Numbers, newton
 from robodyn_cli.solve.load_sharing import Balance, LostRank, Shared, TooFewActuators, balance, share
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.assemble import Mobility
@@ -40,12 +42,15 @@ from robodyn_cli.torques.closed import lost_rank
 from robodyn_cli.trajectories.led import led_joints, position_columns
 from robodyn_cli.trajectories.motion import JointMotion
 
+STARTS = 12  # within the limits of the joints, where the balance that is reached first is not
+
 
 @record
 class AtRest:
     """A configuration at rest with the torques (nv,) and the multipliers (m,) of the loops that hold it.
 
-    terms : the torques (nv,) by term, where actuators hold it.
+    terms : the torques (nv,) by term, where actuators hold it. starts : within the limits of the joints, of which none
+    led to a balance within them.
     """
 
     problem: Problem
@@ -54,6 +59,7 @@ class AtRest:
     lam: Array
     facts: Balanced | Held
     terms: Mapping[str, Array]
+    starts: int = 0
 
 
 def refuse_unknown(entries: Sequence[Scalar]) -> None:
@@ -180,14 +186,20 @@ def staying_places(problem: Problem) -> list[int]:
 
 
 def balanced(problem: Problem, q: Array) -> AtRest:
-    """Return the balance that is reached downhill from a closed configuration q (nq,).
+    """Return the balance that is reached downhill from a closed configuration q (nq,), or, where that is beyond a limit
+    of a joint, the nearest to q within the limits that random starts there lead to.
 
     Raises
     ------
     NumericalError : none is found.
     """
     conditions = LoopConditions(problem, staying(problem, q), np.zeros(1))
-    rest = balance(conditions, _RestForces(problem, conditions), q)
+    forces = _RestForces(problem, conditions)
+    rest, starts = balance(conditions, forces, q), 0
+    if rest.converged and not _within(problem, rest.q):
+        within = _balances_within(problem, conditions, forces, q)
+        starts = 0 if within else STARTS
+        rest = min(within, key=lambda one: float(np.linalg.norm(one.q - q)), default=rest)
     if not rest.converged:
         raise NumericalError(
             f"no balance found in {rest.iterations} steps: a force of {rounded_up(rest.residual):.2g} N m or N is "
@@ -200,7 +212,33 @@ def balanced(problem: Problem, q: Array) -> AtRest:
     holding = [i for i in range(len(conditions.names)) if i not in loops]
     needed = J[holding].T @ rest.lam[holding]
     facts = _described(rest, {problem.model.v_names[k]: float(needed[k]) for k in staying_places(problem)})
-    return AtRest(problem, rest.q, tau + needed, rest.lam[loops], facts, {})
+    return AtRest(problem, rest.q, tau + needed, rest.lam[loops], facts, {}, starts)
+
+
+def _within(problem: Problem, q: Array) -> bool:
+    bounds = bounds_at_rest(problem.scene, problem.model)
+    return all(low <= q[k] <= high for k, (low, high) in bounds.items())
+
+
+def _balances_within(
+    problem: Problem, conditions: LoopConditions, forces: _RestForces, q: Array
+) -> list[Balance]:
+    """Return the balances within the limits of the joints to which random starts there lead; other joints start as at q
+    (nq,)."""
+    rng, loops = np.random.default_rng(0), Numbers(problem, problem.at_start)
+    balances = []
+    for _ in range(STARTS):
+        start = q.copy()
+        for k, (low, high) in bounds_at_rest(problem.scene, problem.model).items():
+            nearest = min(max(q[k], low), high)
+            start[k] = rng.uniform(max(low, nearest - np.pi), min(high, nearest + np.pi))
+        closed, left = newton(conditions, start, range(problem.model.nv))
+        if left > CLOSED or loops.turned(closed) or not _within(problem, closed):
+            continue
+        rest = balance(conditions, forces, closed)
+        if rest.converged and _within(problem, rest.q):
+            balances.append(rest)
+    return balances
 
 
 def _described(rest: Balance, holding: Mapping[str, float]) -> Balanced:
@@ -330,14 +368,11 @@ def report(state: AtRest, loads: Loads | None) -> Result:
 
 def _beyond_limits(state: AtRest) -> list[str]:
     """Return a warning for each limit of a joint that the balance is beyond; stops have pushed already."""
-    if not state.problem.scene.robot.limited:
-        return []
-    from robodyn_cli.observe.joint_limits import limited_joints, warnings_at_rest
-
     joints = [
         joint for joint in limited_joints(state.problem.scene, state.problem.model) if not joint.limits.acts
     ]
-    return warnings_at_rest(joints, state.q, state.tau)
+    none = f"{state.starts} starts within the limits of the joints led to no balance there"
+    return ([none] if state.starts else []) + warnings_at_rest(joints, state.q, state.tau)
 
 
 def summarise(state: AtRest, loads: Loads | None) -> StaticsSummary:

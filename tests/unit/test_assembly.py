@@ -134,6 +134,23 @@ def test_the_smallest_gap_is_reported(distance: float) -> None:
     assert "'pin'" in error.message and f"{gap:.6g} m" in error.message
 
 
+def test_an_end_in_millimetres_is_doubted() -> None:
+    links = [f"{{name: {n}, mass: 1, com: [0.1, 0, 0], inertia: {{zz: 0.01}}}}" for n in "ab"]
+    text = f"""gravity: [0, 0, 0]
+robot:
+  joints:
+    - {{name: a, type: revolute, axis: [0, 0, 1]}}
+    - {{name: b, type: revolute, axis: [0, 0, 1], parent: base, origin: {{xyz: [0.3, 0, 0]}}}}
+  links: [{", ".join(links)}]
+  points: {{p: {{link: a, at: [200, 0, 0]}}, q: {{link: b, at: [0.2, 0, 0]}}}}
+loops: [{{name: pin, type: revolute, between: [p, q]}}]
+"""
+    with pytest.raises(
+        GeometryError, match="'pin' ends 200 m from its link, 667 times as far .*: is it in m?"
+    ):
+        assembled(text)
+
+
 def test_a_held_joint_is_named_with_its_value() -> None:
     error = failure("initial={q: {theta1: 2.7}, hold: [theta1]}")
     assert isinstance(error, GeometryError) and "theta1 = 2.7 held" in error.message

@@ -183,3 +183,21 @@ def test_what_rounding_leaves_of_a_force_is_balanced() -> None:
     rest = balance(Bar(), Forces(), np.array([0.9, 0.4, 0.0]))
     assert rest.converged and rest.iterations < 20 and rest.stability == "indifferent"
     assert abs(rest.q[0] - 0.2) < 1e-12 and abs(rest.q[1] - 0.4) < 1e-5
+
+
+LIMITED = """schema: 1
+gravity: [0, -9.81, 0]
+robot:
+  joints: [{name: a, type: revolute, axis: [0, 0, 1], limits: {lower: 60 deg, upper: %s deg}}]
+  links: [{name: l, mass: 1, com: [0.3, 0, 0], inertia: {xx: 0.01, yy: 0.02, zz: 0.02}}]
+initial: {q: {a: 80 deg}}
+"""
+
+
+def test_a_balance_within_the_limits_is_preferred() -> None:
+    """Downhill is -90 deg; within the limits the pendulum hangs at 270 deg, or nowhere."""
+    summary = statics(load_scene_text(LIMITED % "300")).summary
+    assert summary["configuration"]["a"] == pytest.approx(1.5 * np.pi) and "warnings" not in summary
+    summary = statics(load_scene_text(LIMITED % "250")).summary
+    assert summary["configuration"]["a"] == pytest.approx(-0.5 * np.pi)
+    assert "12 starts within the limits of the joints led to no balance there" in summary["warnings"][0]

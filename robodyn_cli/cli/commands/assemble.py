@@ -76,8 +76,11 @@ def describe(summary: Mapping[str, Any]) -> str:
     if summary["redundant_rows"]:
         lines.append(f"  redundant rows     {', '.join(summary['redundant_rows'])}")
     lines += mobility_lines(summary)
+    undriven: dict[str, int] = {}
     for part in summary.get("undriven", ()):
-        lines.append(f"  nothing drives     {part['count']} of the freedoms: of {', '.join(part['joints'])}")
+        joints = ", ".join(part["joints"])
+        undriven[joints] = undriven.get(joints, 0) + part["count"]
+    lines += [f"  nothing drives     {n} of the freedoms: of {joints}" for joints, n in undriven.items()]
     if summary.get("mass_condition", 0.0) > ILL_CONDITIONED:
         digits = math.log10(summary["mass_condition"])
         lines.append(

@@ -91,8 +91,13 @@ def _about(at: Sequence[str], state: Sequence[str], hold: bool, along: bool) -> 
 
     Raises
     ------
-    SceneError : options that exclude each other.
+    SceneError : options that exclude each other, a word that is no state.
     """
+    if words := [text for text in state if "=" not in text]:
+        raise SceneError(
+            f"--at {words[0]!r}: is no state; allowed: {BALANCE}, or a state such as 'theta1=60 deg', with --hold "
+            "where constant torques hold it"
+        )
     balance = len(state) < len(at)
     chosen = [
         name for name, given in (("--at balance", balance), ("--hold", hold), ("--along", along)) if given

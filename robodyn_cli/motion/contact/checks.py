@@ -8,13 +8,16 @@ import numpy as np
 
 from robodyn_cli.equations.contact_joints import ContactJoint
 from robodyn_cli.errors import CapabilityError, NumericalError
+from robodyn_cli.solve.closure import rank
 from robodyn_cli.spatial.algebra import Array
 
 MISSED = 1e-6  # what has gone past an event by this part of its scale was missed
 
 
-def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:
+def check_freedom(joints: Sequence[ContactJoint], psi: Array, tolerance: float) -> None:
     """Refuse more joints that could stick than the mechanism has degrees of freedom; psi : (m, nv).
+
+    tolerance : ratio of singular values below which rows depend on each other.
 
     Raises
     ------
@@ -23,11 +26,11 @@ def check_freedom(joints: Sequence[ContactJoint], psi: Array) -> None:
     sticking = [joint for joint in joints if joint.friction is not None]
     units = np.zeros((len(sticking), psi.shape[1]))
     units[np.arange(len(sticking)), [joint.v for joint in sticking]] = 1.0
-    rank = int(np.linalg.matrix_rank(psi, tol=1e-9)) if len(psi) else 0
-    held = int(np.linalg.matrix_rank(np.concatenate([psi, units]), tol=1e-9)) - rank if sticking else 0
+    independent = rank(psi, tolerance) if len(psi) else 0
+    held = rank(np.concatenate([psi, units]), tolerance) - independent if sticking else 0
     if held < len(sticking):
         names = ", ".join(joint.name for joint in sticking)
-        free = psi.shape[1] - rank
+        free = psi.shape[1] - independent
         raise CapabilityError(
             f"friction with 'law: set_valued' in {names}: with {free} degrees of freedom left by loops and "
             "prescribed motion, their forces at rest would not be unique; allowed: fewer such joints, none of them "

@@ -32,6 +32,7 @@ from robodyn_cli.motion.contact.events import (
 )
 from robodyn_cli.motion.contact.impact import Impact, halted, is_lost
 from robodyn_cli.motion.motion import Motion, Watcher
+from robodyn_cli.ready.singularity import rank_tolerance
 from robodyn_cli.spatial.algebra import Array
 
 AT_STOP = 1e-12  # a joint this close to a stop, relative to its position, is at it
@@ -133,7 +134,8 @@ class ContactStates(Watcher):
         x = x.copy()
         self._clear()
         self.options = options
-        check_freedom(self.joints, self._mass_matrix_and_psi(t, x)[1])
+        tolerance = rank_tolerance(self.problem, x[: self.problem.model.nq], t)
+        check_freedom(self.joints, self._mass_matrix_and_psi(t, x)[1], tolerance)
         self._settle_speeds(x)
         for k, joint in enumerate(self.joints):
             place = self._q(joint)

@@ -28,7 +28,9 @@ GREY = "#9a9a9a"
 OF_PAYLOADS = "#4d4d4d"
 DENSITY = 2700.0  # of a cube for a payload whose inertia is not known [kg/m^3]
 # black and grey are those of outlines and of the ground
-LINK_COLOURS = tuple(colour for colour in COLOURS if colour not in ("#000000", "#7F7F7F"))
+LINK_COLOURS = tuple(colour for colour in COLOURS if colour not in ("#000000", "#7F7F7F", "#56B4E9")) + (
+    "#A0A000",  # in the place of a second blue, as areas are pale
+)
 
 
 def colour_of(place: int) -> str:
@@ -66,6 +68,10 @@ class Links:
         for body in model.bodies:
             if body.parent == BASE and body.joint.nv < FREE:
                 self.add(GROUND, FixedFrame(BASE, body.X_tree.r, body.X_tree.E.T))
+        for link in scene.robot.links:
+            frame, held = model.links[link.name], self.carrier[link.name] not in (link.name, GROUND)
+            if held and link.mass and link.com is not None:
+                self.add(link.name, FixedFrame(frame.body, frame.p + frame.R @ vector(link.com), frame.R))
         for loop in model.loops:
             for reference, frame in zip(loop.element.between, (loop.first, loop.second)):
                 self.add(point_link(scene.robot, reference), frame)

@@ -12,19 +12,22 @@ from robodyn_cli.report.style import MANY, line_styles, positive_floor
 from robodyn_cli.report.time_sheet import TimeSheet, panel_height
 from robodyn_cli.results.result import Result, column_names, units_of
 
+ROUNDING = 1e-15  # m or rad, that attitudes and places of links are off by in any engine
+
 
 @plot(lambda result: "crosscheck/q" in result and len(result.time) > 1)
 def own_settings(result: Result) -> Any:
     """Gaps of closures, errors of accelerations and of the energy, on logarithmic axes."""
     gaps, errors = _gaps(result), _errors(result)
-    panels, summary = {**gaps, **errors}, result.summary
-    labels = [name for shown in gaps.values() for name in shown.names]
+    every, summary = {**gaps, **errors}, result.summary
+    panels = {label: shown for label, shown in every.items() if shown.top.any()} or every
+    labels = [name for label, shown in gaps.items() if label in panels for name in shown.names]
     ended = summary["termination"]["reason"]
     sheet = TimeSheet(
         result,
         f"{summary['engine']} {summary['version']} at its own settings, steps of {summary['step']:g} s: {ended}"
         + zero_note(*(shown.data for shown in panels.values())),
-        nothing=[text for shown in panels.values() for text in shown.nothing],
+        nothing=[text for shown in every.values() for text in shown.nothing],
         panels=len(panels),
         height=panel_height(len(panels)),
         labels=labels,
@@ -47,8 +50,8 @@ def _gaps(result: Result) -> dict[str, DrawnCurves]:
         return {}
     variable, here = result.variables["crosscheck/gap"], result["crosscheck/gap_here"]
     panels = {}
-    for unit, label, factor in (("m", "gap [mm]", 1e3), ("rad", "angle [rad]", 1.0)):
-        columns = [k for k, one in enumerate(units_of(variable)) if one == unit]
+    for of, unit, label, factor in (("m", "mm", "gap [mm]", 1e3), ("rad", "rad", "angle [rad]", 1.0)):
+        columns = [k for k, one in enumerate(units_of(variable)) if one == of]
         if not columns:
             continue
         word = label.partition(" ")[0]
@@ -57,8 +60,9 @@ def _gaps(result: Result) -> dict[str, DrawnCurves]:
             names, data = [f"largest {word}"], data.max(axis=1, keepdims=True)
         names.append(f"largest {word} here")
         own = np.full((len(data), 1), factor * here[:, columns].max())
-        # each beside itself alone: what is small beside the others is no rounding here
-        panels[label] = curves(np.column_stack([data, own]), names, names)
+        # each beside itself alone: what is small beside the others need not be rounding here
+        together = np.column_stack([data, own])
+        panels[label] = curves(together, names, [unit] * len(names), factor * ROUNDING, alone=True)
     return panels
 
 

@@ -82,6 +82,23 @@ def _tilts(n: Array, Jw: Array) -> tuple[Array, Array]:
     return angle[:, None] * u, tilting + turning
 
 
+class Drawn:
+    """Conditions with a pull to a pose beside them, which steps that start anywhere follow to where they close near it:
+    ``pull`` (q - home) / lengths, one row for each coordinate."""
+
+    def __init__(self, aligned: Aligned, home: Array, pull: float) -> None:
+        self.aligned, self.home, self.pull, self.lengths = aligned, home, pull, aligned.lengths
+        self.sizes = np.append(aligned.sizes, np.ones(len(aligned.lengths)))
+
+    def at(self, q: Array, t: float) -> tuple[Array, Array]:
+        F, J = self.aligned.at(q, t)
+        away = self.aligned.numbers.manifold.difference(self.home, q) / self.lengths
+        return np.append(F, self.pull * away), np.concatenate([J, np.diag(self.pull / self.lengths)])
+
+    def step(self, q: Array, dq: Array) -> Array:
+        return self.aligned.step(q, dq)
+
+
 def descend(
     conditions: Conditions, q: Array, free: Sequence[int], sizes: Array, gain: float = 1e-2
 ) -> tuple[Array, float]:

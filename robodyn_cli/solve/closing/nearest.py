@@ -5,14 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from robodyn_cli.record import record
-from robodyn_cli.solve.closing.descent import Aligned, descend, starts_around
+from robodyn_cli.solve.closing.descent import Aligned, Drawn, descend, starts_around
 from robodyn_cli.solve.closing.open_loops import Closable, open_loop, refuse_turned
 from robodyn_cli.solve.closure import CLOSED, CUT, MOST_STEP, ROUNDED, Numbers, newton, rank
 from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
 from robodyn_cli.spatial.algebra import Array
 
-NEAREST = 2  # closed configurations that are moved nearer
+NEAREST = 4  # closed configurations that are moved nearer
 FEW = 8  # random starts of damped steps at each distance
+PULL = 0.1  # of starts far off to q = 0, beside the loops; less forgets it, more stays where no loop closes
+DRAWN = 16  # starts far off
 NEARLY = 1e-4  # rad, or part of the size, that Newton's steps, or rounding, may account for
 SLIDES = 60  # steps towards the nearest configuration at most
 ARRIVED = 1e-11  # rad, or part of the size, that it may be left along the freedoms
@@ -154,6 +156,10 @@ def _nearest_to_neutral(numbers: Numbers, q: Array, task: Closable) -> ClosedPos
         if spread == np.pi and poses:
             break
         around = starts_around(numbers, q, task.free, spread, seed, FEW if spread else 1)
+        if spread == 1.0:
+            drawn = Drawn(aligned, q, PULL)
+            far = starts_around(numbers, q, task.free, spread, seed, DRAWN)
+            around = [descend(drawn, start, task.free, drawn.sizes)[0] for start in far]
         closed, more = _descend_from(aligned, q, task, around)
         poses, tried, starts = poses + closed, tried + more, starts + around
     if not poses or _hides_dependence(numbers, _regular(numbers, poses)[0][1]):

@@ -203,4 +203,9 @@ def _smallest_gap(aligned: Aligned, task: Closable, q: Array, least: float, star
             f"; the least that was found leaves {least:.5g} over all loops (root of the sum of squares of all rows, m "
             "and rad), which proves nothing about other poses"
         )
+    for name, (far, times) in numbers.far_ends.items():
+        text += (
+            f"; {name!r} ends {far:.6g} m from its link, {times:.3g} times as far as all joints together: is it "
+            "in m?"
+        )
     return GeometryError(text, loop=loop, gap=gap, angle=angle, **known)
