@@ -242,6 +242,33 @@ def _npz(result: Result, directory: Path) -> list[Path]:
     return [target]
 
 
+def _json(result: Result, directory: Path) -> list[Path]:
+    """Write datasets by path with units, names and axes, the events, and what the result is; null is no number."""
+    variables = {
+        path: {
+            "units": list(v.column_units) or v.units,
+            "long_name": v.long_name,
+            "dims": list(v.dims),
+            "names": list(v.names),
+            "data": _plain(v.data),
+        }
+        for path, v in result.variables.items()
+    }
+    contents = {**_about(result), "events": result.events, "variables": variables}
+    target = directory / "result.json"
+    write_bytes(target, json.dumps(contents, allow_nan=False, ensure_ascii=False).encode())
+    return [target]
+
+
+def _plain(x: Array) -> Any:
+    """Return lists of numbers, None where there is none."""
+    if x.dtype.kind != "f" or np.isfinite(x).all():
+        return x.tolist()
+    plain = x.astype(object)
+    plain[~np.isfinite(x)] = None
+    return plain.tolist()
+
+
 def _mat(result: Result, directory: Path) -> list[Path]:
     """Write structures that follow the paths: ``data``, ``units`` and ``names`` with the same fields."""
     from scipy.io import savemat
@@ -290,4 +317,5 @@ KINDS: dict[str, Callable[[Result, Path], list[Path]]] = {
     "parquet": _parquet,
     "mat": _mat,
     "npz": _npz,
+    "json": _json,
 }

@@ -190,7 +190,7 @@ def _of_results(command: str, stored: Path, rng: random.Random) -> Case:
     if command == "compare" or (command in ("plot", "report") and rng.random() < 0.2):
         words.append(str(stored / rng.choice(names)))
     if command == "export":
-        words += ["--to", rng.choice(("csv", "parquet", "mat", "npz"))]
+        words += ["--to", rng.choice(("csv", "parquet", "mat", "npz", "json", "mcap"))]
     return Case(command, files, words)
 
 

@@ -82,6 +82,17 @@ def test_npz_and_mat_come_back_with_units(result: Result, tmp_path: Path) -> Non
     assert list(stored["names"]["q"]) == ["theta1", "theta2"]
 
 
+def test_json_comes_back_with_units(result: Result, tmp_path: Path) -> None:
+    (path,) = export(result, "json", tmp_path)
+    stored = json.loads(path.read_text(encoding="utf-8"), parse_constant=pytest.fail)
+    assert stored["command"] == "simulate" and stored["events"][0]["speed"] == 2.5
+    for name, variable in result.variables.items():
+        own = stored["variables"][name]
+        assert np.array_equal(np.array(own["data"], dtype=float), variable.data, equal_nan=True)
+        assert own["units"] == (list(variable.column_units) or variable.units)
+        assert own["names"] == list(variable.names) and own["dims"] == list(variable.dims)
+
+
 def test_parquet_comes_back_with_units(result: Result, tmp_path: Path) -> None:
     parquet = pytest.importorskip("pyarrow.parquet")
     export(result, "parquet", tmp_path)
@@ -108,7 +119,7 @@ def test_mistakes_are_one_message_and_leave_nothing(
     assert importlib.util.find_spec("pyarrow") is None
     out = tmp_path / "out"
     for words, code, message in (
-        ([stored, "--to", "xlsx", "--out", str(out)], 2, "allowed: csv, parquet, mat, npz"),
+        ([stored, "--to", "xlsx", "--out", str(out)], 2, "allowed: csv, parquet, mat, npz, json, mcap"),
         ([stored, "--to", "parquet", "--out", str(out)], 2, "pip install 'robodyn[parquet]'"),
         ([str(taken), "--to", "csv", "--out", str(out)], 2, "cannot be read as HDF5"),
         ([stored, "--to", "csv"], 2, "--out"),

@@ -11,7 +11,7 @@ from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
 from robodyn_cli.cli.options import Quiet, ReportAsJson, choice, file
 
-OF_RESULTS = ("csv", "parquet", "mat", "npz")
+OF_RESULTS = ("csv", "parquet", "mat", "npz", "json", "mcap")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
 SCENES = (".yaml", ".yml", ".urdf", ".sdf", ".xml", ".mjcf")
 
@@ -32,7 +32,8 @@ def command(
             "--to",
             metavar="KIND",
             parser=choice(*OF_RESULTS, *OF_SCENES),
-            help="Of a result: csv, parquet, mat (MATLAB), npz. Of a scene: urdf+, extended-urdf, mjcf, sdf.",
+            help="Of a result: csv, parquet, mat (MATLAB), npz, json, mcap (ROS 2). Of a scene: urdf+, "
+            "extended-urdf, mjcf, sdf.",
             show_default=False,
         ),
     ],
@@ -69,6 +70,11 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
         raise CapabilityError(
             f"{source} is {of}, of which --to {to} writes nothing; allowed: {', '.join(kinds)}"
         )
+    if to == "mcap":
+        from robodyn_cli.over.batch.stored import read_stored
+        from robodyn_cli.over.export.mcap import export_mcap
+
+        return export_mcap(read_stored(source), out), []
     if to in OF_RESULTS:
         from robodyn_cli.over.batch.stored import read_stored
         from robodyn_cli.results.export import export
