@@ -1,0 +1,178 @@
+"""States at which C is compared with Python: their values there, and what rounding makes of them in each precision."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from robodyn_cli.equations.control.control import NOISE, STATES
+from robodyn_cli.equations.problem import Problem
+from robodyn_cli.errors import GeometryError
+from robodyn_cli.expr.graph import reachable
+from robodyn_cli.expr.rebuild import Evaluator
+from robodyn_cli.model.manifold import Manifold
+from robodyn_cli.over.c99.functions import GROUPS, CFunction, ModelFunctionsOfScene
+from robodyn_cli.ready.doors import at_rest
+from robodyn_cli.ready.prepare import prepare
+from robodyn_cli.record import record
+from robodyn_cli.solve.closure import CLOSED, Numbers, newton, rank
+from robodyn_cli.solve.independent_rows import RANK_TOLERANCE
+from robodyn_cli.solve.load_sharing import accelerations, allowed_motions
+from robodyn_cli.spatial.algebra import Array
+
+STATES_COMPARED = 6
+STEP = 0.1  # rad or m: how far states of loops lie from the start
+DRAWS = 4  # of rounded equations, whose solutions tell what rounding makes of accelerations
+ALLOWED = 16.0  # times the error found here may be that of C: other libraries and compilers round otherwise
+LEAST = 8.0  # units of rounding that are always allowed
+ROUNDING = {"double": 2.0**-53, "single": 2.0**-24}
+TYPES: dict[str, Any] = {"double": np.float64, "single": np.float32}
+
+
+@record
+class Compared:
+    """What one output of a function is at all states.
+
+    values : (T, n), correct to double. errors : by precision the largest difference, in parts of the largest entry.
+    """
+
+    function: str
+    output: str
+    values: Array
+    errors: Mapping[str, float]
+
+    def allowed(self, precision: str) -> float:
+        """Return the error that the self test allows, in parts of the largest entry."""
+        return ALLOWED * max(self.errors[precision], LEAST * ROUNDING[precision])
+
+
+@record
+class ComparedStates:
+    """States by argument (T, n), the outputs at them, q (nq,) and qd (nv,) of the start, and the rank of Psi there."""
+
+    arguments: Mapping[str, Array]
+    outputs: tuple[Compared, ...]
+    q: Array
+    qd: Array
+    rank: int
+
+
+def compared_states(own: ModelFunctionsOfScene) -> ComparedStates:
+    """Return states of a mechanism, closed ones where it has loops, with the values of its functions.
+
+    Raises
+    ------
+    RobodynError : its loops do not close.
+    """
+    problem = own.problem
+    setup = prepare(at_rest(problem.scene), neutral=True)
+    q, v = setup.assembled.q, setup.assembled.v
+    rng = np.random.default_rng(7)
+    model, count = problem.model, STATES_COMPARED
+    if problem.constraints.rows:
+        qs, vs = _closed(problem, q, rng)
+    else:
+        manifold = Manifold(model)
+        qs = np.array([q, *(manifold.integrate(q, dq) for dq in rng.normal(size=(count - 1, model.nv)))])
+        vs = rng.normal(size=(count, model.nv))
+    control = problem.control
+    arguments = {
+        "t": np.zeros((count, 1)) if problem.constraints.rows else np.linspace(0.0, 1.0, count)[:, None],
+        "q": qs,
+        "qd": vs,
+        "qdd": rng.normal(size=(count, model.nv)),
+        "tau": rng.normal(size=(count, model.nv)),
+        "z": rng.normal(size=(count, 0 if control is None else len(control.z))),
+        "noise": rng.normal(size=(count, 0 if control is None else control.channels)),
+    }
+    outputs = [x for function in own.functions for x in _compared(function, arguments)]
+    psi = problem.numbers(problem.psi, q)
+    return ComparedStates(arguments, tuple(outputs), q, v, rank(psi, RANK_TOLERANCE) if psi.size else 0)
+
+
+def _closed(problem: Problem, q: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+    """Return positions (T, nq) near q (nq,) that close the loops at t = 0, and rates (T, nv) that keep them closed."""
+    numbers = Numbers(problem, problem.at_start)
+    qs, vs = [], []
+    for k in range(STATES_COMPARED):
+        there, left = q, 0.0
+        N = allowed_motions(numbers.psi(q)[None])[0][0]
+        if k and N.shape[1]:
+            step = N @ rng.normal(size=N.shape[1]) * STEP
+            there, left = newton(numbers, numbers.step(q, step), range(problem.model.nv))
+        if left > 1e3 * CLOSED:  # too far away: the start closes
+            there = q
+        psi = numbers.psi(there)
+        N = allowed_motions(psi[None])[0][0]
+        forced = -np.linalg.lstsq(psi, numbers.eta_t(there), rcond=RANK_TOLERANCE)[0]
+        qs.append(there)
+        vs.append(forced + N @ rng.normal(size=N.shape[1]))
+    return np.array(qs), np.array(vs)
+
+
+def _compared(function: CFunction, arguments: Mapping[str, Array]) -> list[Compared]:
+    if function.solved:
+        return [_solved(function, arguments)]
+    exact = _values(function, arguments, np.longdouble)
+    rounded = {name: _values(function, arguments, kind) for name, kind in TYPES.items()}
+    return [
+        Compared(
+            function.name,
+            name,
+            exact[name].astype(float),
+            {kind: _difference(values[name], exact[name]) for kind, values in rounded.items()},
+        )
+        for name in function.outputs
+    ]
+
+
+def _difference(values: Array, exact: Array) -> float:
+    """Return the largest difference in parts of the largest entry."""
+    most = float(np.abs(exact).max(initial=0.0))
+    return float(np.abs(values - exact).max(initial=0.0)) / most if most else 0.0
+
+
+def _values(function: CFunction, arguments: Mapping[str, Array], kind: Any) -> dict[str, Array]:
+    """Return the outputs (T, n) of a function, computed in a type of numbers."""
+    entries = [x for output in function.entries.values() for x in output]
+    count = len(arguments["q"])
+    inputs = {GROUPS[name]: arguments[name].T.astype(kind) for name in function.takes}
+    with np.errstate(all="ignore"):
+        flat = Evaluator(entries)(inputs)
+    columns = iter(np.broadcast_to(np.asarray(x, dtype=kind), (count,)) for x in flat)
+    return {
+        name: np.array([next(columns) for _ in range(output.size)], dtype=kind).T.reshape(count, output.size)
+        for name, output in function.outputs.items()
+    }
+
+
+def _solved(function: CFunction, arguments: Mapping[str, Array]) -> Compared:
+    """Return the accelerations that follow from the linear equations of a function.
+
+    The errors are those of equations that are rounded to a precision, entry by entry.
+    """
+    shapes = {name: output.entries.shape for name, output in function.outputs.items()}
+    exact = _values(function, arguments, np.longdouble)
+
+    def accelerated(parts: Mapping[str, Array]) -> Array:
+        M, load, psi, gamma = (
+            parts[name].astype(float).reshape(-1, *shapes[name]) for name in ("M", "load", "Psi", "gamma")
+        )
+        return accelerations(M, arguments["tau"] - load, psi, gamma, RANK_TOLERANCE)
+
+    qdd = accelerated(exact)
+    rng = np.random.default_rng(11)
+    errors = {}
+    for kind, size in ROUNDING.items():
+        parts = _values(function, arguments, TYPES[kind])
+        draws = [
+            {
+                name: x.astype(float) * (1.0 + 2.0 * size * rng.choice([-1.0, 1.0], size=x.shape))
+                for name, x in parts.items()
+            }
+            for _ in range(DRAWS)
+        ]
+        errors[kind] = max(_difference(accelerated(one), qdd) for one in draws)
+    return Compared(function.name, "qdd", qdd, errors)

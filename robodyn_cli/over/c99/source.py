@@ -1,0 +1,394 @@
+"""The library: its header, and the definitions of its functions."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from robodyn_cli.kernels.c99 import (
+    HELPERS,
+    INDENT,
+    TIED,
+    Statements,
+    comment,
+    helpers_text,
+    identifier,
+    literal,
+    wrapped,
+)
+from robodyn_cli.kernels.program import Program
+from robodyn_cli.over.c99.functions import GROUPS, CFunction
+from robodyn_cli.over.c99.keys import Parametrised
+from robodyn_cli.over.c99.samples import ComparedStates
+from robodyn_cli.over.c99.solve import SOLVE
+from robodyn_cli.over.c99.table import PLACED, FunctionNames, NumberTable
+from robodyn_cli.spatial.algebra import Array
+from robodyn_cli.version import __version__
+
+MEANINGS = {
+    "t": "time [s]",
+    "q": "positions",
+    "qd": "rates",
+    "qdd": "accelerations",
+    "tau": "torques of the joints",
+    "z": "states of the controller",
+    "noise": "standard normal random numbers of the sensors",
+}
+STATUS = (
+    "Returns 0; 1 where loops lose rank; 2 where nothing has inertia along a motion that they leave."
+)
+
+
+def unique(names: Iterable[str]) -> list[str]:
+    """Return names as identifiers, each another one."""
+    taken: list[str] = []
+    for name in names:
+        own, k = identifier(name), 2
+        while own in taken:
+            own, k = f"{identifier(name)}_{k}", k + 1
+        taken.append(own)
+    return taken
+
+
+def library_name(path: str) -> str:
+    """Return what the C of a scene's file is called."""
+    stem = identifier(os.path.splitext(os.path.basename(path))[0]) or "scene"
+    return stem if stem[0].isalpha() else f"robot_{stem.lstrip('_')}"
+
+
+class Library:
+    """The C of the functions of a scene: ``header`` and ``source`` are its texts.
+
+    Parameters
+    ----------
+    made : functions and keys. states : of the start, and their comparison. name : of the library.
+    """
+
+    def __init__(self, made: Parametrised, states: ComparedStates, name: str) -> None:
+        self.made, self.states, self.name = made, states, name
+        self.big = name.upper()
+        self.functions = made.own.functions
+        self.model = made.own.problem.model
+        self.control = made.own.problem.control
+        self.names = dict(zip((f.name for f in self.functions), unique(f.name for f in self.functions)))
+        keys = [key.name for key in made.keys]
+        self.key_names = dict(zip(keys, (f"{self.big}_KEY_{x}" for x in unique(keys))))
+        self.table = NumberTable(made)
+        self._helpers: set[str] = set()
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """How many entries each argument has."""
+        controls = 0 if self.control is None else len(self.control.z)
+        noise = 0 if self.control is None else self.control.channels
+        nv = self.model.nv
+        return {"q": self.model.nq, "qd": nv, "qdd": nv, "tau": nv, "z": controls, "noise": noise}
+
+    # -- declarations -------------------------------------------------------------------------------------
+    def arguments(self, function: CFunction, real: str) -> list[str]:
+        """Return the parameters of a function as C declares them."""
+        listed = [f"const {self.name}_numbers *numbers"]
+        for name in function.takes:
+            listed.append(f"{real} t" if name == "t" else f"const {real} {name}[{max(1, self.sizes[name])}]")
+        if function.solved:
+            rows = function.outputs["gamma"].size
+            listed += [f"const {real} tau[{self.model.nv}]", f"{real} qdd[{self.model.nv}]", f"{real} lambda[{rows}]"]
+        else:
+            listed += [f"{real} {name}[{max(1, out.size)}]" for name, out in function.outputs.items()]
+        return listed
+
+    def _declared(self, function: CFunction, real: str) -> str:
+        kind = "int" if function.solved else "void"
+        listed = ", ".join(x.replace(" ", TIED) for x in self.arguments(function, real))
+        return f"{kind} {self.name}_{self.names[function.name]}({listed})"
+
+    def _described(self, function: CFunction) -> str:
+        """Return the comment above a declaration: what it does, shapes and units."""
+        lines = [function.meaning]
+        if function.solved:
+            lines += [STATUS, f"tau ({self.model.nv}): torques of the joints.", f"qdd ({self.model.nv}): accelerations."]
+            lines.append(f"lambda ({function.outputs['gamma'].size}): multipliers of the rows, N or N m.")
+        else:
+            for name, out in function.outputs.items():
+                lines.append(f"{name} {_shape(out.entries)}: {out.meaning} [{out.units}].")
+        return _block_comment(lines)
+
+    @cached_property
+    def header(self) -> str:
+        """The text of the header."""
+        own, big = self.name, self.big
+        parts = [
+            _block_comment(self._about()),
+            f"#ifndef {big}_H\n#define {big}_H\n",
+            f"#ifdef {big}_SINGLE\ntypedef float {own}_real;\n#else\ntypedef double {own}_real;\n#endif\n",
+            self._enumerations(),
+            self._table_type(),
+            '#ifdef __cplusplus\nextern "C" {\n#endif\n',
+            *self._of_numbers(),
+            *(f"{self._described(f)}{wrapped(self._declared(f, f'{own}_real'), '')};\n" for f in self.functions),
+            "#ifdef __cplusplus\n}\n#endif\n",
+            "#endif\n",
+        ]
+        return "\n".join(parts)
+
+    def _about(self) -> list[str]:
+        scene, model = self.made.own.problem.scene, self.model
+        lines = [
+            f"{self.name}: functions of the scene {os.path.basename(scene.path)}, written by robodyn {__version__}.",
+            "",
+            "All arrays are row by row, all units SI. Outputs must not overlap inputs. Nothing is allocated, nothing kept.",
+            f"Where {self.big}_SINGLE is defined, numbers are float in place of double.",
+            "",
+            f"q ({model.nq}), positions: {_columns(model.q_names, model.q_units)}.",
+            f"qd ({model.nv}), rates: {_columns(model.v_names, [f'{x}/s' for x in model.v_units])}.",
+            f"qdd and tau ({model.nv}) have the order of qd.",
+        ]
+        if self.control is not None:
+            lines.append(f"z ({len(self.control.z)}), states of the controller: {', '.join(self.control.names) or 'none'}.")
+            lines.append(f"Driven joints, in this order: {', '.join(self.control.joints)}.")
+        lines += [f"Left out: {name}: {why}." for name, why in self.made.own.left_out.items()]
+        return lines
+
+    def _enumerations(self) -> str:
+        big, model = self.big, self.model
+        constants = {"NQ": model.nq, "NV": model.nv}
+        if self.control is not None:
+            constants |= {"NZ": len(self.control.z), "NDRIVEN": len(self.control.joints)}
+        lines = [f"enum {{ {', '.join(f'{big}_{k} = {x}' for k, x in constants.items())} }};"]
+        for kind, names in (("Q", model.q_names), ("QD", model.v_names)):
+            members = ", ".join(f"{big}_{kind}_{x} = {k}" for k, x in enumerate(unique(names)))
+            lines.append(wrapped(f"enum {{ {members} }};", ""))
+        if self.control is not None and self.control.period is not None:
+            lines.append(f"#define {big}_CONTROL_PERIOD {literal(float(self.control.period))} /* s */")
+            if self.control.rest:
+                lines.append(f"#define {big}_CONTROL_REST {literal(float(self.control.rest))} /* s */")
+        return "\n".join(lines) + "\n"
+
+    def _table_type(self) -> str:
+        """Return the keys, and the type of a table of numbers."""
+        members = [
+            f"    {self.key_names[key.name]}, /* {comment(key.name)}{f' [{comment(key.unit)}]' if key.unit else ''}"
+            f"{_bounds(key.low, key.high)} */"
+            for key in self.made.keys
+        ]
+        self._bodies  # the table has its size when all functions are written
+        keys, own = "\n".join(members), self.name
+        return (
+            f"/* Keys of the scene that can be set. */\nenum {own}_key {{\n{keys}{chr(10) if members else ''}"
+            f"    {self.big}_KEYS\n}};\n\n"
+            "/* The numbers of the scene: the keys, and what follows from them. Change them by the functions below alone. */\n"
+            f"typedef struct {{\n    double key[{max(1, len(members))}];\n"
+            f"    {own}_real {PLACED}[{max(1, len(self.table.entries))}];\n}} {own}_numbers;\n"
+        )
+
+    def _of_numbers(self) -> list[str]:
+        own = self.name
+        return [
+            f"/* Sets all numbers to those of the scene. */\nvoid {own}_nominal({own}_numbers *numbers);\n",
+            f"/* Sets a key. Returns 0; 1 without such a key, or beyond its bounds; 2 where the equations would be others.\n"
+            f"   The numbers stay as they were unless it returns 0. */\n"
+            f"int {own}_set({own}_numbers *numbers, int key, double value);\n",
+            f"/* Returns the key of a name such as those above, -1 for none. */\nint {own}_key(const char *name);\n",
+            f"/* The state at which the scene starts: q ({self.model.nq}), qd ({self.model.nv}). */\n"
+            f"void {own}_start({own}_real q[{self.model.nq}], {own}_real qd[{self.model.nv}]);\n",
+        ]
+
+    # -- definitions --------------------------------------------------------------------------------------
+    @cached_property
+    def source(self) -> str:
+        """The text of the definitions."""
+        own = self.name
+        numbers = self._definitions_of_numbers()
+        solves = any(f.solved for f in self.functions)
+        parts = [
+            f"/* {own}.h says what these functions do. */\n",
+            f'#include "{own}.h"\n\n#include <string.h>\n#include <tgmath.h>\n',
+            f"typedef {own}_real real;\n",
+            f"#ifdef {self.big}_SINGLE\n#define F(x) x##f\n#else\n#define F(x) x\n#endif\n",
+            helpers_text(self._helpers & set(HELPERS), "real"),
+            self._solver() if solves else "",
+            *numbers,
+            *self._bodies,
+        ]
+        return "\n".join(part for part in parts if part)
+
+    def _solver(self) -> str:
+        rows = next(f.outputs["gamma"].size for f in self.functions if f.solved)
+        head = f"enum {{ NV = {self.model.nv}, ROWS = {rows}, RANK = {self.states.rank} }};\n"
+        return (
+            f"#ifdef {self.big}_SINGLE\n#define LOST F(1e-4) /* of the largest pivot: rank is lost below */\n"
+            f"#else\n#define LOST F(1e-7)\n#endif\n\n{head}\n{SOLVE}"
+        )
+
+    @cached_property
+    def _bodies(self) -> list[str]:
+        return [self._body(function) for function in self.functions]
+
+    def _body(self, function: CFunction) -> str:
+        """Return the definition of a function."""
+        program = function.program
+        declared: list[str] = []
+        q = [identifier(x) for x in unique(self.model.q_names)]
+        arguments = {GROUPS[name]: name for name in function.takes}
+        names = FunctionNames(self.table, program, arguments, {"q": q}, declared)
+        written = Statements(program, names)
+        self._helpers |= written.helpers
+        stores = [
+            wrapped(f"{output}[{k}] = {x};") for output, values in written.values.items() for k, x in enumerate(values)
+        ]
+        stores += [f"{INDENT}{name}[0] = 0;" for name, out in function.outputs.items() if not out.size]
+        text = "\n".join([*declared, *written.lines, *stores])
+        if function.solved:
+            return self._solved_body(function, text, program)
+        head = wrapped(_restrict(self._declared(function, "real"), function), "")
+        return f"{head}\n{{\n{self._opening(function, text)}{text}\n}}\n"
+
+    def _opening(self, function: CFunction, text: str) -> str:
+        """Return what a body begins with: the table under its short name, and arguments that it does not use."""
+        lines = []
+        if f"{PLACED}[" in text or f"{PLACED} +" in text:
+            lines.append(f"{INDENT}const real *{PLACED} = numbers->{PLACED};")
+            unused = []
+        else:
+            unused = ["numbers"]
+        used = self.symbols_of(function)
+        unused += [name for name in function.takes if GROUPS[name] not in used]
+        return "\n".join([*lines, *(f"{INDENT}(void){name};" for name in unused), ""]) + "\n"
+
+    @staticmethod
+    def symbols_of(function: CFunction) -> set[str]:
+        return set(function.program.inputs)
+
+    def _solved_body(self, function: CFunction, text: str, program: Program) -> str:
+        """Return the linear equations of a function, and the function that solves them."""
+        own, name = self.name, self.names[function.name]
+        takes = ["numbers", *function.takes]
+        listed = [f"const {own}_numbers *numbers"]
+        listed += ["real t" if x == "t" else f"const real *{x}" for x in function.takes]
+        listed += [f"real *restrict {x}" for x in function.outputs]
+        head = wrapped(f"static void {name}_parts({', '.join(x.replace(' ', TIED) for x in listed)})", "")
+        parts = f"{head}\n{{\n{self._opening(function, text)}{text}\n}}\n"
+        arrays = ", ".join(f"{x}[{out.size}]" for x, out in function.outputs.items())
+        body = [
+            f"    real {arrays};\n    int k;\n",
+            f"    {name}_parts({', '.join([*takes, *function.outputs])});",
+            "    for (k = 0; k < NV; ++k)\n        load[k] = tau[k] - load[k];",
+            "    return solve_constrained(M, load, Psi, gamma, qdd, lambda);",
+        ]
+        return parts + f"\n{wrapped(self._declared(function, 'real'), '')}\n{{\n" + "\n".join(body) + "\n}\n"
+
+    def _definitions_of_numbers(self) -> list[str]:
+        """Return the functions that set numbers, look keys up, and give the start."""
+        own, keys = self.name, self.made.keys
+        self._bodies
+        lines, helpers = self.table.follow({key.name: f"key[{self.key_names[key.name]}]" for key in keys})
+        self._helpers |= helpers
+        uses = any("key[" in line for line in lines)
+        opening = f"{INDENT}const double *key = numbers->key;\n\n" if uses else ""
+        unused = "" if uses or self.table.entries else f"{INDENT}(void)numbers;\n"
+        follow = (
+            "/* Computes what follows from the keys; 0 where the equations would be others. */\n"
+            f"static int follow({own}_numbers *numbers)\n{{\n{opening}{unused}" + "\n".join(lines) + "\n}\n"
+        )
+        values = "\n".join(f"    numbers->key[{self.key_names[key.name]}] = {literal(key.value)};" for key in keys)
+        nominal = (
+            f"void {own}_nominal({own}_numbers *numbers)\n{{\n    memset(numbers, 0, sizeof *numbers);\n{values}\n"
+            "    (void)follow(numbers);\n}\n"
+        )
+        q, qd = (
+            "\n".join(f"    {x}[{k}] = {_value(e)};" for k, e in enumerate(array))
+            for x, array in (("q", self.states.q), ("qd", self.states.qd))
+        )
+        start = f"void {own}_start(real q[{self.model.nq}], real qd[{self.model.nv}])\n{{\n{q}\n{qd}\n}}\n"
+        return [follow, nominal, self._set(), self._key(), start]
+
+    def _set(self) -> str:
+        own, keys = self.name, self.made.keys
+        if not keys:
+            return (
+                f"int {own}_set({own}_numbers *numbers, int key, double value)\n{{\n    (void)numbers;\n    (void)key;\n"
+                "    (void)value;\n    return 1;\n}\n"
+            )
+        bounds = "\n".join(
+            wrapped(f"static const double {name}[] = {{{', '.join(literal(getattr(k, name)) for k in keys)}}};")
+            for name in ("low", "high")
+        )
+        return f"""int {own}_set({own}_numbers *numbers, int key, double value)
+{{
+{bounds}
+    {own}_numbers changed = *numbers;
+    int k;
+
+    if (key < 0 || key >= {self.big}_KEYS || !isfinite(value) || value < low[key] || value > high[key])
+        return 1;
+    changed.key[key] = value;
+    if (!follow(&changed))
+        return 2;
+    for (k = 0; k < (int)(sizeof changed.n / sizeof *changed.n); ++k)
+        if (!isfinite(changed.n[k]))
+            return 2;
+    *numbers = changed;
+    return 0;
+}}
+"""
+
+    def _key(self) -> str:
+        own, keys = self.name, self.made.keys
+        if not keys:
+            return f"int {own}_key(const char *name)\n{{\n    (void)name;\n    return -1;\n}}\n"
+        names = "\n".join(f"        {_quoted(key.name)}," for key in keys)
+        return f"""int {own}_key(const char *name)
+{{
+    static const char *const names[] = {{
+{names}
+    }};
+    int k;
+
+    for (k = 0; k < {self.big}_KEYS; ++k)
+        if (strcmp(name, names[k]) == 0)
+            return k;
+    return -1;
+}}
+"""
+
+
+def _value(x: float) -> str:
+    return f"(real){literal(float(x))}" if x >= 0 or np.isnan(x) else f"-(real){literal(-float(x))}"
+
+
+def _restrict(declared: str, function: CFunction) -> str:
+    """Return a declaration whose outputs overlap nothing; C leaves that out of the function's type."""
+    for name in function.outputs:
+        declared = declared.replace(f"{TIED}{name}[", f"{TIED}{name}[restrict{TIED}")
+    return declared
+
+
+def _shape(entries: Array) -> str:
+    return f"({' x '.join(map(str, entries.shape))})"
+
+
+def _columns(names: Sequence[str], units: Sequence[str]) -> str:
+    return ", ".join(f"{name} [{unit}]" for name, unit in zip(names, units))
+
+
+def _bounds(low: float, high: float) -> str:
+    if np.isinf(low) and np.isinf(high):
+        return ""
+    return f", {'' if np.isinf(low) else f'{low:.6g} '}..{'' if np.isinf(high) else f' {high:.6g}'}"
+
+
+def _quoted(text: str) -> str:
+    """Return a string literal of any text, in UTF-8."""
+    plain = "".join(
+        chr(x) if 32 <= x < 127 and chr(x) not in '"\\?' else f"\\{x:03o}" for x in text.encode()
+    )
+    return f'"{plain}"'
+
+
+def _block_comment(lines: Sequence[str]) -> str:
+    inside = [wrapped(comment(line), " * ") if line else " *" for line in lines]
+    text = "\n".join(inside).replace("\n * " + INDENT, "\n *   ")
+    return f"/*\n{text}\n */\n"
