@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Protocol
 
 from robodyn_cli.kernels.program import TRIGONOMETRIC, Instruction, Program
@@ -17,6 +17,7 @@ WIDTH = 110  # of a line
 NESTED = 64  # characters of an expression that may stand inside another one
 INDENT = "    "
 TIED = "\0"  # a space at which no line ends
+REAL = "real"  # the type whose precision a switch tells
 # how tightly an expression holds its parts together
 SUM, PRODUCT, WHOLE = 1, 2, 3
 HELD = {"add": SUM, "sub": SUM, "mul": PRODUCT, "div": PRODUCT, "neg": SUM}
@@ -24,9 +25,9 @@ SIGNS = {"add": "+", "sub": "-", "mul": "*", "div": "/"}
 FUNCTIONS = {"abs": "fabs", "round": "rint", "min": "smaller", "max": "larger"}
 # what C99 lacks, by name; a file holds those that it calls
 HELPERS = {
-    "sign": "static {real} sign({real} x)\n{{\n    return x == 0 || x != x ? x : x > 0 ? 1 : -1;\n}}\n",
-    "smaller": "static {real} smaller({real} a, {real} b)\n{{\n    return a < b || a != a ? a : b;\n}}\n",
-    "larger": "static {real} larger({real} a, {real} b)\n{{\n    return a > b || a != a ? a : b;\n}}\n",
+    "sign": "static {real} {name}({real} x)\n{{\n    return x == 0 || x != x ? x : x > 0 ? 1 : -1;\n}}\n",
+    "smaller": "static {real} {name}({real} a, {real} b)\n{{\n    return a < b || a != a ? a : b;\n}}\n",
+    "larger": "static {real} {name}({real} a, {real} b)\n{{\n    return a > b || a != a ? a : b;\n}}\n",
     "sum": """/* a + b, zero where it cancels but for rounding */
 static double sum(double a, double b)
 {{
@@ -35,7 +36,7 @@ static double sum(double a, double b)
 }}
 """,
     "piecewise": """/* Piecewise polynomial at x: knots, coefficients of each power for all segments, values held outside. */
-static {real} piecewise({real} x, const {real} *table, int knots, int degree, int held)
+static {real} {name}({real} x, const {real} *table, int knots, int degree, int held)
 {{
     const {real} *rows = table + knots, *outside = rows + (degree + 1) * (knots - 1);
     int k = 0, last = knots - 2, power;
@@ -204,6 +205,7 @@ class Statements:
 
     def _called(self, function: str, args: Sequence[str]) -> str:
         if function in HELPERS:
+            function = function if self.names.real == REAL or function == "sum" else f"{function}_of_doubles"
             self.helpers.add(function)
         return f"{function}({', '.join(args)})"
 
@@ -214,6 +216,10 @@ def _inside(part: tuple[str, int], held: int) -> str:
     return text if own >= held else f"({text})"
 
 
-def helpers_text(names: set[str], real: str) -> str:
+def helpers_text(names: Iterable[str]) -> str:
     """Return the definitions of helper functions."""
-    return "\n".join(HELPERS[name].format(real=real) for name in HELPERS if name in names)
+    texts = []
+    for name in sorted(names):
+        function, doubles, _ = name.partition("_of_doubles")
+        texts.append(HELPERS[function].format(name=name, real="double" if doubles else REAL))
+    return "\n".join(texts)

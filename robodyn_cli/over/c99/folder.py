@@ -12,7 +12,7 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.c99 import comment, literal, wrapped
 from robodyn_cli.over.c99.functions import CFunction
 from robodyn_cli.over.c99.keys import AskedKey, parametrised
-from robodyn_cli.over.c99.samples import STATES_COMPARED, ComparedStates, compared_states
+from robodyn_cli.over.c99.samples import ALLOWED, STATES_COMPARED, Compared, ComparedStates, compared_states
 from robodyn_cli.over.c99.source import Library, library_name
 from robodyn_cli.results.atomic import written_folder
 from robodyn_cli.scene.load import Family
@@ -121,7 +121,8 @@ def _readme(library: Library, twice: bool) -> str:
         for one in library.states.outputs
     ]
     left = "".join(f"- `{name}`: {comment(why)}\n" for name, why in library.made.own.left_out.items())
-    example = [f"    {library.name}_{library.names['mass_matrix']}(&numbers, q, M);"] * ("mass_matrix" in library.names)
+    mass = library.names.get("mass_matrix")
+    example = [] if mass is None else [f"    {library.name}_{mass}(&numbers, q, M);"]
     keys = library.made.keys
     if keys:
         key = library.key_names[keys[0].name]
@@ -129,7 +130,7 @@ def _readme(library: Library, twice: bool) -> str:
     return README.format(
         name=library.name, big=library.big, scene=comment(scene), version=__version__, states=STATES_COMPARED,
         twice=", with the scene's numbers and with others" if twice else "", example="\n".join(example),
-        allowed=16, errors="\n".join(rows), left_out=f"\n## Left out\n\n{left}" if left else "",
+        allowed=int(ALLOWED), errors="\n".join(rows), left_out=f"\n## Left out\n\n{left}" if left else "",
     )  # fmt: skip
 
 
@@ -248,10 +249,10 @@ class SelfTest:
         return "\n".join(lines)
 
     @staticmethod
-    def _judged(name: str, i: int, compared: Sequence[object]) -> str:
+    def _judged(name: str, i: int, compared: Sequence[Compared]) -> str:
         kinds = ("double", "single")
-        allowed = ", ".join(f"{max(one.allowed(kind) for one in compared):.2e}" for kind in kinds)  # type: ignore[attr-defined]
-        label = f"{name} {compared[0].output}"  # type: ignore[attr-defined]
+        allowed = ", ".join(f"{max(one.allowed(kind) for one in compared):.2e}" for kind in kinds)
+        label = f"{name} {compared[0].output}"
         return f'    wrong |= judged("{label}", difference[{i}], most[{i}], ALLOWED({allowed}));'
 
     def _keys(self) -> str:

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 import os
+import re
 from collections.abc import Iterable, Sequence
 from functools import cached_property
 
 import numpy as np
 
 from robodyn_cli.kernels.c99 import (
-    HELPERS,
     INDENT,
+    REAL,
     TIED,
     Statements,
     comment,
@@ -208,7 +209,7 @@ class Library:
             f'#include "{own}.h"\n\n#include <string.h>\n#include <tgmath.h>\n',
             f"typedef {own}_real real;\n",
             f"#ifdef {self.big}_SINGLE\n#define F(x) x##f\n#else\n#define F(x) x\n#endif\n",
-            helpers_text(self._helpers & set(HELPERS), "real"),
+            helpers_text(self._helpers),
             self._solver() if solves else "",
             *numbers,
             *self._bodies,
@@ -243,13 +244,13 @@ class Library:
         text = "\n".join([*declared, *written.lines, *stores])
         if function.solved:
             return self._solved_body(function, text, program)
-        head = wrapped(_restrict(self._declared(function, "real"), function), "")
+        head = wrapped(_restrict(self._declared(function, REAL), function), "")
         return f"{head}\n{{\n{self._opening(function, text)}{text}\n}}\n"
 
     def _opening(self, function: CFunction, text: str) -> str:
         """Return what a body begins with: the table under its short name, and arguments that it does not use."""
         lines = []
-        if f"{PLACED}[" in text or f"{PLACED} +" in text:
+        if re.search(rf"\b{PLACED}(\[| \+)", text):
             lines.append(f"{INDENT}const real *{PLACED} = numbers->{PLACED};")
             unused = []
         else:
@@ -278,7 +279,7 @@ class Library:
             "    for (k = 0; k < NV; ++k)\n        load[k] = tau[k] - load[k];",
             "    return solve_constrained(M, load, Psi, gamma, qdd, lambda);",
         ]
-        return parts + f"\n{wrapped(self._declared(function, 'real'), '')}\n{{\n" + "\n".join(body) + "\n}\n"
+        return parts + f"\n{wrapped(self._declared(function, REAL), '')}\n{{\n" + "\n".join(body) + "\n}\n"
 
     def _definitions_of_numbers(self) -> list[str]:
         """Return the functions that set numbers, look keys up, and give the start."""

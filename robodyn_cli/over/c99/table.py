@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 
 from robodyn_cli.expr.many import CONSTANT
-from robodyn_cli.kernels.c99 import INDENT, Statements, identifier, literal, wrapped
+from robodyn_cli.kernels.c99 import INDENT, REAL, Statements, identifier, literal, wrapped
 from robodyn_cli.kernels.program import Instruction, Program
 from robodyn_cli.over.c99.keys import Parametrised
 from robodyn_cli.record import record
@@ -119,7 +119,7 @@ class FunctionNames:
     arguments: Mapping[str, str]
     labels: Mapping[str, Sequence[str]]
     declared: list[str]
-    real: str = "real"
+    real: str = REAL
 
     def symbol(self, group: str, position: int) -> str:
         name = self.arguments[group]
