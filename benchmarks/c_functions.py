@@ -95,7 +95,11 @@ def program(folder: Path, arm: arms.Arm, peer: bool, repeats: int) -> Path:
     scene.write_text(arms.scene_text(arm), encoding="utf-8")
     export_c(Family(scene), [], folder / "c")
     timers, declared, calls = [], [], []
-    takes = {"inverse_dynamics": ("q", "qd", "x"), "forward_dynamics": ("q", "qd", "x"), "mass_matrix": ("q",)}
+    takes = {
+        "inverse_dynamics": ("q", "qd", "x"),
+        "forward_dynamics": ("q", "qd", "x"),
+        "mass_matrix": ("q",),
+    }
     for name in FUNCTIONS.values():
         size = arm.n * arm.n if name == "mass_matrix" else arm.n
         listed = ", ".join(takes[name])
@@ -107,7 +111,13 @@ def program(folder: Path, arm: arms.Arm, peer: bool, repeats: int) -> Path:
             timers.append(timer(f"peer_{name}", call, size))
             calls.append(f"        time_peer_{name}(&numbers, rounds);")
     states = np.stack(arms.motion(arm.n, STATES), axis=1)
-    given = "{" + ", ".join("{" + ", ".join("{" + ", ".join(map(repr, x)) + "}" for x in s) + "}" for s in states.tolist()) + "}"
+    given = (
+        "{"
+        + ", ".join(
+            "{" + ", ".join("{" + ", ".join(map(repr, x)) + "}" for x in s) + "}" for s in states.tolist()
+        )
+        + "}"
+    )
     text = TIMER % {
         "declared": "\n".join(declared), "states": STATES, "given": given, "timers": "\n".join(timers),
         "repeats": repeats, "calls": "\n".join(calls),
@@ -115,7 +125,16 @@ def program(folder: Path, arm: arms.Arm, peer: bool, repeats: int) -> Path:
     (folder / "timer.c").write_text(text, encoding="utf-8")
     sources = [folder / "timer.c", folder / "c" / "arm.c", *([folder / "peer.c"] if peer else [])]
     target = folder / "timer"
-    command = [str(shutil.which("cc")), *FLAGS, "-I", str(folder / "c"), *map(str, sources), "-lm", "-o", str(target)]
+    command = [
+        str(shutil.which("cc")),
+        *FLAGS,
+        "-I",
+        str(folder / "c"),
+        *map(str, sources),
+        "-lm",
+        "-o",
+        str(target),
+    ]
     subprocess.run(command, check=True)
     return target
 
@@ -127,7 +146,12 @@ def bench(report: measure.Report, rounds: int, repeats: int) -> None:
         folder = Path(name)
         if peer:
             casadi_code(folder, arm)
-        out = subprocess.run([str(program(folder, arm, peer, repeats)), str(rounds)], check=True, capture_output=True, text=True)
+        out = subprocess.run(
+            [str(program(folder, arm, peer, repeats)), str(rounds)],
+            check=True,
+            capture_output=True,
+            text=True,
+        )
     found: dict[str, list[tuple[float, float]]] = {}
     for line in out.stdout.splitlines():
         label, time, last = line.split()

@@ -64,7 +64,10 @@ static {real} {name}({real} x, const {real} *table, int knots, int degree, int h
 class Names(Protocol):
     """What a program's leaves are called in C."""
 
-    real: str  # the type of values
+    @property
+    def real(self) -> str:
+        """The type of values."""
+        ...
 
     def symbol(self, group: str, position: int) -> str:
         """Return an input: ``q[0]``."""

@@ -18,9 +18,7 @@ from tests.exported_c import COMPILER, ExportedC, compiled, needs_compiler, self
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"
-SCENES = sorted(
-    path.relative_to(CONFIGS).as_posix() for path in CONFIGS.rglob("*.yaml") if not is_part(path)
-)
+SCENES = sorted(path.relative_to(CONFIGS).as_posix() for path in CONFIGS.rglob("*.yaml") if not is_part(path))
 # scenes with parts that no function of a state has, and what the message names
 REFUSED = {
     "bouncing_pendulum.yaml": "robot.joints.theta1.limits: a rigid stop",
@@ -53,7 +51,8 @@ def test_every_scene_tests_itself_or_is_refused(scene: str, tmp_path: Path, caps
 
 @needs_compiler
 @pytest.mark.parametrize(
-    "scene", ["controlled_arm.yaml", "benchmarks/bennett.yaml", "seven_joint_arm.yaml", "four_bar_prescribed.yaml"]
+    "scene",
+    ["controlled_arm.yaml", "benchmarks/bennett.yaml", "seven_joint_arm.yaml", "four_bar_prescribed.yaml"],
 )
 def test_in_both_precisions_and_under_sanitizers(scene: str, tmp_path: Path) -> None:
     out = exported(tmp_path / "c", CONFIGS / scene)
@@ -126,7 +125,12 @@ def test_the_law_of_a_sampled_controller(tmp_path: Path) -> None:
         (z,) = library.call("control_delayed", (k + 0.5) * period, q, qd, z)
 
 
-LOOPS = ["four_bar_deploy.yaml", "benchmarks/bennett.yaml", "benchmarks/spatial_slider_crank.yaml", "published/delta.yaml"]
+LOOPS = [
+    "four_bar_deploy.yaml",
+    "benchmarks/bennett.yaml",
+    "benchmarks/spatial_slider_crank.yaml",
+    "published/delta.yaml",
+]
 
 
 @needs_compiler
@@ -147,7 +151,9 @@ def test_accelerations_under_loops(scene: str, tmp_path: Path) -> None:
     psi = psi.reshape(-1, nv)
     assert psi == pytest.approx(mechanism.constraint_jacobian(q))
     assert np.abs(library.call("constraints", q)[0]).max() < 1e-6
-    other = tau + psi.T @ lam  # with the forces of the loops as torques the opened tree has the same accelerations
+    other = (
+        tau + psi.T @ lam
+    )  # with the forces of the loops as torques the opened tree has the same accelerations
     left = mechanism.mass_matrix(q) @ qdd - other
     still, _ = library.call("forward_dynamics", q, qd, 0.0 * tau)
     rest = mechanism.mass_matrix(q) @ still - psi.T @ library.call("forward_dynamics", q, qd, 0.0 * tau)[1]
@@ -259,7 +265,9 @@ def test_what_is_said(tmp_path: Path, capsys: Any) -> None:
     out, scene = tmp_path / "c", CONFIGS / "mechanisms" / "four_bar_kinematics.yaml"
     assert run(["export", str(scene), "--c", str(out), "--json"]) == 0
     said = json.loads(capsys.readouterr().out)
-    assert len(said["files"]) == 6 and any("mass_matrix" in note and "mass of arm" in note for note in said["notes"])
+    assert len(said["files"]) == 6 and any(
+        "mass_matrix" in note and "mass of arm" in note for note in said["notes"]
+    )
     assert "mass_matrix" in (out / "README.md").read_text(encoding="utf-8")
     robot = tmp_path / "arm.urdf"
     assert run(["export", str(PENDULUM), "--to", "urdf+", "--out", str(tmp_path), "--quiet"]) in (0, 2)

@@ -34,7 +34,10 @@ def random_scene(seed: int) -> dict[str, Any]:
         if kind == "floating":
             parent = -1
         joint["parent"] = "base" if parent < 0 else f"l{parent}"
-        joint["origin"] = {"xyz": rng.normal(size=3).round(3).tolist(), "rpy": rng.normal(size=3).round(3).tolist()}
+        joint["origin"] = {
+            "xyz": rng.normal(size=3).round(3).tolist(),
+            "rpy": rng.normal(size=3).round(3).tolist(),
+        }
         if kind in ("revolute", "prismatic", "helical", "cylindrical"):
             axis = rng.normal(size=3)
             joint["axis"] = (axis / np.linalg.norm(axis)).tolist()

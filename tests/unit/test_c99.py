@@ -83,7 +83,9 @@ def test_every_operation(x: tuple[float, float], tmp_path: Path) -> None:
     made = operations(*graph.symbols(["x", "y"], "x"))
     assert set(made) == set(KINDS)
     outputs = list(made.values())
-    assert values(tmp_path / "f", outputs, x) == pytest.approx(evaluate(outputs, {"x": x}), rel=1e-15, abs=1e-16)
+    assert values(tmp_path / "f", outputs, x) == pytest.approx(
+        evaluate(outputs, {"x": x}), rel=1e-15, abs=1e-16
+    )
 
 
 @needs_compiler
@@ -100,10 +102,14 @@ def test_random_expressions_keep_their_signs_and_brackets(tmp_path: Path) -> Non
     pool: list[Scalar] = list(graph.symbols(["a", "b", "c"], "x"))
     for _ in range(200):
         a, b = (pool[int(k)] for k in rng.integers(max(0, len(pool) - 12), len(pool), 2))
-        step = (a + b, a - b, a * b, b - 0.5 * a, -a, f.sin(a), a / (2.0 + b * b), a * -1.5)[int(rng.integers(8))]
+        step = (a + b, a - b, a * b, b - 0.5 * a, -a, f.sin(a), a / (2.0 + b * b), a * -1.5)[
+            int(rng.integers(8))
+        ]
         pool.append(step)
     outputs, x = pool[-40:], rng.normal(size=3)
-    assert values(tmp_path / "f", outputs, x.tolist()) == pytest.approx(evaluate(outputs, {"x": x.tolist()}), rel=1e-12)
+    assert values(tmp_path / "f", outputs, x.tolist()) == pytest.approx(
+        evaluate(outputs, {"x": x.tolist()}), rel=1e-12
+    )
 
 
 def test_a_value_that_is_used_once_stands_where_it_is_used() -> None:

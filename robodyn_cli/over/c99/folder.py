@@ -78,7 +78,8 @@ Several tables of numbers may be in use at once, in any threads.
 
 ## Errors
 
-Largest difference from values that are correct to all digits, in parts of the largest entry of the output, at the states of the self test.
+Largest difference from values that are correct to all digits, in parts of the largest entry of the output, at the states of the self test;
+of residuals in parts of the size of the mechanism.
 Single precision is what `-D{big}_SINGLE` compiles. The self test prints the same figures as it finds them, and allows {allowed} times as much.
 
 | function | output | double | single |
@@ -126,7 +127,10 @@ def _readme(library: Library, twice: bool) -> str:
     keys = library.made.keys
     if keys:
         key = library.key_names[keys[0].name]
-        example.insert(0, f"    {library.name}_set(&numbers, {key}, {literal(keys[0].value)}); /* 0 where it is allowed */")
+        example.insert(
+            0,
+            f"    {library.name}_set(&numbers, {key}, {literal(keys[0].value)}); /* 0 where it is allowed */",
+        )
     return README.format(
         name=library.name, big=library.big, scene=comment(scene), version=__version__, states=STATES_COMPARED,
         twice=", with the scene's numbers and with others" if twice else "", example="\n".join(example),
@@ -216,7 +220,9 @@ class SelfTest:
         places = [k for k, one in enumerate(own.states.outputs) if one.function == function.name]
         sizes = own.sizes
         lines = [
-            _array(f"{name}_{own.states.outputs[k].output}", [states.outputs[k].values for states in self.sets])
+            _array(
+                f"{name}_{own.states.outputs[k].output}", [states.outputs[k].values for states in self.sets]
+            )
             for k in places
         ]
         takes = [*function.takes, *(["tau"] if function.solved else [])]
@@ -233,12 +239,15 @@ class SelfTest:
             f"        compare({x}, {name}_{x}[set][k], {count}, &difference[{i}], &most[{i}]);"
             for i, (x, count) in enumerate(outputs.items())
         ]
-        judged = [self._judged(name, i, [states.outputs[k] for states in self.sets]) for i, k in enumerate(places)]
+        judged = [
+            self._judged(name, i, [states.outputs[k] for states in self.sets]) for i, k in enumerate(places)
+        ]
+        least = ", ".join(literal(own.states.outputs[k].least) for k in places)
         real_t = ", t" if "t" in takes else ""
         lines += [
             f"\nstatic int test_{name}(const {own.name}_numbers *numbers, int set)\n{{",
             wrapped(f"real {', '.join(local)}{real_t};"),
-            f"    double difference[{len(places)}] = {{0}}, most[{len(places)}] = {{0}};",
+            f"    double difference[{len(places)}] = {{0}}, most[{len(places)}] = {{{least}}};",
             "    int k, wrong = 0;\n",
             "    for (k = 0; k < STATES; ++k) {",
             *loads, called, *compared,
@@ -264,10 +273,16 @@ class SelfTest:
             for key, x in zip(own.made.keys, self.changed[0]):
                 body.append(f"    wrong |= {own.name}_set(numbers, {own.key_names[key.name]}, {literal(x)});")
             first = own.made.keys[0]
-            body.append(f"    wrong |= {own.name}_set(numbers, {own.key_names[first.name]}, (double)NAN) != 1;")
+            body.append(
+                f"    wrong |= {own.name}_set(numbers, {own.key_names[first.name]}, (double)NAN) != 1;"
+            )
             body.append(f'    wrong |= {own.name}_key("no such key") != -1;')
         body.append(f"    wrong |= {own.name}_set(numbers, {own.big}_KEYS, 1.0) != 1;")
-        lines += ["    int wrong = 0;\n", *body, '    printf("%-40s %s\\n", "keys", wrong ? "WRONG" : "as they should be");']
+        lines += [
+            "    int wrong = 0;\n",
+            *body,
+            '    printf("%-40s %s\\n", "keys", wrong ? "WRONG" : "as they should be");',
+        ]
         return "\n".join([*lines, "    return wrong;\n}\n"])
 
     def _main(self) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +23,7 @@ from robodyn_cli.ready.integrable import integrable
 from robodyn_cli.ready.prepare import refuse_changes
 from robodyn_cli.record import record
 from robodyn_cli.scene.types import Scene
+from robodyn_cli.solve.closure import mechanism_size
 from robodyn_cli.spatial.algebra import Array, Vector, zeros
 from robodyn_cli.works.functions.derivatives import centre_of_mass, frame_jacobian
 
@@ -32,11 +34,15 @@ MOST_OPERATIONS = 100_000  # of one function; a compiler needs minutes for more
 
 @record
 class Output:
-    """An array that a function gives, row by row: its shape, what it is, and the units of its entries."""
+    """An array that a function gives, row by row: its shape, what it is, and the units of its entries.
+
+    least : what errors are part of where its entries vanish.
+    """
 
     entries: Array
     meaning: str
     units: str
+    least: float = 0.0
 
     @property
     def size(self) -> int:
@@ -47,15 +53,13 @@ class Output:
 class CFunction:
     """A function of C: its name, what it does, what it takes of ``GROUPS``, and its outputs by name.
 
-    closed : whether it holds at states that satisfy the loops alone. solved : outputs are the linear equations whose
-    solution it gives, see ``solve_constrained``.
+    solved : whether the outputs are linear equations whose solution it gives, see ``solve_constrained``.
     """
 
     name: str
     meaning: str
     takes: tuple[str, ...]
     outputs: Mapping[str, Output]
-    closed: bool = False
     solved: bool = False
 
     @property
@@ -63,7 +67,7 @@ class CFunction:
         return make_program(self.entries, [GROUPS[name] for name in self.takes])
 
     @property
-    def entries(self) -> dict[str, list[Any]]:
+    def entries(self) -> dict[str, Sequence[Any]]:
         return {name: list(output.entries.flat) for name, output in self.outputs.items()}
 
 
@@ -127,7 +131,9 @@ def refuse(scene: Scene) -> None:
 def _refuse_contacts(problem: Problem) -> None:
     for joint in problem.contact_joints:
         part, other = (
-            ("friction", "'law: smooth'") if joint.friction is not None else ("limits", "a stop with stiffness")
+            ("friction", "'law: smooth'")
+            if joint.friction is not None
+            else ("limits", "a stop with stiffness")
         )
         kind = "friction that sticks" if joint.friction is not None else "a rigid stop"
         raise CapabilityError(
@@ -192,25 +198,37 @@ def _rigid(p: Problem) -> Iterator[Made]:
     def gravity() -> Vector:
         return p.rigid_terms().get("gravity", zeros(p.model.nv))
 
-    yield "mass_matrix", lambda: _function(
-        "Mass matrix: kinetic energy is qd^T M qd / 2, rotors included. Symmetric.",
-        ("q",),
-        M=Output(p.mass_matrix, "mass matrix", "kg m^2, kg m or kg"),
+    yield (
+        "mass_matrix",
+        lambda: _function(
+            "Mass matrix: kinetic energy is qd^T M qd / 2, rotors included. Symmetric.",
+            ("q",),
+            M=Output(p.mass_matrix, "mass matrix", "kg m^2, kg m or kg"),
+        ),
     )
-    yield "coriolis", lambda: _function(
-        "Coriolis matrix of Christoffel's symbols: M-dot = C + C^T.",
-        ("q", "qd"),
-        C=Output(coriolis(p.rigid, p.q, p.v, p.X), "C qd are the velocity terms of torques", "SI"),
+    yield (
+        "coriolis",
+        lambda: _function(
+            "Coriolis matrix of Christoffel's symbols: M-dot = C + C^T.",
+            ("q", "qd"),
+            C=Output(coriolis(p.rigid, p.q, p.v, p.X), "C qd are the velocity terms of torques", "SI"),
+        ),
     )
-    yield "coriolis_torques", lambda: _function(
-        "Velocity terms C qd of the torques, by one Newton-Euler pass.",
-        ("q", "qd"),
-        Cqd=Output(p.rigid_terms()["coriolis"], "centrifugal and Coriolis torques", tau),
+    yield (
+        "coriolis_torques",
+        lambda: _function(
+            "Velocity terms C qd of the torques, by one Newton-Euler pass.",
+            ("q", "qd"),
+            Cqd=Output(p.rigid_terms()["coriolis"], "centrifugal and Coriolis torques", tau),
+        ),
     )
-    yield "gravity", lambda: _function(
-        "Torques that hold the weight of the bodies.",
-        ("q",),
-        G=Output(gravity(), "gravity torques", tau),
+    yield (
+        "gravity",
+        lambda: _function(
+            "Torques that hold the weight of the bodies.",
+            ("q",),
+            G=Output(gravity(), "gravity torques", tau),
+        ),
     )
 
 
@@ -229,7 +247,9 @@ def _inverse(p: Problem) -> CFunction:
 
 def _refuse_losses(p: Problem) -> None:
     if geared(p.model):
-        raise CapabilityError("losses of gears depend on the drive, so accelerations do not follow from torques")
+        raise CapabilityError(
+            "losses of gears depend on the drive, so accelerations do not follow from torques"
+        )
 
 
 def _forward(p: Problem) -> CFunction:
@@ -249,16 +269,22 @@ def _rates(p: Problem, order: int) -> str:
 
 
 def _constrained(p: Problem) -> Iterator[Made]:
-    rows = ", ".join(p.constraints.names)
-    yield "constraints", lambda: _function(
-        f"Residuals of loops, couplers and prescribed joints, zero where they hold. Rows: {rows}.",
-        ("q",),
-        eta=Output(np.array(p.constraints.eta, dtype=object), "residuals", "m or rad, as the row"),
+    rows, size = ", ".join(p.constraints.names), mechanism_size(p.model)
+    yield (
+        "constraints",
+        lambda: _function(
+            f"Residuals of loops, couplers and prescribed joints, zero where they hold. Rows: {rows}.",
+            ("q",),
+            eta=Output(np.array(p.constraints.eta, dtype=object), "residuals", "m or rad, as the row", size),
+        ),
     )
-    yield "constraint_jacobian", lambda: _function(
-        f"Jacobian of the residuals: Psi qd + d eta / dt = 0. Rows: {rows}.",
-        ("q",),
-        Psi=Output(p.psi, "rows by rates", "SI"),
+    yield (
+        "constraint_jacobian",
+        lambda: _function(
+            f"Jacobian of the residuals: Psi qd + d eta / dt = 0. Rows: {rows}.",
+            ("q",),
+            Psi=Output(p.psi, "rows by rates", "SI"),
+        ),
     )
     yield "forward_dynamics", lambda: _constrained_forward(p)
 
@@ -272,7 +298,7 @@ def _constrained_forward(p: Problem) -> CFunction:
         "friction and forces + Psi^T lambda, Psi qdd + gamma = 0. q and qd must satisfy them. Of rows that depend on "
         "each other some have lambda = 0; qdd is the same for all choices."
     )
-    return CFunction("", meaning, ("q", "qd"), outputs, closed=True, solved=True)
+    return CFunction("", meaning, ("q", "qd"), outputs, solved=True)
 
 
 def places_of(problem: Problem) -> dict[str, FixedFrame]:
@@ -282,18 +308,17 @@ def places_of(problem: Problem) -> dict[str, FixedFrame]:
 
 
 def _places(p: Problem) -> Iterator[Made]:
-    yield "centre_of_mass", lambda: _function(
-        "Centre of mass of all moving bodies, in the world.",
-        ("q",),
-        c=Output(centre_of_mass(p), "position", "m"),
+    yield (
+        "centre_of_mass",
+        lambda: _function(
+            "Centre of mass of all moving bodies, in the world.",
+            ("q",),
+            c=Output(centre_of_mass(p), "position", "m"),
+        ),
     )
     for name, frame in places_of(p).items():
-        yield f"pose_{name}", lambda frame=frame, name=name: _pose(p, frame, name)
-        yield f"jacobian_{name}", lambda frame=frame, name=name: _function(
-            f"Jacobian of {name}: J qd is its twist in axes of the world, angular velocity before velocity.",
-            ("q",),
-            J=Output(frame_jacobian(p, frame), "rows: wx, wy, wz, vx, vy, vz", "SI"),
-        )
+        yield f"pose_{name}", partial(_pose, p, frame, name)
+        yield f"jacobian_{name}", partial(_jacobian, p, frame, name)
 
 
 def _pose(p: Problem, frame: FixedFrame, name: str) -> CFunction:
@@ -303,6 +328,14 @@ def _pose(p: Problem, frame: FixedFrame, name: str) -> CFunction:
         ("q",),
         p=Output(pose.p, "position of its origin", "m"),
         R=Output(pose.R, "rotation; columns are its axes", "1"),
+    )
+
+
+def _jacobian(p: Problem, frame: FixedFrame, name: str) -> CFunction:
+    return _function(
+        f"Jacobian of {name}: J qd is its twist in axes of the world, angular velocity before velocity.",
+        ("q",),
+        J=Output(frame_jacobian(p, frame), "rows: wx, wy, wz, vx, vy, vz", "SI"),
     )
 
 
@@ -319,30 +352,46 @@ def _control(p: Problem) -> Iterator[Made]:
     start: list[Any] = control.starts.tolist()
     for k, measured in zip(control.last, control.measured.q if control.last else ()):
         start[k] = measured
-    yield "control_torques", lambda: _function(
-        f"Torques of the controller on {', '.join(control.joints)}.",
-        state,
-        tau=Output(array(control.torques), "torques of the driven joints", n),
+    yield (
+        "control_torques",
+        lambda: _function(
+            f"Torques of the controller on {', '.join(control.joints)}.",
+            state,
+            tau=Output(array(control.torques), "torques of the driven joints", n),
+        ),
     )
-    yield "control_start", lambda: _function(
-        f"States of the controller before it begins: {states}.",
-        ("q", "noise") if control.channels else ("q",),
-        z=Output(array(start), "states", "SI"),
+    yield (
+        "control_start",
+        lambda: _function(
+            f"States of the controller before it begins: {states}.",
+            ("q", "noise") if control.channels else ("q",),
+            z=Output(array(start), "states", "SI"),
+        ),
     )
     if control.period is None:
-        yield "control_rates", lambda: _function(
-            f"Rates of the controller's states: {states}.",
-            state,
-            zd=Output(array(control.rates), "rates of the states", "SI"),
+        yield (
+            "control_rates",
+            lambda: _function(
+                f"Rates of the controller's states: {states}.",
+                state,
+                zd=Output(array(control.rates), "rates of the states", "SI"),
+            ),
         )
         return
-    when = (
-        "n CONTROL_PERIOD, from n = 0 on",
-        "n CONTROL_PERIOD + CONTROL_REST, where delayed torques begin to act",
+    yield (
+        "control_update",
+        lambda: _function(
+            f"States of the controller ({states}) after its sample at t = n CONTROL_PERIOD, n = 0, 1, ...",
+            (*state, "noise") if control.channels else state,
+            zn=Output(array(control.phases[0]), "new states", "SI"),
+        ),
     )
-    for k, phase in enumerate(control.phases):
-        yield ("control_update", "control_delayed")[k], lambda k=k, phase=phase: _function(
-            f"States of the controller ({states}) after its sample at t = {when[k]}.",
-            (*state, "noise") if control.channels and not k else state,
-            zn=Output(array(phase), "new states", "SI"),
+    if control.rest:
+        yield (
+            "control_delayed",
+            lambda: _function(
+                "The same at t = n CONTROL_PERIOD + CONTROL_REST, where delayed torques begin to act.",
+                state,
+                zn=Output(array(control.phases[1]), "new states", "SI"),
+            ),
         )

@@ -194,7 +194,9 @@ def _described(family: Family, name: str, value: float, asked: AskedKey | None) 
     if asked is not None and asked.low is not None and asked.high is not None:
         low, high = max(low, asked.low), min(high, asked.high)
     if not low <= value <= high:
-        raise CapabilityError(f"--key {name}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}")
+        raise CapabilityError(
+            f"--key {name}: the scene's own value {value:.6g} lies outside {low:.6g}:{high:.6g}"
+        )
     return CKey(name, unit_of(family.root, name), value, low, high)
 
 
@@ -296,7 +298,10 @@ def _deciding(made: Parametrised, values: Array) -> set[str]:
     """Return the keys on which comparisons depend that turn out otherwise with other values (keys,)."""
     numbers, steps = made.numbers(values[None]), made.recipe.steps
     pending = [
-        side for decision in made.decisions if not numbers.decided_alike([decision]).all() for side in decision[1:3]
+        side
+        for decision in made.decisions
+        if not numbers.decided_alike([decision]).all()
+        for side in decision[1:3]
     ]
     names = set()
     while pending:

@@ -23,7 +23,7 @@ from robodyn_cli.kernels.c99 import (
 from robodyn_cli.kernels.program import Program
 from robodyn_cli.over.c99.functions import GROUPS, CFunction
 from robodyn_cli.over.c99.keys import Parametrised
-from robodyn_cli.over.c99.samples import ComparedStates
+from robodyn_cli.over.c99.samples import LOST, ComparedStates
 from robodyn_cli.over.c99.solve import SOLVE
 from robodyn_cli.over.c99.table import PLACED, FunctionNames, NumberTable
 from robodyn_cli.spatial.algebra import Array
@@ -38,9 +38,7 @@ MEANINGS = {
     "z": "states of the controller",
     "noise": "standard normal random numbers of the sensors",
 }
-STATUS = (
-    "Returns 0; 1 where loops lose rank; 2 where nothing has inertia along a motion that they leave."
-)
+STATUS = "Returns 0; 1 where loops lose rank; 2 where nothing has inertia along a motion that they leave."
 
 
 def unique(names: Iterable[str]) -> list[str]:
@@ -96,7 +94,11 @@ class Library:
             listed.append(f"{real} t" if name == "t" else f"const {real} {name}[{max(1, self.sizes[name])}]")
         if function.solved:
             rows = function.outputs["gamma"].size
-            listed += [f"const {real} tau[{self.model.nv}]", f"{real} qdd[{self.model.nv}]", f"{real} lambda[{rows}]"]
+            listed += [
+                f"const {real} tau[{self.model.nv}]",
+                f"{real} qdd[{self.model.nv}]",
+                f"{real} lambda[{rows}]",
+            ]
         else:
             listed += [f"{real} {name}[{max(1, out.size)}]" for name, out in function.outputs.items()]
         return listed
@@ -110,7 +112,11 @@ class Library:
         """Return the comment above a declaration: what it does, shapes and units."""
         lines = [function.meaning]
         if function.solved:
-            lines += [STATUS, f"tau ({self.model.nv}): torques of the joints.", f"qdd ({self.model.nv}): accelerations."]
+            lines += [
+                STATUS,
+                f"tau ({self.model.nv}): torques of the joints.",
+                f"qdd ({self.model.nv}): accelerations.",
+            ]
             lines.append(f"lambda ({function.outputs['gamma'].size}): multipliers of the rows, N or N m.")
         else:
             for name, out in function.outputs.items():
@@ -129,7 +135,10 @@ class Library:
             self._table_type(),
             '#ifdef __cplusplus\nextern "C" {\n#endif\n',
             *self._of_numbers(),
-            *(f"{self._described(f)}{wrapped(self._declared(f, f'{own}_real'), '')};\n" for f in self.functions),
+            *(
+                f"{self._described(f)}{wrapped(self._declared(f, f'{own}_real'), '')};\n"
+                for f in self.functions
+            ),
             "#ifdef __cplusplus\n}\n#endif\n",
             "#endif\n",
         ]
@@ -148,7 +157,9 @@ class Library:
             f"qdd and tau ({model.nv}) have the order of qd.",
         ]
         if self.control is not None:
-            lines.append(f"z ({len(self.control.z)}), states of the controller: {', '.join(self.control.names) or 'none'}.")
+            lines.append(
+                f"z ({len(self.control.z)}), states of the controller: {', '.join(self.control.names) or 'none'}."
+            )
             lines.append(f"Driven joints, in this order: {', '.join(self.control.joints)}.")
         lines += [f"Left out: {name}: {why}." for name, why in self.made.own.left_out.items()]
         return lines
@@ -220,8 +231,8 @@ class Library:
         rows = next(f.outputs["gamma"].size for f in self.functions if f.solved)
         head = f"enum {{ NV = {self.model.nv}, ROWS = {rows}, RANK = {self.states.rank} }};\n"
         return (
-            f"#ifdef {self.big}_SINGLE\n#define LOST F(1e-4) /* of the largest pivot: rank is lost below */\n"
-            f"#else\n#define LOST F(1e-7)\n#endif\n\n{head}\n{SOLVE}"
+            f"#ifdef {self.big}_SINGLE\n#define LOST F({LOST['single']}) /* of the largest pivot: rows depend on others */\n"
+            f"#else\n#define LOST F({LOST['double']})\n#endif\n\n{head}\n{SOLVE}"
         )
 
     @cached_property
@@ -238,7 +249,9 @@ class Library:
         written = Statements(program, names)
         self._helpers |= written.helpers
         stores = [
-            wrapped(f"{output}[{k}] = {x};") for output, values in written.values.items() for k, x in enumerate(values)
+            wrapped(f"{output}[{k}] = {x};")
+            for output, values in written.values.items()
+            for k, x in enumerate(values)
         ]
         stores += [f"{INDENT}{name}[0] = 0;" for name, out in function.outputs.items() if not out.size]
         text = "\n".join([*declared, *written.lines, *stores])
@@ -294,7 +307,9 @@ class Library:
             "/* Computes what follows from the keys; 0 where the equations would be others. */\n"
             f"static int follow({own}_numbers *numbers)\n{{\n{opening}{unused}" + "\n".join(lines) + "\n}\n"
         )
-        values = "\n".join(f"    numbers->key[{self.key_names[key.name]}] = {literal(key.value)};" for key in keys)
+        values = "\n".join(
+            f"    numbers->key[{self.key_names[key.name]}] = {literal(key.value)};" for key in keys
+        )
         nominal = (
             f"void {own}_nominal({own}_numbers *numbers)\n{{\n    memset(numbers, 0, sizeof *numbers);\n{values}\n"
             "    (void)follow(numbers);\n}\n"
@@ -314,7 +329,9 @@ class Library:
                 "    (void)value;\n    return 1;\n}\n"
             )
         bounds = "\n".join(
-            wrapped(f"static const double {name}[] = {{{', '.join(literal(getattr(k, name)) for k in keys)}}};")
+            wrapped(
+                f"static const double {name}[] = {{{', '.join(literal(getattr(k, name)) for k in keys)}}};"
+            )
             for name in ("low", "high")
         )
         return f"""int {own}_set({own}_numbers *numbers, int key, double value)
@@ -383,9 +400,7 @@ def _bounds(low: float, high: float) -> str:
 
 def _quoted(text: str) -> str:
     """Return a string literal of any text, in UTF-8."""
-    plain = "".join(
-        chr(x) if 32 <= x < 127 and chr(x) not in '"\\?' else f"\\{x:03o}" for x in text.encode()
-    )
+    plain = "".join(chr(x) if 32 <= x < 127 and chr(x) not in '"\\?' else f"\\{x:03o}" for x in text.encode())
     return f'"{plain}"'
 
 

@@ -58,7 +58,10 @@ class NumberTable:
             code.append(Instruction(name, tuple(own), (KEYS, data) if op == "literal" else data))
             at.append(len(code) - 1)
         sides = [side for decision in self.made.decisions for side in decision[1:3]]
-        outputs = {PLACED: tuple(at[k] for k in self.entries), "sides": tuple(at[k] for k in sides)}
+        outputs: dict[str, tuple[int | float, ...]] = {
+            PLACED: tuple(at[k] for k in self.entries),
+            "sides": tuple(at[k] for k in sides),
+        }
         written = Statements(Program(tuple(code), outputs), _KeyNames(places))
         lines = list(written.lines)
         lines += [
