@@ -35,7 +35,7 @@ static double sum(double a, double b)
     return fabs(total) <= 1e-15 * most ? 0.0 : total;
 }}
 """,
-    "piecewise": """/* Piecewise polynomial at x: knots, coefficients of each power for all segments, values held outside. */
+    "piecewise": """/* Piecewise polynomial at x: knots, coefficients by power for all segments, values held outside. */
 static {real} {name}({real} x, const {real} *table, int knots, int degree, int held)
 {{
     const {real} *rows = table + knots, *outside = rows + (degree + 1) * (knots - 1);
@@ -61,7 +61,7 @@ static {real} {name}({real} x, const {real} *table, int knots, int degree, int h
 }  # fmt: skip
 
 
-class Names(Protocol):
+class LeafNames(Protocol):
     """What a program's leaves are called in C."""
 
     @property
@@ -120,10 +120,10 @@ def literal(value: float) -> str:
 class Statements:
     """The statements that compute the values of a program.
 
-    lines : of C, indented. values : of the outputs, expressions of C. helpers : names of the ``HELPERS`` that they call.
+    lines : of C, indented. values : of the outputs, as expressions. helpers : names of the ``HELPERS`` that they call.
     """
 
-    def __init__(self, program: Program, names: Names) -> None:
+    def __init__(self, program: Program, names: LeafNames) -> None:
         self.code, self.names = program.instructions, names
         self.lines: list[str] = []
         self.helpers: set[str] = set()

@@ -124,8 +124,8 @@ def written(target: Path) -> Iterator[Path]:
 
 
 def written_folder(target: Path, texts: Mapping[str, str]) -> None:
-    """Put text files into a folder at once: a new folder is renamed when it is whole; in one that is there already files
-    of these names are replaced when all new ones are written.
+    """Put text files into a folder at once: a new folder is renamed when it is whole; in one that is there already
+    files of these names are replaced when all new ones are written.
 
     Raises
     ------

@@ -14,7 +14,7 @@ from robodyn_cli import Mechanism, load_scene
 from robodyn_cli.cli.app import run
 from robodyn_cli.results import atomic
 from robodyn_cli.scene.load import is_part
-from tests.exported_c import COMPILER, ExportedC, compiled, needs_compiler, self_test
+from tests.exported_c import COMPILER, ExportedC, needs_compiler, self_test
 
 ROOT = Path(__file__).parents[2]
 CONFIGS = ROOT / "configs"

@@ -25,7 +25,7 @@ KINDS = (*AXES, "spherical", "floating", "planar")
 def random_scene(seed: int) -> dict[str, Any]:
     """Return a random tree as the YAML of a scene: a body of each of some kinds of joint, in a random order."""
     rng = np.random.default_rng(seed)
-    kinds = [kind for kind in rng.permutation([k for k in KINDS if k in joint_types])][:4]
+    kinds = list(rng.permutation([k for k in KINDS if k in joint_types]))[:4]
     joints, links = [], []
     for k, kind in enumerate([*kinds, "revolute"]):
         m, c, I = random_inertia(rng)

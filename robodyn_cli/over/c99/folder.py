@@ -12,7 +12,13 @@ from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.c99 import comment, literal, wrapped
 from robodyn_cli.over.c99.functions import CFunction
 from robodyn_cli.over.c99.keys import AskedKey, parametrised
-from robodyn_cli.over.c99.samples import ALLOWED, STATES_COMPARED, Compared, ComparedStates, compared_states
+from robodyn_cli.over.c99.samples import (
+    ALLOWED,
+    STATES_COMPARED,
+    ComparedOutput,
+    ComparedStates,
+    compared_states,
+)
 from robodyn_cli.over.c99.source import Library, library_name
 from robodyn_cli.results.atomic import written_folder
 from robodyn_cli.scene.load import Family
@@ -62,13 +68,14 @@ Libs.private: -lm
 """
 README = """# {name}
 
-Functions of the scene `{scene}` as C99, written by robodyn {version}. No memory is allocated, nothing is kept between calls; only
-`libm` is needed. `{name}.h` says what each function takes and gives, with shapes and units.
+Functions of the scene `{scene}` as C99, written by robodyn {version}. No memory is allocated, nothing is kept between
+calls; only `libm` is needed. `{name}.h` says what each function takes and gives, with shapes and units.
 
     cc -O2 *.c -lm && ./a.out
 
-builds all and compares each function with values of robodyn at {states} states{twice}; it ends with 0 where they agree. With CMake:
-`cmake -B build && cmake --build build && ctest --test-dir build`; `cmake --install build` puts library, header and pkg-config file in place.
+builds all and compares each function with values of robodyn at {states} states{twice};
+it ends with 0 where they agree. With CMake: `cmake -B build && cmake --build build && ctest --test-dir build`;
+`cmake --install build` puts library, header and pkg-config file in place.
 
     {name}_numbers numbers;
     {name}_nominal(&numbers);
@@ -78,9 +85,9 @@ Several tables of numbers may be in use at once, in any threads.
 
 ## Errors
 
-Largest difference from values that are correct to all digits, in parts of the largest entry of the output, at the states of the self test;
-of residuals in parts of the size of the mechanism.
-Single precision is what `-D{big}_SINGLE` compiles. The self test prints the same figures as it finds them, and allows {allowed} times as much.
+Largest difference from values that are correct to all digits, in parts of the largest entry of the output, at the
+states of the self test; of residuals in parts of the size of the mechanism. Single precision is what
+`-D{big}_SINGLE` compiles. The self test prints the same figures as it finds them, and allows {allowed} times as much.
 
 | function | output | double | single |
 |---|---|---|---|
@@ -258,7 +265,7 @@ class SelfTest:
         return "\n".join(lines)
 
     @staticmethod
-    def _judged(name: str, i: int, compared: Sequence[Compared]) -> str:
+    def _judged(name: str, i: int, compared: Sequence[ComparedOutput]) -> str:
         kinds = ("double", "single")
         allowed = ", ".join(f"{max(one.allowed(kind) for one in compared):.2e}" for kind in kinds)
         label = f"{name} {compared[0].output}"

@@ -137,8 +137,8 @@ def _refuse_contacts(problem: Problem) -> None:
         )
         kind = "friction that sticks" if joint.friction is not None else "a rigid stop"
         raise CapabilityError(
-            f"{problem.scene.path}: robot.joints.{joint.name}.{part}: {kind} holds and releases joint {joint.name!r} by "
-            f"events, which no function of a state has; allowed: {other}, or none",
+            f"{problem.scene.path}: robot.joints.{joint.name}.{part}: {kind} holds and releases joint {joint.name!r} "
+            f"by events, which no function of a state has; allowed: {other}, or none",
             key=f"robot.joints.{joint.name}.{part}",
         )
 

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, RobodynError, SceneError, listed
+from robodyn_cli.errors import CapabilityError, RobodynError, listed
 from robodyn_cli.expr.fixed import Witness, places, witnessed
 from robodyn_cli.expr.many import Decision, ManyNumbers, Recipe
 from robodyn_cli.kernels.program import Program

@@ -29,7 +29,7 @@ TYPES: dict[str, Any] = {"double": np.float64, "single": np.float32}
 
 
 @record
-class Compared:
+class ComparedOutput:
     """What one output of a function is at all states.
 
     values : (T, n), correct to double. errors : by precision the largest difference, in parts of the largest entry, or
@@ -52,7 +52,7 @@ class ComparedStates:
     """States by argument (T, n), the outputs at them, q (nq,) and qd (nv,) of the start, and the rank of Psi there."""
 
     arguments: Mapping[str, Array]
-    outputs: tuple[Compared, ...]
+    outputs: tuple[ComparedOutput, ...]
     q: Array
     qd: Array
     rank: int
@@ -111,13 +111,13 @@ def _closed(problem: Problem, q: Array, rng: np.random.Generator) -> tuple[Array
     return np.array(qs), np.array(vs)
 
 
-def _compared(function: CFunction, arguments: Mapping[str, Array]) -> list[Compared]:
+def _compared(function: CFunction, arguments: Mapping[str, Array]) -> list[ComparedOutput]:
     if function.solved:
         return [_solved(function, arguments)]
     exact = _values(function, arguments, np.longdouble)
     rounded = {name: _values(function, arguments, kind) for name, kind in TYPES.items()}
     return [
-        Compared(
+        ComparedOutput(
             function.name,
             name,
             exact[name].astype(float),
@@ -148,7 +148,7 @@ def _values(function: CFunction, arguments: Mapping[str, Array], kind: Any) -> d
     }
 
 
-def _solved(function: CFunction, arguments: Mapping[str, Array]) -> Compared:
+def _solved(function: CFunction, arguments: Mapping[str, Array]) -> ComparedOutput:
     """Return the accelerations that follow from the linear equations of a function."""
     shapes = {name: output.entries.shape for name, output in function.outputs.items()}
 
@@ -165,7 +165,7 @@ def _solved(function: CFunction, arguments: Mapping[str, Array]) -> Compared:
     for name, kind in TYPES.items():
         rows = [_eliminated(*one) for one in zip(*parts(kind, kind))]
         errors[name] = _difference(np.array(rows), qdd)
-    return Compared(function.name, "qdd", qdd, errors)
+    return ComparedOutput(function.name, "qdd", qdd, errors)
 
 
 def _eliminated(M: Array, f: Array, psi: Array, gamma: Array) -> Array:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-# M qdd - Psi^T lambda = f and Psi qdd + gamma = 0, whatever the rank of Psi: rows are eliminated with complete pivoting,
-# which tells independent rows and dependent coordinates; the others follow from their reduced mass matrix.
-SOLVE = """/* Solves A x = b, A (n x n), by elimination with partial pivoting; x takes the place of b. Returns 1 without an inverse. */
+# M qdd - Psi^T lambda = f and Psi qdd + gamma = 0, whatever the rank of Psi: rows are eliminated with complete
+# pivoting, which tells independent rows and dependent coordinates; the others follow from their reduced mass matrix.
+SOLVE = """/* Solves A x = b, A (n x n), with partial pivoting; x takes the place of b. Returns 1 without an inverse. */
 static int solve(int n, real *A, real *b)
 {
     int i, j, k;

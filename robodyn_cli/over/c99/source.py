@@ -20,12 +20,11 @@ from robodyn_cli.kernels.c99 import (
     literal,
     wrapped,
 )
-from robodyn_cli.kernels.program import Program
 from robodyn_cli.over.c99.functions import GROUPS, CFunction
 from robodyn_cli.over.c99.keys import Parametrised
 from robodyn_cli.over.c99.samples import LOST, ComparedStates
 from robodyn_cli.over.c99.solve import SOLVE
-from robodyn_cli.over.c99.table import PLACED, FunctionNames, NumberTable
+from robodyn_cli.over.c99.table import PLACED, FunctionNames, NumberFunctions, NumberTable
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.version import __version__
 
@@ -77,6 +76,8 @@ class Library:
         self.key_names = dict(zip(keys, (f"{self.big}_KEY_{x}" for x in unique(keys))))
         self.table = NumberTable(made)
         self._helpers: set[str] = set()
+        # the table has its size when all functions are written
+        self._bodies = [self._body(function) for function in self.functions]
 
     @property
     def sizes(self) -> dict[str, int]:
@@ -149,7 +150,7 @@ class Library:
         lines = [
             f"{self.name}: functions of the scene {os.path.basename(scene.path)}, written by robodyn {__version__}.",
             "",
-            "All arrays are row by row, all units SI. Outputs must not overlap inputs. Nothing is allocated, nothing kept.",
+            "Arrays are row by row, units SI. Outputs must not overlap inputs. Nothing is allocated, nothing kept.",
             f"Where {self.big}_SINGLE is defined, numbers are float in place of double.",
             "",
             f"q ({model.nq}), positions: {_columns(model.q_names, model.q_units)}.",
@@ -186,12 +187,11 @@ class Library:
             f"{_bounds(key.low, key.high)} */"
             for key in self.made.keys
         ]
-        self._bodies  # the table has its size when all functions are written
         keys, own = "\n".join(members), self.name
         return (
             f"/* Keys of the scene that can be set. */\nenum {own}_key {{\n{keys}{chr(10) if members else ''}"
             f"    {self.big}_KEYS\n}};\n\n"
-            "/* The numbers of the scene: the keys, and what follows from them. Change them by the functions below alone. */\n"
+            "/* The numbers of the scene: keys, and what follows from them. Only the functions below change them. */\n"
             f"typedef struct {{\n    double key[{max(1, len(members))}];\n"
             f"    {own}_real {PLACED}[{max(1, len(self.table.entries))}];\n}} {own}_numbers;\n"
         )
@@ -200,7 +200,7 @@ class Library:
         own = self.name
         return [
             f"/* Sets all numbers to those of the scene. */\nvoid {own}_nominal({own}_numbers *numbers);\n",
-            f"/* Sets a key. Returns 0; 1 without such a key, or beyond its bounds; 2 where the equations would be others.\n"
+            "/* Sets a key. Returns 0; 1 without such a key or beyond its bounds; 2 where the equations were others.\n"
             f"   The numbers stay as they were unless it returns 0. */\n"
             f"int {own}_set({own}_numbers *numbers, int key, double value);\n",
             f"/* Returns the key of a name such as those above, -1 for none. */\nint {own}_key(const char *name);\n",
@@ -213,17 +213,17 @@ class Library:
     def source(self) -> str:
         """The text of the definitions."""
         own = self.name
-        numbers = self._definitions_of_numbers()
+        numbers = NumberFunctions(self.table, own, self.key_names, (self.states.q, self.states.qd))
+        definitions = [*numbers.definitions, *self._bodies]
         solves = any(f.solved for f in self.functions)
         parts = [
             f"/* {own}.h says what these functions do. */\n",
             f'#include "{own}.h"\n\n#include <string.h>\n#include <tgmath.h>\n',
             f"typedef {own}_real real;\n",
             f"#ifdef {self.big}_SINGLE\n#define F(x) x##f\n#else\n#define F(x) x\n#endif\n",
-            helpers_text(self._helpers),
+            helpers_text(self._helpers | numbers.helpers),
             self._solver() if solves else "",
-            *numbers,
-            *self._bodies,
+            *definitions,
         ]
         return "\n".join(part for part in parts if part)
 
@@ -231,17 +231,13 @@ class Library:
         rows = next(f.outputs["gamma"].size for f in self.functions if f.solved)
         head = f"enum {{ NV = {self.model.nv}, ROWS = {rows}, RANK = {self.states.rank} }};\n"
         return (
-            f"#ifdef {self.big}_SINGLE\n#define LOST F({LOST['single']}) /* of the largest pivot: rows depend on others */\n"
+            f"#ifdef {self.big}_SINGLE\n#define LOST F({LOST['single']}) /* of the largest pivot */\n"
             f"#else\n#define LOST F({LOST['double']})\n#endif\n\n{head}\n{SOLVE}"
         )
 
-    @cached_property
-    def _bodies(self) -> list[str]:
-        return [self._body(function) for function in self.functions]
-
     def _body(self, function: CFunction) -> str:
         """Return the definition of a function."""
-        program = function.program
+        program = self.made.programs[function.name]
         declared: list[str] = []
         q = [identifier(x) for x in unique(self.model.q_names)]
         arguments = {GROUPS[name]: name for name in function.takes}
@@ -256,7 +252,7 @@ class Library:
         stores += [f"{INDENT}{name}[0] = 0;" for name, out in function.outputs.items() if not out.size]
         text = "\n".join([*declared, *written.lines, *stores])
         if function.solved:
-            return self._solved_body(function, text, program)
+            return self._solved_body(function, text)
         head = wrapped(_restrict(self._declared(function, REAL), function), "")
         return f"{head}\n{{\n{self._opening(function, text)}{text}\n}}\n"
 
@@ -268,15 +264,11 @@ class Library:
             unused = []
         else:
             unused = ["numbers"]
-        used = self.symbols_of(function)
+        used = self.made.programs[function.name].inputs
         unused += [name for name in function.takes if GROUPS[name] not in used]
         return "\n".join([*lines, *(f"{INDENT}(void){name};" for name in unused), ""]) + "\n"
 
-    @staticmethod
-    def symbols_of(function: CFunction) -> set[str]:
-        return set(function.program.inputs)
-
-    def _solved_body(self, function: CFunction, text: str, program: Program) -> str:
+    def _solved_body(self, function: CFunction, text: str) -> str:
         """Return the linear equations of a function, and the function that solves them."""
         own, name = self.name, self.names[function.name]
         takes = ["numbers", *function.takes]
@@ -293,88 +285,6 @@ class Library:
             "    return solve_constrained(M, load, Psi, gamma, qdd, lambda);",
         ]
         return parts + f"\n{wrapped(self._declared(function, REAL), '')}\n{{\n" + "\n".join(body) + "\n}\n"
-
-    def _definitions_of_numbers(self) -> list[str]:
-        """Return the functions that set numbers, look keys up, and give the start."""
-        own, keys = self.name, self.made.keys
-        self._bodies
-        lines, helpers = self.table.follow({key.name: f"key[{self.key_names[key.name]}]" for key in keys})
-        self._helpers |= helpers
-        uses = any("key[" in line for line in lines)
-        opening = f"{INDENT}const double *key = numbers->key;\n\n" if uses else ""
-        unused = "" if uses or self.table.entries else f"{INDENT}(void)numbers;\n"
-        follow = (
-            "/* Computes what follows from the keys; 0 where the equations would be others. */\n"
-            f"static int follow({own}_numbers *numbers)\n{{\n{opening}{unused}" + "\n".join(lines) + "\n}\n"
-        )
-        values = "\n".join(
-            f"    numbers->key[{self.key_names[key.name]}] = {literal(key.value)};" for key in keys
-        )
-        nominal = (
-            f"void {own}_nominal({own}_numbers *numbers)\n{{\n    memset(numbers, 0, sizeof *numbers);\n{values}\n"
-            "    (void)follow(numbers);\n}\n"
-        )
-        q, qd = (
-            "\n".join(f"    {x}[{k}] = {_value(e)};" for k, e in enumerate(array))
-            for x, array in (("q", self.states.q), ("qd", self.states.qd))
-        )
-        start = f"void {own}_start(real q[{self.model.nq}], real qd[{self.model.nv}])\n{{\n{q}\n{qd}\n}}\n"
-        return [follow, nominal, self._set(), self._key(), start]
-
-    def _set(self) -> str:
-        own, keys = self.name, self.made.keys
-        if not keys:
-            return (
-                f"int {own}_set({own}_numbers *numbers, int key, double value)\n{{\n    (void)numbers;\n    (void)key;\n"
-                "    (void)value;\n    return 1;\n}\n"
-            )
-        bounds = "\n".join(
-            wrapped(
-                f"static const double {name}[] = {{{', '.join(literal(getattr(k, name)) for k in keys)}}};"
-            )
-            for name in ("low", "high")
-        )
-        return f"""int {own}_set({own}_numbers *numbers, int key, double value)
-{{
-{bounds}
-    {own}_numbers changed = *numbers;
-    int k;
-
-    if (key < 0 || key >= {self.big}_KEYS || !isfinite(value) || value < low[key] || value > high[key])
-        return 1;
-    changed.key[key] = value;
-    if (!follow(&changed))
-        return 2;
-    for (k = 0; k < (int)(sizeof changed.n / sizeof *changed.n); ++k)
-        if (!isfinite(changed.n[k]))
-            return 2;
-    *numbers = changed;
-    return 0;
-}}
-"""
-
-    def _key(self) -> str:
-        own, keys = self.name, self.made.keys
-        if not keys:
-            return f"int {own}_key(const char *name)\n{{\n    (void)name;\n    return -1;\n}}\n"
-        names = "\n".join(f"        {_quoted(key.name)}," for key in keys)
-        return f"""int {own}_key(const char *name)
-{{
-    static const char *const names[] = {{
-{names}
-    }};
-    int k;
-
-    for (k = 0; k < {self.big}_KEYS; ++k)
-        if (strcmp(name, names[k]) == 0)
-            return k;
-    return -1;
-}}
-"""
-
-
-def _value(x: float) -> str:
-    return f"(real){literal(float(x))}" if x >= 0 or np.isnan(x) else f"-(real){literal(-float(x))}"
 
 
 def _restrict(declared: str, function: CFunction) -> str:
@@ -396,12 +306,6 @@ def _bounds(low: float, high: float) -> str:
     if np.isinf(low) and np.isinf(high):
         return ""
     return f", {'' if np.isinf(low) else f'{low:.6g} '}..{'' if np.isinf(high) else f' {high:.6g}'}"
-
-
-def _quoted(text: str) -> str:
-    """Return a string literal of any text, in UTF-8."""
-    plain = "".join(chr(x) if 32 <= x < 127 and chr(x) not in '"\\?' else f"\\{x:03o}" for x in text.encode())
-    return f'"{plain}"'
 
 
 def _block_comment(lines: Sequence[str]) -> str:

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
+
+import numpy as np
 
 from robodyn_cli.expr.many import CONSTANT
 from robodyn_cli.kernels.c99 import INDENT, REAL, Statements, identifier, literal, wrapped
 from robodyn_cli.kernels.program import Instruction, Program
 from robodyn_cli.over.c99.keys import Parametrised
 from robodyn_cli.record import record
+from robodyn_cli.spatial.algebra import Array
 
 SMALLEST, LARGEST = 1.2e-38, 3.4e38  # of normal numbers in single precision
 RELATIONS = {"lt": "<", "le": "<=", "gt": ">", "ge": ">=", "eq": "==", "ne": "!="}
@@ -146,3 +150,110 @@ class FunctionNames:
 
     def literal(self, value: float) -> str:
         return code_literal(value)
+
+
+class NumberFunctions:
+    """The functions of a library that set its numbers, look keys up, and give the start.
+
+    Parameters
+    ----------
+    name : of the library. key_names : of its keys in C. start : q (nq,) and qd (nv,).
+
+    ``definitions`` are their texts, which call ``helpers``.
+    """
+
+    def __init__(
+        self, table: NumberTable, name: str, key_names: Mapping[str, str], start: tuple[Array, Array]
+    ) -> None:
+        self.table, self.name, self.key_names, self.start = table, name, key_names, start
+        self.keys, self.big = table.made.keys, name.upper()
+        self.helpers: set[str] = set()
+
+    @cached_property
+    def definitions(self) -> list[str]:
+        """The functions that set numbers, look keys up, and give the start."""
+        own, keys = self.name, self.keys
+        lines, self.helpers = self.table.follow(
+            {key.name: f"key[{self.key_names[key.name]}]" for key in keys}
+        )
+        uses = any("key[" in line for line in lines)
+        opening = f"{INDENT}const double *key = numbers->key;\n\n" if uses else ""
+        unused = "" if uses or self.table.entries else f"{INDENT}(void)numbers;\n"
+        follow = (
+            "/* Computes what follows from the keys; 0 where the equations would be others. */\n"
+            f"static int follow({own}_numbers *numbers)\n{{\n{opening}{unused}" + "\n".join(lines) + "\n}\n"
+        )
+        values = "\n".join(
+            f"    numbers->key[{self.key_names[key.name]}] = {literal(key.value)};" for key in keys
+        )
+        nominal = (
+            f"void {own}_nominal({own}_numbers *numbers)\n{{\n    memset(numbers, 0, sizeof *numbers);\n{values}\n"
+            "    (void)follow(numbers);\n}\n"
+        )
+        q, qd = (
+            "\n".join(f"    {x}[{k}] = {_value(e)};" for k, e in enumerate(array))
+            for x, array in (("q", self.start[0]), ("qd", self.start[1]))
+        )
+        start = f"void {own}_start(real q[{len(self.start[0])}], real qd[{len(self.start[1])}])\n{{\n{q}\n{qd}\n}}\n"
+        return [follow, nominal, self._set(), self._key(), start]
+
+    def _set(self) -> str:
+        own, keys = self.name, self.keys
+        if not keys:
+            return (
+                f"int {own}_set({own}_numbers *numbers, int key, double value)\n{{\n    (void)numbers;\n"
+                "    (void)key;\n    (void)value;\n    return 1;\n}\n"
+            )
+        bounds = "\n".join(
+            wrapped(
+                f"static const double {name}[] = {{{', '.join(literal(getattr(k, name)) for k in keys)}}};"
+            )
+            for name in ("low", "high")
+        )
+        return f"""int {own}_set({own}_numbers *numbers, int key, double value)
+{{
+{bounds}
+    {own}_numbers changed = *numbers;
+    int k;
+
+    if (key < 0 || key >= {self.big}_KEYS || !isfinite(value) || value < low[key] || value > high[key])
+        return 1;
+    changed.key[key] = value;
+    if (!follow(&changed))
+        return 2;
+    for (k = 0; k < (int)(sizeof changed.n / sizeof *changed.n); ++k)
+        if (!isfinite(changed.n[k]))
+            return 2;
+    *numbers = changed;
+    return 0;
+}}
+"""
+
+    def _key(self) -> str:
+        own, keys = self.name, self.keys
+        if not keys:
+            return f"int {own}_key(const char *name)\n{{\n    (void)name;\n    return -1;\n}}\n"
+        names = "\n".join(f"        {_quoted(key.name)}," for key in keys)
+        return f"""int {own}_key(const char *name)
+{{
+    static const char *const names[] = {{
+{names}
+    }};
+    int k;
+
+    for (k = 0; k < {self.big}_KEYS; ++k)
+        if (strcmp(name, names[k]) == 0)
+            return k;
+    return -1;
+}}
+"""
+
+
+def _value(x: float) -> str:
+    return f"(real){literal(float(x))}" if x >= 0 or np.isnan(x) else f"-(real){literal(-float(x))}"
+
+
+def _quoted(text: str) -> str:
+    """Return a string literal of any text, in UTF-8."""
+    plain = "".join(chr(x) if 32 <= x < 127 and chr(x) not in '"\\?' else f"\\{x:03o}" for x in text.encode())
+    return f'"{plain}"'
