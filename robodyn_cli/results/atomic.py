@@ -131,7 +131,8 @@ def written_folder(target: Path, texts: Mapping[str, str]) -> None:
     ------
     OutputError : it cannot be written.
     """
-    stage = temporary_path(Path(os.path.abspath(target)))
+    there = target.exists()
+    stage = temporary_path(target / "new" if there else Path(os.path.abspath(target)))
     with output_errors(target):
         try:
             stage.parent.mkdir(parents=True, exist_ok=True)
@@ -139,7 +140,7 @@ def written_folder(target: Path, texts: Mapping[str, str]) -> None:
             for name, text in texts.items():
                 (stage / name).write_text(text, encoding="utf-8")
             with uninterrupted():
-                if not target.exists():
+                if not there:
                     os.replace(stage, target)
                     return
                 for name in texts:

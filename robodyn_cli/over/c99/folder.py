@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError
+from robodyn_cli.errors import CapabilityError, GeometryError
 from robodyn_cli.kernels.c99 import comment, literal, wrapped
 from robodyn_cli.over.c99.functions import CFunction
 from robodyn_cli.over.c99.keys import AskedKey, parametrised
 from robodyn_cli.over.c99.samples import (
     ALLOWED,
+    LEAST,
     STATES_COMPARED,
     ComparedOutput,
     ComparedStates,
@@ -87,7 +89,8 @@ Several tables of numbers may be in use at once, in any threads.
 
 Largest difference from values that are correct to all digits, in parts of the largest entry of the output, at the
 states of the self test; of residuals in parts of the size of the mechanism. Single precision is what
-`-D{big}_SINGLE` compiles. The self test prints the same figures as it finds them, and allows {allowed} times as much.
+`-D{big}_SINGLE` compiles. The self test prints the same figures as it finds them, and allows {allowed} times as much,
+at least {units} units of rounding.
 
 | function | output | double | single |
 |---|---|---|---|
@@ -108,7 +111,10 @@ def export_c(family: Family, asked: Sequence[AskedKey], directory: Path) -> tupl
         raise CapabilityError(f"{family.path}: it has no functions: " + "; ".join(made.own.left_out.values()))
     states = compared_states(made.own)
     library = Library(made, states, library_name(family.path))
-    changed = None if made.changed is None else (made.changed[0], compared_states(made.changed[1]))
+    changed = None
+    if made.changed is not None:
+        with contextlib.suppress(GeometryError):  # other lengths may not close the loops
+            changed = made.changed[0], compared_states(made.changed[1])
     texts = {
         f"{library.name}.h": library.header,
         f"{library.name}.c": library.source,
@@ -141,7 +147,8 @@ def _readme(library: Library, twice: bool) -> str:
     return README.format(
         name=library.name, big=library.big, scene=comment(scene), version=__version__, states=STATES_COMPARED,
         twice=", with the scene's numbers and with others" if twice else "", example="\n".join(example),
-        allowed=int(ALLOWED), errors="\n".join(rows), left_out=f"\n## Left out\n\n{left}" if left else "",
+        allowed=int(ALLOWED), units=int(ALLOWED * LEAST),
+        errors="\n".join(rows), left_out=f"\n## Left out\n\n{left}" if left else "",
     )  # fmt: skip
 
 
