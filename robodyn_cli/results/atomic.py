@@ -6,11 +6,12 @@ import contextlib
 import errno
 import os
 import re
+import shutil
 import signal
 import stat
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -120,6 +121,32 @@ def written(target: Path) -> Iterator[Path]:
         except BaseException:
             discard(temporary)
             raise
+
+
+def written_folder(target: Path, texts: Mapping[str, str]) -> None:
+    """Put text files into a folder at once: a new folder is renamed when it is whole; in one that is there already
+    files of these names are replaced when all new ones are written.
+
+    Raises
+    ------
+    OutputError : it cannot be written.
+    """
+    there = target.exists()
+    stage = temporary_path(target / "new" if there else Path(os.path.abspath(target)))
+    with output_errors(target):
+        try:
+            stage.parent.mkdir(parents=True, exist_ok=True)
+            stage.mkdir()
+            for name, text in texts.items():
+                (stage / name).write_text(text, encoding="utf-8")
+            with uninterrupted():
+                if not there:
+                    os.replace(stage, target)
+                    return
+                for name in texts:
+                    publish(stage / name, target / name)
+        finally:
+            shutil.rmtree(stage, ignore_errors=True)
 
 
 @contextlib.contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +10,7 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import Quiet, ReportAsJson, choice, file
+from robodyn_cli.cli.options import Overrides, Quiet, ReportAsJson, choice, file, utf8
 
 OF_RESULTS = ("csv", "parquet", "mat", "npz", "json", "mcap")
 OF_SCENES = ("urdf+", "extended-urdf", "mjcf", "sdf")
@@ -27,7 +28,7 @@ def command(
         ),
     ],
     to: Annotated[
-        str,
+        str | None,
         typer.Option(
             "--to",
             metavar="KIND",
@@ -36,23 +37,85 @@ def command(
             "extended-urdf, mjcf, sdf.",
             show_default=False,
         ),
-    ],
+    ] = None,
     out: Annotated[
-        Path, typer.Option("--out", "-o", metavar="DIR", help="Where the files go.", show_default=False)
-    ],
+        Path | None,
+        typer.Option("--out", "-o", metavar="DIR", help="Where the files of --to go.", show_default=False),
+    ] = None,
+    c: Annotated[
+        Path | None,
+        typer.Option(
+            "--c",
+            metavar="DIR",
+            help="Of a scene: the functions of its model and controller as C99, into this folder.",
+            show_default=False,
+        ),
+    ] = None,
+    overrides: Overrides = None,
+    keys: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--key",
+            metavar="KEY[=LOW:HIGH]",
+            parser=utf8,
+            help="With --c: a key that can be set in C. [default: masses, inertias, data of forces]",
+        ),
+    ] = None,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
 ) -> int:
-    """Write a stored result, or the robot of a scene, in another format; return the exit code."""
+    """Write a stored result, or the robot or the functions of a scene, in another form; return the exit code."""
     console = Console(as_json, quiet)
     tidy_up_first()
     with console.waiting(lambda: "exporting"):
-        files, notes = _files(source, to, out)
+        if c is not None and to is None and out is None:
+            directory, (files, notes) = c, _functions(source, c, overrides or (), keys or ())
+        elif c is None and to is not None and out is not None and not (overrides or keys):
+            directory, (files, notes) = out, _files(source, to, out)
+        else:
+            raise _refusal(overrides or keys)
     for text in notes:
         console.note(f"robodyn: {text}")
     console.data({"status": "ok", "files": [str(path) for path in files], "notes": notes})
-    console.say(f"{out}  ({', '.join(path.name for path in files)})")
+    console.say(f"{directory}  ({', '.join(path.name for path in files)})")
     return 0
+
+
+def _refusal(of_functions: list[str] | None) -> Exception:
+    """Return the error of options that do not go together."""
+    from robodyn_cli.errors import CapabilityError
+
+    beside = "--set and --key go with --c; " if of_functions else ""
+    return CapabilityError(f"{beside}allowed: either --to KIND with --out DIR, or --c DIR")
+
+
+def _functions(
+    source: Path, directory: Path, overrides: Sequence[str], keys: Sequence[str]
+) -> tuple[list[Path], list[str]]:
+    """Write the functions of a scene as C.
+
+    Raises
+    ------
+    CapabilityError : a result has none. Others of what reads and writes them.
+    """
+    from robodyn_cli.errors import CapabilityError
+    from robodyn_cli.over.c99.folder import export_c
+    from robodyn_cli.over.c99.keys import asked_key
+    from robodyn_cli.scene.load import Family, load_robot
+
+    if _is_stored(source):
+        raise CapabilityError(f"{source} is a result, which has no functions; allowed with --c: a scene")
+    asked = [asked_key(text) for text in keys]
+    if source.suffix in (".yaml", ".yml"):
+        family = Family(source, overrides)
+    else:
+        robot = load_robot(source)
+        family = Family.of(robot).with_values([f"gravity={list(robot.gravity)}", *overrides])
+    return export_c(family, asked, directory)
+
+
+def _is_stored(source: Path) -> bool:
+    return source.is_dir() or source.suffix == ".h5"
 
 
 def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
@@ -64,7 +127,7 @@ def _files(source: Path, to: str, out: Path) -> tuple[list[Path], list[str]]:
     """
     from robodyn_cli.errors import CapabilityError
 
-    stored = source.is_dir() or source.suffix == ".h5"
+    stored = _is_stored(source)
     if stored if to in OF_SCENES else source.suffix in SCENES:
         of, kinds = ("a result", OF_RESULTS) if stored else ("a scene", OF_SCENES)
         raise CapabilityError(
