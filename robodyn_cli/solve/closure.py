@@ -50,7 +50,7 @@ def rank(A: Array, tolerance: float = RANK) -> int:
 
 def has_full_rank(A: Array, tolerance: float) -> NDArray[np.bool_]:
     """Tell of which matrices (T, m, n) all singular values count; of none that is not finite. See ``rank``."""
-    finite = np.asarray(np.isfinite(A).all(axis=(1, 2)))
+    finite: Array = np.isfinite(A).all(axis=(1, 2))
     known: Array = np.where(finite[:, None, None], A, 0.0)
     sigma = np.linalg.svd(known, compute_uv=False)
     full: NDArray[np.bool_] = sigma[:, -1] > tolerance * np.maximum(sigma[:, 0], 1e-300)
