@@ -27,6 +27,7 @@ from robodyn_cli.kernels.compiler import Target
 from robodyn_cli.kernels.ir import Function, module
 from robodyn_cli.kernels.lower import Programs
 from robodyn_cli.kernels.program import NUMBERS, Program, make_program
+from robodyn_cli.record import record
 
 # comparisons with zero of a difference that hold where it is positive, or where it is not
 POSITIVE = {"gt": (1.0, True), "le": (1.0, False), "lt": (-1.0, True), "ge": (-1.0, False)}
@@ -48,15 +49,22 @@ def loop_texts(system: System, method: Method, target: Target) -> list[str]:
     ]
 
 
-def equations_text(
-    system: System, equations: Mapping[str, Program], tables: Tables, target: Target
-) -> str:
-    """Return the IR of programs of t, q, v and z, by name of their function."""
+@record
+class Equations:
+    """Equations of a state x at t = 0. places : in x, of the entries of each group of symbols."""
+
+    program: Program
+    places: Mapping[str, Sequence[int]]
+
+
+def equations_text(equations: Mapping[str, Equations], tables: Tables, target: Target) -> str:
+    """Return the IR of equations, by name of their function."""
     programs, functions = Programs(target.fused), []
-    first = {"q": 0, "v": system.nq, "z": system.nq + system.nv}
-    for name, program in equations.items():
-        f = Function(name, ["ptr %x", f"ptr %{NUMBERS}", "ptr %out"])
-        inputs: dict[str, Any] = {group: Array(f, f.offset("%x", place)) for group, place in first.items()}
+    for name, own in equations.items():
+        f, program = Function(name, ["ptr %x", f"ptr %{NUMBERS}", "ptr %out"]), own.program
+        inputs: dict[str, Any] = {
+            group: [f.load(f.offset("%x", k)) for k in places] for group, places in own.places.items()
+        }
         inputs["t"], inputs[NUMBERS] = [f.constant(0.0)], Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))
         values = [x for part in programs.evaluate(f, program, inputs, 1).values() for x in part]
         for k, x in enumerate(values):

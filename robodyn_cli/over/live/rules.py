@@ -75,7 +75,7 @@ class Tape:
         flat = places.ravel().tolist()
         if len(arrays) == 1 and flat == list(range(arrays[0].size)):
             return Recorded(self, arrays[0].place, entries)
-        return self._note(entries, "take", arrays, _ranges(flat))
+        return self._note(entries, "take", arrays, _packed(places))
 
     def reduced(self, op: str, x: Recorded, axis: Any, values: Values, initial: Any = None) -> Recorded:
         """Return rows combined to one entry each."""
@@ -100,7 +100,7 @@ class Tape:
         merged[places.ravel()] = x.size + np.arange(places.size)
         joined = [x, own]
         entries = np.concatenate([a.example.ravel() for a in joined])[merged].reshape(x.shape)
-        return self._note(entries, "take", joined, _ranges(merged.tolist()))
+        return self._note(entries, "take", joined, _packed(merged))
 
 
 class Recorded(np.lib.mixins.NDArrayOperatorsMixin):
@@ -204,10 +204,19 @@ def plain(xs: Iterable[float]) -> list[Any]:
     return [(int(x) if x == int(x) and abs(x) < 1e15 else x) if math.isfinite(x) else words.get(x, "NaN") for x in map(float, xs)]
 
 
-def _ranges(places: list[int]) -> list[Any]:
-    """Return places as runs of [first, count], where there are few of these, or as they are."""
+def _packed(places: NDArray[Any]) -> dict[str, Any] | list[int]:
+    """Return places as those of a strided array where they are one, else as runs: first, count, and so on."""
+    if places.size and places.ndim:
+        axes = [axis for axis in range(places.ndim) if places.shape[axis] > 1]
+        first, shape = int(places.flat[0]), [places.shape[axis] for axis in axes]
+        beside = [tuple(int(k == axis) for k in range(places.ndim)) for axis in axes]
+        strides = [int(places[at]) - first for at in beside]
+        whole = first + sum((np.arange(n).reshape(-1, *[1] * (len(shape) - k - 1)) * s
+                             for k, (n, s) in enumerate(zip(shape, strides))), start=np.array(0))  # fmt: skip
+        if (np.ravel(whole) == places.ravel()).all():
+            return {"first": first, "shape": shape, "strides": strides}
     runs: list[list[int]] = []
-    for k in places:
+    for k in places.ravel().tolist():
         if runs and runs[-1][0] + runs[-1][1] == k:
             runs[-1][1] += 1
         else:
@@ -269,11 +278,7 @@ def _take_along(tape: Tape, x: Any, places: Any, axis: int) -> Recorded:
     return tape.matrices("row", [x, places], values, x.shape[axis], math.prod(x.shape[axis + 1 :]))
 
 
-def _like(fill: float) -> Callable[..., Any]:
-    return lambda tape, x, **named: np.full(x.shape, fill)
-
-
 SPECIAL: Mapping[str, Callable[..., Any]] = {
     "solve": _solve, "pinv": _pinv, "svd": _svd, "det": _det, "sort": _sort, "where": _where, "flatnonzero": _flatnonzero,
-    "take_along_axis": _take_along, "zeros_like": _like(0.0), "argmax": lambda tape, x: 0,
+    "take_along_axis": _take_along, "zeros_like": lambda tape, x: tape.constant(np.zeros(x.shape)), "argmax": lambda tape, x: 0,
 }  # fmt: skip

@@ -18,10 +18,10 @@ from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.lanes import JOB
 from robodyn_cli.integrators.stepping.writer import Tables
-from robodyn_cli.kernels.program import NUMBERS, Program, make_program
+from robodyn_cli.kernels.program import NUMBERS, make_program
 from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
 from robodyn_cli.motion.self_check import is_judged_by_energy
-from robodyn_cli.over.live.code import equations_text, loop_texts, numbers_text
+from robodyn_cli.over.live.code import Equations, equations_text, loop_texts, numbers_text
 from robodyn_cli.over.live.judging import Judging, limits_of_closing
 from robodyn_cli.over.live.rules import plain
 from robodyn_cli.over.many.command import VERDICT
@@ -88,7 +88,7 @@ class LiveStructure:
         self.engine = self.fleet.engine
         self.batch = RunBatch.of(self.structure, self.row[None], None, None, 1)
         self.closing = self._closing()
-        self.tables = Tables([*self.fleet.tables.programs, *self.equations.values()])
+        self.tables = Tables([*self.fleet.tables.programs, *(own.program for own in self.equations.values())])
 
     def _structure(self, mechanism: Mechanism) -> Structure:
         """Return the structure that serves the scene and the corners of its ranges."""
@@ -106,6 +106,7 @@ class LiveStructure:
             ((own, group) for own, group in groups if own is not None and 0 in group), (None, np.zeros(0))
         )
         if not isinstance(own, Structure):
+            self.command.structure(self.family, mechanism.keys, self.row)  # which says why not
             raise CapabilityError("this scene cannot run in a page: its equations cannot be built for many runs")
         if own.obstacle:
             raise CapabilityError(f"this scene cannot run in a page: {own.obstacle}")
@@ -168,8 +169,8 @@ class LiveStructure:
 
     # -- equations ------------------------------------------------------------------------------------
     @cached_property
-    def equations(self) -> dict[str, Program]:
-        """Programs of the state that a page evaluates beside its runs, by name."""
+    def equations(self) -> dict[str, Equations]:
+        """Equations of the state that a page evaluates beside its runs, by name."""
         from robodyn_cli.observe.observe import potential_energy
 
         motion = self.motion
@@ -182,7 +183,14 @@ class LiveStructure:
             outputs["psi"] = {"psi": problem.psi[problem.constraints.of_loops].ravel().tolist()}
         if motion.choice.may_change:
             outputs["jacobian"] = {"jacobian": motion.system.jacobian.J.ravel().tolist()}
-        return {name: make_program(own, STATE) for name, own in outputs.items()}
+        system = motion.system
+        mechanism = {"q": list(system.q_places), "v": list(system.v_places)}
+        end = system.nq + system.nv
+        own = {"q": range(system.nq), "v": range(system.nq, end), "z": range(end, system.size)}
+        return {
+            name: Equations(make_program(of, STATE), own if name == "jacobian" else mechanism)
+            for name, of in outputs.items()
+        }
 
     def module(self) -> WasmModule:
         """Return the code.
@@ -196,7 +204,7 @@ class LiveStructure:
         texts = [
             *loop_texts(self.system, methods[self.method], WASM),
             numbers_text(structure.recipe, self._entries, places, structure.deciding, WASM),
-            equations_text(self.motion.system, self.equations, self.tables, WASM),
+            equations_text(self.equations, self.tables, WASM),
         ]
         exports = ["drive", "numbers", *self.equations, *(["trial_step"] if self.system.events else [])]
         made = write_wasm(texts, exports)
@@ -241,7 +249,7 @@ class LiveStructure:
             "passing": self.fleet.passing,
             "numbers": plain(self.tables.numbers), "own": engine_numbers,
             "off": {draw: _steps_off(self.fleet.tables, draw) for draw in (1, 2)},
-            "outputs": {name: {k: len(v) for k, v in p.outputs.items()} for name, p in self.equations.items()},
+            "outputs": {name: {k: len(v) for k, v in own.program.outputs.items()} for name, own in self.equations.items()},
             "start": self._start(),
             **judging.data(),
         }  # fmt: skip

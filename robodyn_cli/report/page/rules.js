@@ -24,8 +24,21 @@ function entrywise(f, args) {
   return out;
 }
 
+/* Entries of a strided array: a loop for each axis. */
+function strided(all, { first, shape, strides }) {
+  const out = new Float64Array(shape.reduce((a, b) => a * b, 1));
+  let at = 0;
+  const along = (axis, place) => {
+    if (axis === shape.length) out[at++] = all[place];
+    else for (let k = 0; k < shape[axis]; k++) along(axis + 1, place + k * strides[axis]);
+  };
+  along(0, first);
+  return out;
+}
+
 function taken(args, runs) {
   const all = args.length === 1 ? args[0] : Float64Array.from(args.flatMap((a) => Array.from(a)));
+  if (runs.strides) return strided(all, runs);
   let size = 0, at = 0;
   for (let k = 1; k < runs.length; k += 2) size += runs[k];
   const out = new Float64Array(size);
