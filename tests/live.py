@@ -46,11 +46,11 @@ def random_rows(ranges: Ranges, count: int, seed: int) -> np.ndarray:
     return np.asarray(np.random.default_rng(seed).uniform(low, high, (count, len(low))))
 
 
-def run_many(family: Family, ranges: Ranges, rows: np.ndarray) -> ManyRuns:
+def run_many(family: Family, ranges: Ranges, rows: np.ndarray, **options: Any) -> ManyRuns:
     """Return the same runs by the program."""
     mechanism = Mechanism(family, list(ranges))
     make = mechanism.deploy_many if family.own.command == "deploy" else mechanism.simulate_many
-    return make(rows)
+    return make(rows, **options)
 
 
 def disagreements(pages: Sequence[Mapping[str, Any]], runs: ManyRuns) -> tuple[list[str], int]:

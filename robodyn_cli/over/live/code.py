@@ -65,7 +65,10 @@ def equations_text(equations: Mapping[str, Equations], tables: Tables, target: T
         inputs: dict[str, Any] = {
             group: [f.load(f.offset("%x", k)) for k in places] for group, places in own.places.items()
         }
-        inputs["t"], inputs[NUMBERS] = [f.constant(0.0)], Array(f, f.offset(f"%{NUMBERS}", tables.start(program)))
+        inputs["t"], inputs[NUMBERS] = (
+            [f.constant(0.0)],
+            Array(f, f.offset(f"%{NUMBERS}", tables.start(program))),
+        )
         values = [x for part in programs.evaluate(f, program, inputs, 1).values() for x in part]
         for k, x in enumerate(values):
             f.store(x, f.offset("%out", k))
@@ -75,14 +78,18 @@ def equations_text(equations: Mapping[str, Equations], tables: Tables, target: T
 
 
 def numbers_text(
-    recipe: Recipe, entries: Sequence[Any], places: Sequence[str], deciding: Sequence[Decision], target: Target
+    recipe: Recipe,
+    entries: Sequence[Any],
+    places: Sequence[str],
+    deciding: Sequence[Decision],
+    target: Target,
 ) -> str:
     """Return the IR of ``numbers``.
 
     Parameters
     ----------
-    entries : of the tables, one after another. places : of the keys that are numbers of the scene, in the order in which
-    they are given. deciding : comparisons of numbers that have to turn out as they did.
+    entries : of the tables, one after another. places : of the keys that are numbers of the scene, in the order in
+    which they are given. deciding : comparisons of numbers that have to turn out as they did.
 
     Raises
     ------
@@ -92,7 +99,9 @@ def numbers_text(
     graph = Graph()
     symbols = {place: graph.symbol(place, "given", k) for k, place in enumerate(places)}
     compared = [(compare, a, b, outcome) for compare, a, b, outcome in deciding]
-    values = _values(recipe, symbols, {v for _, v in varying} | {v for _, a, b, _ in compared for v in (a, b)})
+    values = _values(
+        recipe, symbols, {v for _, v in varying} | {v for _, a, b, _ in compared for v in (a, b)}
+    )
     alike: Any = 1.0
     for compare, a, b, outcome in compared:
         alike = where(_positive(compare.__name__, values[a], values[b], outcome), alike, 0.0)
@@ -123,7 +132,9 @@ def _values(recipe: Recipe, symbols: Mapping[str, Expr], wanted: set[int]) -> li
         elif op == "literal":
             values.append(symbols[data])
         elif op in ("entry", "derived"):
-            raise CapabilityError("a key enters the equations by a function in Python (base parameters, a principal axis)")
+            raise CapabilityError(
+                "a key enters the equations by a function in Python (base parameters, a principal axis)"
+            )
         else:
             values.append(_operation(op, [values[a] for a in args]))
     return values

@@ -6,7 +6,6 @@ Each rule is recorded along the run of the scene itself. Which runs there are, a
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +23,6 @@ from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
 from robodyn_cli.over.live.rules import Recorded, Tape
 from robodyn_cli.over.many.course import samplings
 from robodyn_cli.over.many.integrate import SOUND, balances
-from robodyn_cli.over.many.start import REGULAR
 from robodyn_cli.solve import closure
 from robodyn_cli.solve.closure import has_full_rank, least_steps
 from robodyn_cli.spatial.algebra import Array
@@ -56,7 +54,9 @@ class Judging:
         self.system, self.options = self.motion.system, self.batch.options
         self.deploys = self.motion.scene.command == "deploy"
         self.rules: dict[str, Any] = {}
-        self.examples: dict[str, tuple[dict[str, Array], dict[str, Array]]] = {}  # inputs and outputs, for tests
+        self.examples: dict[
+            str, tuple[dict[str, Array], dict[str, Array]]
+        ] = {}  # inputs and outputs, for tests
         self.most = self.options.max_steps
         if self.motion.choice.may_change:
             self.most = min(self.most, FIRST_LOOK + WORTH)
@@ -125,16 +125,19 @@ class Judging:
 
     def _first_of(self, tape: Tape) -> tuple[Tape, First]:
         """Return first runs whose steps and time are given."""
-        steps, went = tape.input("steps", self.first.steps), self.batch.ends
-        if self.deploys:
-            went = tape.input("time", self.first.time)
+        steps: Any = tape.input("steps", self.first.steps)
+        went: Any = tape.input("time", self.first.time) if self.deploys else self.batch.ends
         return tape, First(self.options, self.live.method, steps, went)
 
-    def _row(self, tape: Tape, options: Options, ends: Any, step: Any, sampling: Sampling | None = None) -> dict[str, Any]:
+    def _row(
+        self, tape: Tape, options: Options, ends: Any, step: Any, sampling: Sampling | None = None
+    ) -> dict[str, Any]:
         """Return a row of doubles that a run begins with."""
         own = self.sampling if sampling is None else sampling
-        begun = self.fleet.begin(self.batch.states, self.fleet.tables.numbers[None], self.batch.ends, options, sampling=own)
-        w = tape.constant(begun.w)
+        begun = self.fleet.begin(
+            self.batch.states, self.fleet.tables.numbers[None], self.batch.ends, options, sampling=own
+        )
+        w: Any = tape.constant(begun.w)
         self.fleet.set_steps(w, ends, options, step)
         if sampling is not None:
             w[:, DoubleSlot.SAMPLE_STEP] = ends / sampling.count
@@ -143,7 +146,13 @@ class Judging:
     def _counts(self, sampling: Sampling, watch: bool = True) -> list[int]:
         """Return a row of integers that a run begins with."""
         fleet = self.fleet if watch else self.batch.structure.fleet(self.live.method, False)
-        begun = fleet.begin(self.batch.states, self.fleet.tables.numbers[None], self.batch.ends, self.options, sampling=sampling)
+        begun = fleet.begin(
+            self.batch.states,
+            self.fleet.tables.numbers[None],
+            self.batch.ends,
+            self.options,
+            sampling=sampling,
+        )
         return [int(x) for x in begun.n[0]]
 
     @staticmethod
@@ -152,7 +161,9 @@ class Judging:
 
     def _attempts(self, name: str, first: First) -> list[dict[str, Any]]:
         """Return the second (or third) integrations in their order, each with the rule that says when it is made."""
-        tape, specs, counts = first.steps.tape, [], self._counts(self.sampling)
+        steps: Any = first.steps
+        tape, counts = steps.tape, self._counts(self.sampling)
+        specs: list[dict[str, Any]] = []
 
         def once(attempt: Any) -> tuple[Any, Any]:
             k = len(specs)
@@ -160,7 +171,9 @@ class Judging:
             outputs = self._row(tape, attempt.options, self.batch.ends, attempt.step)
             self._keep(f"{name}.{k}", tape, {**outputs, "when": when, "most": attempt.most})
             specs.append(self._spec(f"{name}.{k}", attempt.options.draw, counts, None))
-            return tape.input("again.steps", np.array([1.9 * self.first.steps[0]])), tape.input("again.given_up", np.zeros(1, dtype=bool))
+            return tape.input("again.steps", np.array([1.9 * self.first.steps[0]])), tape.input(
+                "again.given_up", np.zeros(1, dtype=bool)
+            )
 
         integrate_again(first, once)
         return specs
@@ -190,22 +203,29 @@ class Judging:
             self._record_beside()
 
     def _record_closing(self, closing: Any) -> None:
-        q, v = self.batch.starts.q, self.batch.starts.v
-        eta, psi = closing.eta(q), closing.psi(q)
+        q: Any = self.batch.starts.q
+        eta: Any = closing.eta(q)
+        psi: Any = closing.psi(q)
         for name, columns in (("missing", closing.missing), ("free", closing.free)):
             if columns:
                 tape = Tape()
                 F = tape.input("eta", eta + 1e-3) / closing.sizes
                 J = tape.input("psi", psi)[:, :, columns] * closing.lengths[columns] / closing.sizes[:, None]
                 step = least_steps(J, -F)
-                step = step * np.minimum(1.0, closure.MOST_STEP / np.maximum(np.abs(step).max(axis=1, initial=0.0), closure.TINY))[:, None]
+                step = (
+                    step
+                    * np.minimum(
+                        1.0,
+                        closure.MOST_STEP / np.maximum(np.abs(step).max(axis=1, initial=0.0), closure.TINY),
+                    )[:, None]
+                )
                 moves = step * closing.lengths[columns]
                 self._keep(f"step.{name}", tape, {"step": moves @ np.eye(closing.nv)[columns]})
         tape = Tape()
         eta, psi = tape.input("eta", eta), tape.input("psi", psi)
         q = tape.input("q", q)
         cosines = tape.input("cosines", np.ones((1, len(closing.one.rows))))
-        rates, sound = closing.rates_of_closed(eta, psi, cosines, tape.input("v", v))
+        rates, sound = closing.rates_of_closed(eta, psi, cosines, tape.input("v", self.batch.starts.v))
         if closing.missing:
             sound = sound & closing.on_branch(q, psi)
         self._keep("closed", tape, {"v": rates, "good": sound})
@@ -243,21 +263,19 @@ class Judging:
             start, end = (tape.input(name, np.ones((2, 1))) for name in ("energies.start", "energies.end"))
             work = tape.input("work", np.zeros(1))
             change = end[0] - start[0], end[1] - start[1], work
-            kept = balances(change, start[0] + end[0], end[1], tape.input("steps", self.first.steps), self.options.rtol)
+            kept = balances(
+                change, start[0] + end[0], end[1], tape.input("steps", self.first.steps), self.options.rtol
+            )
             self._keep("balance", tape, {"good": kept})
-        for name, others in (("second", ("again",)), ("third", ("again", "third"))):
+        for name in ("second", "third"):
             tape, first = self._first_of(Tape())
             x0 = tape.input("start", self.batch.states)
             own = self._course(tape, x0, "first")
-            apart, scale, shown = None, None, None
-            for other in others:
-                course = self._course(tape, x0, other)
-                far, samples = difference(own[0], course[0], self._sampled_end), np.abs(course[1] - own[1])
-                if apart is None:
-                    scale = remainder(first, tape.input(f"{other}.steps", 2 * self.first.steps))
-                    apart, shown = far, samples
-                else:
-                    apart, shown = np.maximum(apart, far), np.maximum(shown, samples)
+            scale = remainder(first, tape.input("again.steps", 2 * self.first.steps))
+            apart, shown = self._apart(own, self._course(tape, x0, "again"))
+            if name == "third":
+                further = self._apart(own, self._course(tape, x0, "third"))
+                apart, shown = (np.maximum(x, y) for x, y in zip((apart, shown), further))
             courses = Courses(system, own[0], apart, scale)
             floor = courses.floor(first.steps, self.batch.ends, lambda k: self._conditioning())
             outputs = {"end": courses.at_end(floor), "samples": scale[:, None, None] * shown}
@@ -265,9 +283,10 @@ class Judging:
                 outputs["doubt"] = courses.in_doubt(floor)
             self._keep(f"errors.{name}", tape, outputs)
 
-    @property
-    def _sampled_end(self) -> bool:
-        return len(range(self.sampling.count)[self.judged]) > 0  # the last sample that is judged is at the end
+    @staticmethod
+    def _apart(own: tuple[Any, Any], other: tuple[Any, Any]) -> tuple[Any, Any]:
+        """Return how far judged courses and samples are apart; the last sample is of the end."""
+        return difference(own[0], other[0], sampled_end=True), np.abs(other[1] - own[1])
 
     def _course(self, tape: Tape, start: Recorded, name: str) -> tuple[Any, Any]:
         """Return the judged course (1, T, nx) of a run, and its samples that are shown."""
@@ -281,16 +300,21 @@ class Judging:
         own = self.first.out.transpose(0, 2, 1)[:, self.judged]
         states = np.concatenate([self.batch.states[:, None], own, self.first.y[:, None]], axis=1)[0]
         step = self.first.w[0, DoubleSlot.SAMPLE_STEP]
-        times = self.first.w[0, DoubleSlot.SAMPLE_START] + step * np.arange(1, self.sampling.count + 1)[self.judged]
+        times = (
+            self.first.w[0, DoubleSlot.SAMPLE_START]
+            + step * np.arange(1, self.sampling.count + 1)[self.judged]
+        )
         return self.batch.structure.conditioning(np.array([0.0, *times, self.batch.ends[0]]), states)
 
     # -- the lock -------------------------------------------------------------------------------------
     def _record_lock(self) -> None:
         """Record the rules of ``Deploy.drive``."""
         tape, first = self._first_of(Tape())
-        time = first.went
-        again, steps = tape.input("again.time", self.first.time), tape.input("again.steps", 2 * self.first.steps)
-        y, other = tape.input("first.end", self.first.y), tape.input("again.end", self.first.y)
+        time: Any = first.went
+        again: Any = tape.input("again.time", self.first.time)
+        steps: Any = tape.input("again.steps", 2 * self.first.steps)
+        y: Any = tape.input("first.end", self.first.y)
+        other: Any = tape.input("again.end", self.first.y)
         paced = np.rint(steps * (time / np.maximum(again, 1e-300)))
         errors = time_errors(first, np.abs(again - time), paced, time)
         apart = remainder(first, paced)[:, None] * np.abs(other - y) + ROUNDED * np.abs(y)

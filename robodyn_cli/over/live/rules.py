@@ -1,8 +1,8 @@
 """Rules of Python as data: functions of numpy's arrays run once on arrays that record what is done with them.
 
-What is recorded is a list of operations on flat arrays of doubles, which ``report/page/rules.js`` works off: all shapes,
-axes and indices are known while it is recorded, so that they become indices. An array carries values of an example,
-which give shapes and tell a test what has to come out.
+What is recorded is a list of operations on flat arrays of doubles, which ``report/page/rules.js`` works off: all
+shapes, axes and indices are known while it is recorded, so that they become indices. An array carries values of an
+example, which give shapes and tell a test what has to come out.
 
 Branches of a rule must not depend on values. Two ways of asking are answered so that no short cut is taken: something
 holds in some run, and not in all; and rows that a condition selects are all there, with the condition as a value.
@@ -34,9 +34,7 @@ MOVED = frozenset({
 
 
 class Tape:
-    """The operations in order: name, places of the arguments, data.
-
-    """
+    """The operations in order: name, places of the arguments, data."""
 
     def __init__(self) -> None:
         self.code: list[list[Any]] = []
@@ -63,10 +61,15 @@ class Tape:
     def elementwise(self, op: str, args: Sequence[Any], values: Values) -> Recorded:
         """Return a function entry by entry; arguments of one entry serve all."""
         own = [self.lift(a) for a in args]
-        spread = [a if a.size == 1 or a.shape == values.shape else self.moved(np.broadcast_to, [a], values.shape) for a in own]
+        spread = [
+            a if a.size == 1 or a.shape == values.shape else self.moved(np.broadcast_to, [a], values.shape)
+            for a in own
+        ]
         return self._note(values, op, spread)
 
-    def moved(self, function: Callable[..., Any], arrays: Sequence[Recorded], *more: Any, **named: Any) -> Recorded:
+    def moved(
+        self, function: Callable[..., Any], arrays: Sequence[Recorded], *more: Any, **named: Any
+    ) -> Recorded:
         """Return what a function makes of entries that it only puts elsewhere; it gets arrays of their numbers."""
         starts = np.cumsum([0, *(a.size for a in arrays)])
         numbers = [s + np.arange(a.size).reshape(a.shape) for s, a in zip(starts, arrays)]
@@ -131,7 +134,9 @@ class Recorded(np.lib.mixins.NDArrayOperatorsMixin):
             first = args[0]
             arrays = [self.tape.lift(a) for a in (first if isinstance(first, (list, tuple)) else [first])]
             if name in ("concatenate", "stack", "vstack"):
-                return self.tape.moved(lambda *x: function(x[: len(arrays)], *x[len(arrays) :], **named), arrays, *args[1:])
+                return self.tape.moved(
+                    lambda *x: function(x[: len(arrays)], *x[len(arrays) :], **named), arrays, *args[1:]
+                )
             if name == "append":
                 return self.tape.moved(function, [self.tape.lift(a) for a in args[:2]], *args[2:], **named)
             return self.tape.moved(function, arrays, *args[1:], **named)
@@ -199,9 +204,12 @@ def _example(x: Any) -> Any:
 
 
 def plain(xs: Iterable[float]) -> list[Any]:
-    """Return numbers as JSON has them: infinities and what is no number as the words of JavaScript, whole ones short."""
+    """Return numbers as JSON has them: whole ones short, and what JSON lacks as words of JavaScript."""
     words = {math.inf: "Infinity", -math.inf: "-Infinity"}
-    return [(int(x) if x == int(x) and abs(x) < 1e15 else x) if math.isfinite(x) else words.get(x, "NaN") for x in map(float, xs)]
+    return [
+        (int(x) if x == int(x) and abs(x) < 1e15 else x) if math.isfinite(x) else words.get(x, "NaN")
+        for x in map(float, xs)
+    ]
 
 
 def _packed(places: NDArray[Any]) -> dict[str, Any] | list[int]:
@@ -224,7 +232,9 @@ def _packed(places: NDArray[Any]) -> dict[str, Any] | list[int]:
     return [x for run in runs for x in run]
 
 
-def _reduce(tape: Tape, op: str, x: Any, axis: Any = None, initial: Any = None, keepdims: bool = False) -> Any:
+def _reduce(
+    tape: Tape, op: str, x: Any, axis: Any = None, initial: Any = None, keepdims: bool = False
+) -> Any:
     more = {} if initial is None else {"initial": initial}
     values = getattr(x.example, op)(axis=axis, keepdims=keepdims, **more)
     return tape.reduced(op, x, axis, values, initial)
@@ -279,6 +289,7 @@ def _take_along(tape: Tape, x: Any, places: Any, axis: int) -> Recorded:
 
 
 SPECIAL: Mapping[str, Callable[..., Any]] = {
-    "solve": _solve, "pinv": _pinv, "svd": _svd, "det": _det, "sort": _sort, "where": _where, "flatnonzero": _flatnonzero,
-    "take_along_axis": _take_along, "zeros_like": lambda tape, x: tape.constant(np.zeros(x.shape)), "argmax": lambda tape, x: 0,
+    "solve": _solve, "pinv": _pinv, "svd": _svd, "det": _det, "sort": _sort, "where": _where,
+    "flatnonzero": _flatnonzero, "take_along_axis": _take_along, "argmax": lambda tape, x: 0,
+    "zeros_like": lambda tape, x: tape.constant(np.zeros(x.shape)),
 }  # fmt: skip

@@ -10,15 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from robodyn_cli.errors import CapabilityError, RobodynError
-from robodyn_cli.formulations.events import EventKind
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.integration_methods import STIFF
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.stepping.lanes import JOB
 from robodyn_cli.integrators.stepping.writer import Tables
-from robodyn_cli.kernels.program import NUMBERS, make_program
+from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
 from robodyn_cli.motion.self_check import is_judged_by_energy
 from robodyn_cli.over.live.code import Equations, equations_text, loop_texts, numbers_text
@@ -72,7 +71,7 @@ class LiveStructure:
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         self.family = family
         scene = family.own
-        if scene.command not in COMMANDS:
+        if scene.command is None or scene.command not in COMMANDS:
             raise CapabilityError(f"{scene.command} does not run in a page; allowed: {', '.join(COMMANDS)}")
         mechanism = Mechanism(family, list(ranges))
         self.keys = [_live_key(mechanism, key, ranges[key.name]) for key in mechanism.keys]
@@ -98,8 +97,8 @@ class LiveStructure:
         for key in self.keys:
             if key.value in key.key.special:
                 raise CapabilityError(
-                    f"{key.key.name} is {key.value:g} in this scene, where the equations are others than beside it; give "
-                    "it another value by --set"
+                    f"{key.key.name} is {key.value:g} in this scene, where the equations are others than beside it; "
+                    "give it another value by --set"
                 )
         groups = list(mechanism.groups(self.command, rows))
         own, served = next(
@@ -107,13 +106,17 @@ class LiveStructure:
         )
         if not isinstance(own, Structure):
             self.command.structure(self.family, mechanism.keys, self.row)  # which says why not
-            raise CapabilityError("this scene cannot run in a page: its equations cannot be built for many runs")
+            raise CapabilityError(
+                "this scene cannot run in a page: its equations cannot be built for many runs"
+            )
         if own.obstacle:
             raise CapabilityError(f"this scene cannot run in a page: {own.obstacle}")
         left = sorted(set(range(len(rows))) - set(served.tolist()))
         if left:
             at = ", ".join(settings([key.key.name for key in self.keys], rows[left[0]]))
-            raise CapabilityError(f"within these ranges the equations change: those at {at} are others; narrow them")
+            raise CapabilityError(
+                f"within these ranges the equations change: those at {at} are others; narrow them"
+            )
         return own
 
     def _corners(self) -> list[Array]:
@@ -164,7 +167,9 @@ class LiveStructure:
         if not closing.varies:
             return None
         if len(closing.missing) == closing.nv:
-            raise CapabilityError("this scene cannot run in a page: no coordinate is given where its loops are closed")
+            raise CapabilityError(
+                "this scene cannot run in a page: no coordinate is given where its loops are closed"
+            )
         return closing
 
     # -- equations ------------------------------------------------------------------------------------
@@ -174,7 +179,8 @@ class LiveStructure:
         from robodyn_cli.observe.observe import potential_energy
 
         motion = self.motion
-        problem, outputs = motion.problem, {}
+        problem = motion.problem
+        outputs: dict[str, Any] = {}
         if self.closing is not None:
             outputs["loops"] = self.closing.equations
         if is_judged_by_energy(motion):
@@ -209,7 +215,9 @@ class LiveStructure:
         exports = ["drive", "numbers", *self.equations, *(["trial_step"] if self.system.events else [])]
         made = write_wasm(texts, exports)
         if others := sorted(set(made.imports) - LIBRARY):
-            raise CapabilityError(f"this scene cannot run in a page: browsers have no function {', '.join(others)}")
+            raise CapabilityError(
+                f"this scene cannot run in a page: browsers have no function {', '.join(others)}"
+            )
         return made
 
     @property
@@ -234,11 +242,12 @@ class LiveStructure:
         return {
             "command": motion.scene.command, "title": motion.scene.title, "duration": duration,
             "keys": [self._key_data(key) for key in self.keys],
-            "q": {"names": list(model.q_names), "units": list(model.q_units), "places": list(map(int, self.system.q_places))},
-            "v": {"names": list(model.v_names), "units": list(model.v_units), "places": list(map(int, self.system.v_places))},
+            "q": _columns(model.q_names, model.q_units, self.system.q_places),
+            "v": _columns(model.v_names, model.v_units, self.system.v_places),
             "size": self.system.size, "work": self.system.work_place,
             "memory": {
-                "block": memory.nbytes, "w": len(memory.w), "parts": dict(zip(("w", "n", "y", "dense"), (a - first for a in memory.addresses))),
+                "block": memory.nbytes, "w": len(memory.w),
+                "parts": dict(zip(("w", "n", "y", "dense"), (a - first for a in memory.addresses))),
                 "fixed": {name: int(a.nbytes) for name, a in zip(names, self.engine.fixed)},
                 "places": list(PLACES), "job": list(JOB), "parameters": plain(self.engine.p),
             },
@@ -249,7 +258,7 @@ class LiveStructure:
             "passing": self.fleet.passing,
             "numbers": plain(self.tables.numbers), "own": engine_numbers,
             "off": {draw: _steps_off(self.fleet.tables, draw) for draw in (1, 2)},
-            "outputs": {name: {k: len(v) for k, v in own.program.outputs.items()} for name, own in self.equations.items()},
+            "outputs": {name: own.program.sizes for name, own in self.equations.items()},
             "start": self._start(),
             **judging.data(),
         }  # fmt: skip
@@ -261,8 +270,8 @@ class LiveStructure:
             group, _, name = key.key.place.partition(".")
             place = [group, (model.q_names if group == "q" else model.v_names).index(name)]
         return {
-            "name": key.key.name, "unit": key_unit(self.family, key.key, model), "value": key.value, "low": key.low, "high": key.high,
-            "special": list(key.key.special), "start": place,
+            "name": key.key.name, "unit": key_unit(self.family, key.key, model), "value": key.value,
+            "low": key.low, "high": key.high, "special": list(key.key.special), "start": place,
         }  # fmt: skip
 
     def _start(self) -> dict[str, Any]:
@@ -285,6 +294,10 @@ SORTS = {STRUCTURE: "decides which equations there are", OPTION: "is an option o
 COUNTS = ("ACCEPTED", "REJECTED", "MAX_STEPS", "NEXT_SAMPLE", "LAST_SAMPLE", "EVENT", "LOCATED")
 
 
+def _columns(names: Sequence[str], units: Sequence[str], places: Sequence[int]) -> dict[str, Any]:
+    return {"names": list(names), "units": list(units), "places": [int(k) for k in places]}
+
+
 def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> LiveKey:
     low, high = ends
     value = value_of(mechanism.family, key.name)
@@ -293,7 +306,9 @@ def _live_key(mechanism: Mechanism, key: Key, ends: tuple[float, float]) -> Live
     if not low < high or not math.isfinite(low) or not math.isfinite(high):
         raise CapabilityError(f"{key.name}={low:g}:{high:g}; allowed: LOW:HIGH with LOW below HIGH")
     if not low <= value <= high:
-        raise CapabilityError(f"{key.name}={low:g}:{high:g}; its value in the scene, {value:g}, has to lie within")
+        raise CapabilityError(
+            f"{key.name}={low:g}:{high:g}; its value in the scene, {value:g}, has to lie within"
+        )
     return LiveKey(key, value, low, high)
 
 
