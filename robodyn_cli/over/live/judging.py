@@ -60,9 +60,9 @@ class Judging:
         self.most = self.options.max_steps
         if self.motion.choice.may_change:
             self.most = min(self.most, FIRST_LOOK + WORTH)
-        self.sampling, self.wanted, self.judged = Sampling(), slice(0), slice(0)
+        self.sampling, self.judged = Sampling(), slice(0)
         if not self.deploys:
-            self.sampling, self.wanted, self.judged = samplings(self.batch, live.method, shown)
+            self.sampling, _, self.judged = samplings(self.batch, live.method, shown)
         self.first = self._drive(self.options, FleetLimits(steps=np.array([self.most])), self.sampling)
         if not self._ended(self.first):
             raise CapabilityError("this scene cannot run in a page: its own run is left to the command")
@@ -272,29 +272,22 @@ class Judging:
             x0 = tape.input("start", self.batch.states)
             own = self._course(tape, x0, "first")
             scale = remainder(first, tape.input("again.steps", 2 * self.first.steps))
-            apart, shown = self._apart(own, self._course(tape, x0, "again"))
+            # the last sample is of the end, too
+            apart = difference(own, self._course(tape, x0, "again"), sampled_end=True)
             if name == "third":
-                further = self._apart(own, self._course(tape, x0, "third"))
-                apart, shown = (np.maximum(x, y) for x, y in zip((apart, shown), further))
-            courses = Courses(system, own[0], apart, scale)
+                apart = np.maximum(apart, difference(own, self._course(tape, x0, "third"), sampled_end=True))
+            courses = Courses(system, own, apart, scale)
             floor = courses.floor(first.steps, self.batch.ends, lambda k: self._conditioning())
-            outputs = {"end": courses.at_end(floor), "samples": scale[:, None, None] * shown}
+            outputs = {"end": courses.at_end(floor)}
             if name == "second":
                 outputs["doubt"] = courses.in_doubt(floor)
             self._keep(f"errors.{name}", tape, outputs)
 
-    @staticmethod
-    def _apart(own: tuple[Any, Any], other: tuple[Any, Any]) -> tuple[Any, Any]:
-        """Return how far judged courses and samples are apart; the last sample is of the end."""
-        return difference(own[0], other[0], sampled_end=True), np.abs(other[1] - own[1])
-
-    def _course(self, tape: Tape, start: Recorded, name: str) -> tuple[Any, Any]:
-        """Return the judged course (1, T, nx) of a run, and its samples that are shown."""
-        out = tape.input(f"{name}.out", self.first.out)
+    def _course(self, tape: Tape, start: Recorded, name: str) -> Any:
+        """Return the states (1, T, nx) of a run that are judged."""
+        samples = tape.input(f"{name}.out", self.first.out).transpose(0, 2, 1)[:, self.judged]
         end = tape.input(f"{name}.end", self.first.y)
-        samples = out.transpose(0, 2, 1)
-        course = np.concatenate([start[:, None], samples[:, self.judged], end[:, None]], axis=1)
-        return course, samples[:, self.wanted]
+        return np.concatenate([start[:, None], samples, end[:, None]], axis=1)
 
     def _conditioning(self) -> Any:
         own = self.first.out.transpose(0, 2, 1)[:, self.judged]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
+from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.integration_methods import STIFF
 from robodyn_cli.integrators.event_location.locate_event import PLACES
 from robodyn_cli.integrators.registry import methods
@@ -189,6 +190,8 @@ class LiveStructure:
             outputs["psi"] = {"psi": problem.psi[problem.constraints.of_loops].ravel().tolist()}
         if motion.choice.may_change:
             outputs["jacobian"] = {"jacobian": motion.system.jacobian.J.ravel().tolist()}
+        if picture := self._picture():
+            outputs["picture"] = picture
         system = motion.system
         mechanism = {"q": list(system.q_places), "v": list(system.v_places)}
         end = system.nq + system.nv
@@ -197,6 +200,18 @@ class LiveStructure:
             name: Equations(make_program(of, STATE), own if name == "jacobian" else mechanism)
             for name, of in outputs.items()
         }
+
+    def _picture(self) -> dict[str, list[Any]]:
+        """Return where all is that a page draws: vertices and axes as the drawing numbers them, and named points."""
+        from robodyn_cli.report.drawing.build import drawn_things
+
+        problem = self.motion.problem
+        entries = drawn_things(self.motion.scene, problem)[0].entries
+        points = problem.model.points
+        outputs = {kind: [x for entry in entries[kind] for x in entry] for kind in ("vertices", "axes")}
+        outputs["points"] = [x for frame in points.values() for x in problem.world_point(frame)]
+        unknown = {symbol.value[1] for part in outputs.values() for symbol in free_symbols(part)} - {"q", "v"}
+        return {} if unknown else outputs
 
     def module(self) -> WasmModule:
         """Return the code.
@@ -255,7 +270,7 @@ class LiveStructure:
             "counts": {name: int(getattr(IntegerSlot, name)) for name in COUNTS},
             "status": {status.name: int(status) for status in Status},
             "events": [{"name": event.name, "kind": event.kind.name} for event in self.system.events],
-            "passing": self.fleet.passing,
+            "passing": self.fleet.passing, "points": list(model.points),
             "numbers": plain(self.tables.numbers), "own": engine_numbers,
             "off": {draw: _steps_off(self.fleet.tables, draw) for draw in (1, 2)},
             "outputs": {name: own.program.sizes for name, own in self.equations.items()},

@@ -80,6 +80,20 @@ class Runner {
     return Object.fromEntries(Object.entries(outputs).map(([key, count]) => [key, this.doubles.slice(at, (at += count))]));
   }
 
+  /* Equations along a run, by name of their outputs: rows of single precision, one a sample. */
+  along(name, columns) {
+    const { data } = this, outputs = Object.entries(data.outputs[name]), count = columns[0].length, x = this.view("x", data.size);
+    const results = this.view("results", outputs.reduce((sum, [, size]) => sum + size, 0));
+    const rows = outputs.map(([, size]) => new Float32Array(count * size));
+    for (let n = 0; n < count; n++) {
+      for (let k = 0; k < x.length; k++) x[k] = columns[k][n];
+      this.code[name](this.place.x, this.place.table, this.place.results);
+      let at = 0;
+      outputs.forEach(([, size], k) => { rows[k].set(results.subarray(at, (at += size)), n * size); });
+    }
+    return Object.fromEntries(outputs.map(([key], k) => [key, rows[k]]));
+  }
+
   // -- before a run --------------------------------------------------------------------------------
   /* Set the tables of numbers. */
   setNumbers(values) {
@@ -228,7 +242,7 @@ class Runner {
       const third = this.again(data.third, x, first);
       if (third) errors = this.rule("errors.third", { ...inputs, "third.out": third.out, "third.end": third.end, "third.steps": third.steps });
     }
-    return this.result(x, first, second, { columns: this.columns(first), errors: errors.samples, end: errors.end, time: Float64Array.of(0) });
+    return this.result(x, first, second, { columns: this.columns(first), end: errors.end, time: Float64Array.of(0) });
   }
 
   locked(x, first) {
@@ -243,7 +257,7 @@ class Runner {
     const lock = this.rule("lock", { steps: first.steps, time: first.time, "first.end": first.end, "again.time": second.time, "again.steps": second.steps, "again.end": second.end });
     if (!lock.good[0]) this.refuse("lock");
     const picture = this.drive(data.picture, x, this.rule(data.picture.rule, { time: first.time }));
-    return this.result(x, first, second, { columns: this.columns(picture), errors: null, end: lock.end, time: lock.time_error });
+    return this.result(x, first, second, { columns: this.columns(picture), end: lock.end, time: lock.time_error });
   }
 
   /* Samples of each state, from the start on. */
@@ -269,7 +283,7 @@ class Runner {
       time: end, time_error: parts.time[0], steps: first.steps[0], second_steps: second.steps[0],
       q: pick(data.q.places, first.end), v: pick(data.v.places, first.end),
       q_error: pick(data.q.places, parts.end), v_error: pick(data.v.places, parts.end),
-      times, columns, errors: parts.errors, start: x,
+      times, columns,
     };
   }
 }
