@@ -56,7 +56,7 @@ def write_wasm(texts: Sequence[str], exports: Sequence[str]) -> WasmModule:
     )
 
 
-class _Reader:
+class _ByteReader:
     """Bytes of a module, read one after another."""
 
     def __init__(self, data: bytes, at: int = 0) -> None:
@@ -87,7 +87,7 @@ class _Reader:
 
 
 def _sections(code: bytes) -> Iterator[tuple[int, bytes]]:
-    reader = _Reader(code, HEADER)
+    reader = _ByteReader(code, HEADER)
     while reader:
         yield reader.byte(), reader.part()
 
@@ -96,18 +96,18 @@ def _functions(code: bytes) -> dict[str, int]:
     """Return the numbers of the functions that an object file defines, by name."""
     functions: dict[str, int] = {}
     for kind, body in _sections(code):
-        section = _Reader(body)
+        section = _ByteReader(body)
         if kind != CUSTOM or section.part() != b"linking":
             continue
         section.number()  # version
         while section:
-            sort, own = section.byte(), _Reader(section.part())
+            sort, own = section.byte(), _ByteReader(section.part())
             for _ in range(own.number() if sort == SYMBOLS else 0):
                 _read_symbol(own, functions)
     return functions
 
 
-def _read_symbol(table: _Reader, functions: dict[str, int]) -> None:
+def _read_symbol(table: _ByteReader, functions: dict[str, int]) -> None:
     kind, flags = table.byte(), table.number()
     defined = not flags & UNDEFINED
     if kind == DATA_SYMBOL:
@@ -124,7 +124,7 @@ def _read_symbol(table: _Reader, functions: dict[str, int]) -> None:
 
 def _imports(body: bytes) -> tuple[str, ...]:
     """Return the names of the functions that are imported."""
-    reader, names = _Reader(body), []
+    reader, names = _ByteReader(body), []
     for _ in range(reader.number()):
         reader.part()
         name, kind = reader.part().decode(), reader.byte()
@@ -142,7 +142,7 @@ def _imports(body: bytes) -> tuple[str, ...]:
 
 def _constants(body: bytes) -> int:
     """Return the end of the last data segment; each lies at a constant address."""
-    reader, end = _Reader(body), 0
+    reader, end = _ByteReader(body), 0
     for _ in range(reader.number()):
         reader.number()  # flags: active
         reader.byte()  # i32.const

@@ -50,14 +50,14 @@ def loop_texts(system: System, method: Method, target: Target) -> list[str]:
 
 
 @record
-class Equations:
+class StateEquations:
     """Equations of a state x at t = 0. places : in x, of the entries of each group of symbols."""
 
     program: Program
     places: Mapping[str, Sequence[int]]
 
 
-def equations_text(equations: Mapping[str, Equations], tables: Tables, target: Target) -> str:
+def equations_text(equations: Mapping[str, StateEquations], tables: Tables, target: Target) -> str:
     """Return the IR of equations, by name of their function."""
     programs, functions = Programs(target.fused), []
     for name, own in equations.items():

@@ -7,31 +7,32 @@ Each rule is recorded along the run of the scene itself. Which runs there are, a
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 import numpy as np
 
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.formulations.events import EventKind
-from robodyn_cli.integrators.runtime.fleet import FleetLimits, Runs, Sampling
+from robodyn_cli.integrators.runtime.fleet import Fleet, FleetLimits, Runs, Sampling
 from robodyn_cli.integrators.runtime.memory import DoubleSlot, IntegerSlot, Status
 from robodyn_cli.integrators.runtime.options import Options
 from robodyn_cli.motion.conditioning import closing_steps
 from robodyn_cli.motion.error import Courses, First, difference, integrate_again, remainder, time_errors
 from robodyn_cli.motion.method import FAST_DECAYS
+from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.stiffness import FIRST_LOOK, WORTH
+from robodyn_cli.over.commands import locks
 from robodyn_cli.over.live.rules import Recorded, Tape
 from robodyn_cli.over.many.course import samplings
-from robodyn_cli.over.many.integrate import SOUND, balances
+from robodyn_cli.over.many.integrate import SOUND, RunBatch, balances
+from robodyn_cli.over.many.simulate import MotionCommand
+from robodyn_cli.over.many.start import ManyClosing
 from robodyn_cli.solve import closure
 from robodyn_cli.solve.closure import has_full_rank, least_steps
 from robodyn_cli.spatial.algebra import Array
 from robodyn_cli.summaries.apart import ROUNDED
 from robodyn_cli.works.deploy.growth import rounding_at_lock
 from robodyn_cli.works.deploy.lock import TRUSTED
-
-if TYPE_CHECKING:
-    from robodyn_cli.over.live.structure import LiveStructure
 
 SQUARINGS = 6  # of the Jacobian, whose norm bounds its eigenvalues
 
@@ -42,17 +43,31 @@ def limits_of_closing() -> dict[str, float]:
     return {name: getattr(closure, name) for name in names}
 
 
+class JudgedStructure(Protocol):
+    """What is judged: the motion of a scene as one run of a batch, its code, and the equations that a page has."""
+
+    command: MotionCommand
+    motion: Motion
+    batch: RunBatch
+    fleet: Fleet
+    method: str
+    closing: ManyClosing | None
+
+    @property
+    def equations(self) -> Mapping[str, Any]: ...
+
+
 class Judging:
     """The rules of one structure, with examples from the run of the scene.
 
     shown : stretches between samples that a picture takes.
     """
 
-    def __init__(self, live: LiveStructure, shown: int) -> None:
+    def __init__(self, live: JudgedStructure, shown: int) -> None:
         self.live, self.shown = live, shown
         self.motion, self.batch, self.fleet = live.motion, live.batch, live.fleet
         self.system, self.options = self.motion.system, self.batch.options
-        self.deploys = self.motion.scene.command == "deploy"
+        self.deploys = locks(live.command.name)
         self.rules: dict[str, Any] = {}
         self.examples: dict[
             str, tuple[dict[str, Array], dict[str, Array]]

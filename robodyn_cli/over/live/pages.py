@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from robodyn_cli.errors import CapabilityError, SceneError
-from robodyn_cli.over.live.structure import COMMANDS, LiveStructure
+from robodyn_cli.over.live.structure import LiveStructure, motion_commands
 from robodyn_cli.over.many.keys import value_of
 from robodyn_cli.results.result import Result
 from robodyn_cli.scene.load import Family, load_scene_text
@@ -23,12 +23,13 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
     ------
     CapabilityError : what cannot leave, by name. SceneError : no scene has a key, or none takes such values.
     """
+    allowed = motion_commands()
     parts: list[Mapping[str, Any] | None] = []
     refused: dict[str, SceneError] = {}
     served: set[str] = set()
     for result in results:
         ranges: dict[str, tuple[float, float]] = {}
-        if result.command in COMMANDS:
+        if result.command in allowed:
             family = Family.of(load_scene_text(result.scene_text))
             for key, low, high in asked:
                 try:
@@ -40,7 +41,7 @@ def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mappin
     for key, _, _ in asked:
         if key not in served:
             raise refused.get(key) or CapabilityError(
-                f"--live {key}: allowed: keys of scenes of {', '.join(COMMANDS)}"
+                f"--live {key}: allowed: keys of scenes of {', '.join(allowed)}"
             )
     return parts
 

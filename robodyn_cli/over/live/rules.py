@@ -182,17 +182,17 @@ class Recorded(np.lib.mixins.NDArrayOperatorsMixin):
         raise TypeError(f"a rule branches on values: {op}")
 
     def __getitem__(self, index: Any) -> Recorded:
-        if isinstance(index, Chosen):
+        if isinstance(index, ChosenRows):
             return self
         return self.tape.moved(lambda x: x[index], [self])
 
     def __setitem__(self, index: Any, value: Any) -> None:
-        changed = self if isinstance(index, Chosen) else None
+        changed = self if isinstance(index, ChosenRows) else None
         changed = self.tape.lift(value) if changed is not None else self.tape.assigned(self, index, value)
         self.place, self.example = changed.place, changed.example
 
 
-class Chosen(Recorded):
+class ChosenRows(Recorded):
     """The rows that a condition holds for: of one run it or none. It stands for all of them."""
 
     def __len__(self) -> int:
@@ -278,8 +278,8 @@ def _where(tape: Tape, condition: Any, a: Any, b: Any) -> Recorded:
     return tape.elementwise("where", [condition, a, b], np.where(*map(_example, (condition, a, b))))
 
 
-def _flatnonzero(tape: Tape, x: Any) -> Chosen:
-    return Chosen(tape, x.place, x.example)
+def _flatnonzero(tape: Tape, x: Any) -> ChosenRows:
+    return ChosenRows(tape, x.place, x.example)
 
 
 def _take_along(tape: Tape, x: Any, places: Any, axis: int) -> Recorded:

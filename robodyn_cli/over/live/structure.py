@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from robodyn_cli.commands import places
 from robodyn_cli.errors import CapabilityError
 from robodyn_cli.expr.graph import free_symbols
 from robodyn_cli.integration_methods import STIFF
@@ -21,7 +22,8 @@ from robodyn_cli.integrators.stepping.writer import Tables
 from robodyn_cli.kernels.program import make_program
 from robodyn_cli.kernels.wasm import WASM, WasmModule, write_wasm
 from robodyn_cli.motion.self_check import is_judged_by_energy
-from robodyn_cli.over.live.code import Equations, equations_text, loop_texts, numbers_text
+from robodyn_cli.over.commands import locks
+from robodyn_cli.over.live.code import StateEquations, equations_text, loop_texts, numbers_text
 from robodyn_cli.over.live.judging import Judging, limits_of_closing
 from robodyn_cli.over.live.rules import plain
 from robodyn_cli.over.many.command import VERDICT
@@ -29,14 +31,14 @@ from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import RunBatch
 from robodyn_cli.over.many.keys import NUMBER, OPTION, START, STRUCTURE, Key, key_unit, settings, value_of
 from robodyn_cli.over.many.mechanism import Mechanism
-from robodyn_cli.over.many.simulate import Deploy, MotionCommand, Simulate
+from robodyn_cli.over.many.simulate import MotionCommand
 from robodyn_cli.over.many.start import ManyClosing
 from robodyn_cli.over.many.structure import Structure
 from robodyn_cli.record import record
+from robodyn_cli.registry import Registry
 from robodyn_cli.scene.load import Family
 from robodyn_cli.spatial.algebra import Array
 
-COMMANDS: Mapping[str, type[MotionCommand]] = {"simulate": Simulate, "deploy": Deploy}
 MOST_CORNERS = 6  # keys of whose ranges all corners are looked at; of more, the ends of each alone
 SHOWN = 400  # stretches between samples that a picture takes, at most
 STATE = ("t", "q", "v", "z")
@@ -44,6 +46,12 @@ STATE = ("t", "q", "v", "z")
 LIBRARY = frozenset(
     {"exp", "log", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "pow", "atan2", "sin", "cos"}
 )
+
+
+def motion_commands() -> dict[str, MotionCommand]:
+    """Return the commands whose runs a page makes, by name."""
+    batches: Registry[Any] = Registry("robodyn_cli", places("batch"), made=True)
+    return {name: own for name, own in batches.items() if isinstance(own, MotionCommand)}
 
 
 @record
@@ -72,11 +80,14 @@ class LiveStructure:
     def __init__(self, family: Family, ranges: Mapping[str, tuple[float, float]]) -> None:
         self.family = family
         scene = family.own
-        if scene.command is None or scene.command not in COMMANDS:
-            raise CapabilityError(f"{scene.command} does not run in a page; allowed: {', '.join(COMMANDS)}")
+        command = motion_commands().get(scene.command or "")
+        if command is None:
+            raise CapabilityError(
+                f"{scene.command} does not run in a page; allowed: {', '.join(motion_commands())}"
+            )
         mechanism = Mechanism(family, list(ranges))
         self.keys = [_live_key(mechanism, key, ranges[key.name]) for key in mechanism.keys]
-        self.command = COMMANDS[scene.command]()
+        self.command = command
         self.row = np.array([key.value for key in self.keys])
         self.structure = self._structure(mechanism)
         self.motion = self.structure.motion
@@ -175,7 +186,7 @@ class LiveStructure:
 
     # -- equations ------------------------------------------------------------------------------------
     @cached_property
-    def equations(self) -> dict[str, Equations]:
+    def equations(self) -> dict[str, StateEquations]:
         """Equations of the state that a page evaluates beside its runs, by name."""
         from robodyn_cli.observe.observe import potential_energy
 
@@ -186,7 +197,7 @@ class LiveStructure:
             outputs["loops"] = self.closing.equations
         if is_judged_by_energy(motion):
             outputs["energies"] = {"kinetic": [problem.kinetic], "potential": [potential_energy(problem)]}
-        if motion.scene.command == "deploy":
+        if locks(self.command.name):
             outputs["psi"] = {"psi": problem.psi[problem.constraints.of_loops].ravel().tolist()}
         if motion.choice.may_change:
             outputs["jacobian"] = {"jacobian": motion.system.jacobian.J.ravel().tolist()}
@@ -197,7 +208,7 @@ class LiveStructure:
         end = system.nq + system.nv
         own = {"q": range(system.nq), "v": range(system.nq, end), "z": range(end, system.size)}
         return {
-            name: Equations(make_program(of, STATE), own if name == "jacobian" else mechanism)
+            name: StateEquations(make_program(of, STATE), own if name == "jacobian" else mechanism)
             for name, of in outputs.items()
         }
 
@@ -255,7 +266,7 @@ class LiveStructure:
         first, memory = self.engine.memory.block.ctypes.data, self.engine.memory
         names = PLACES[PLACES.index("tables") : PLACES.index("saved")]
         return {
-            "command": motion.scene.command, "title": motion.scene.title, "duration": duration,
+            "title": motion.scene.title, "duration": duration, "locks": locks(self.command.name),
             "keys": [self._key_data(key) for key in self.keys],
             "q": _columns(model.q_names, model.q_units, self.system.q_places),
             "v": _columns(model.v_names, model.v_units, self.system.v_places),

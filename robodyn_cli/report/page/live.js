@@ -120,8 +120,8 @@ class Live {
 
   figures() {
     const { data, result } = this, rows = [];
-    const end = data.command === "deploy" ? "at the lock" : "at the end";
-    if (data.command === "deploy") rows.push(["time of the lock", stated(result.time, result.time_error, "s")]);
+    const end = data.locks ? "at the lock" : "at the end";
+    if (data.locks) rows.push(["time of the lock", stated(result.time, result.time_error, "s")]);
     for (const [group, , per] of GROUPS) {
       data[group].names.forEach((name, k) => rows.push([`${group === "q" ? "" : "rate of "}${name} ${end}`,
         stated(result[group][k], result[`${group}_error`][k], data[group].units[k] + (group === "v" && !data.v.units[k].includes("/s") ? per : ""))]));
@@ -152,7 +152,7 @@ class Live {
       for (let n = 0; n < count; n++) points.set(places.points.subarray((n * names.length + k) * 3, (n * names.length + k + 1) * 3), 3 * n);
       return { ...trail, times: Float64Array.from(result.times), points: Object.assign(points, { shape: [count, 1, 3] }) };
     };
-    const lock = data.command === "deploy" ? [[result.time, null]] : [];
+    const lock = data.locks ? [[result.time, null]] : [];
     player.replace({
       times: Float64Array.from(result.times), vertices: places.vertices, axes: places.axes, arrows: [],
       trails: stored.trails.filter((trail) => names.includes(trail.name)).map(path),

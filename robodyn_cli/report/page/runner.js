@@ -181,7 +181,7 @@ class Runner {
 
   arrived(run) {
     const { data } = this, finite = run.end.every(Number.isFinite);
-    return finite && (data.command === "deploy" ? data.dead.includes(run.event) : run.status === "DONE");
+    return finite && (data.locks ? data.dead.includes(run.event) : run.status === "DONE");
   }
 
   /* The last of several integrations that is made, as integrate_again makes them; null where it does not arrive. */
@@ -216,7 +216,7 @@ class Runner {
     this.setNumbers(values);
     const x = this.start(values);
     if (data.outputs.jacobian) this.require("slow", this.equations("jacobian", x));
-    const locks = data.command === "deploy";
+    const locks = data.locks;
     if (locks) this.require("regular.start", this.equations("psi", x));
     const first = this.drive(data.first, x, this.rule(data.first.rule));
     if (!this.arrived(first)) {
