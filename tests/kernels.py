@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import dataclasses
 import hashlib
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -11,7 +12,7 @@ import mpmath as mp
 import numpy as np
 
 from robodyn_cli.expr.graph import Expr, Graph, Scalar
-from robodyn_cli.kernels.compiler import compile_module
+from robodyn_cli.kernels.compiler import Target, compile_module, machine
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.samples import write_sample_kernel
 
@@ -27,6 +28,13 @@ def symbols(count: int, group: str = "x") -> list[Expr]:
     return Graph().symbols([f"{group}{k}" for k in range(count)], group)
 
 
+def without_fma() -> Target:
+    """Return this processor without fused multiply-add, which code may not use then; Arm always has it."""
+    host = machine()
+    plain = {"cpu": "x86-64", "features": ""} if host.triple.startswith("x86_64") else {}
+    return dataclasses.replace(host, fused=False, **plain)
+
+
 def at_width(
     program: Program, width: int, x: np.ndarray, fused: bool = True, level: int = 1
 ) -> dict[str, np.ndarray]:
@@ -34,7 +42,8 @@ def at_width(
     text = write_sample_kernel(program, width, fused)
     key = f"test {width} {fused} {hashlib.sha256(text.encode()).hexdigest()}"
     count = len(program.inputs) + len(program.outputs) + 1
-    call = compile_module(key, lambda: text, level).function(
+    target = None if fused else without_fma()
+    call = compile_module(key, lambda: text, level, target).function(
         "kernel", *[ctypes.c_void_p] * count, ctypes.c_int64
     )
     samples = len(x)

@@ -173,6 +173,27 @@ PlotFormat = Annotated[
         help="Kind of file of plots: png, svg or pdf.",
     ),
 ]
+
+
+def _live_key(word: str) -> tuple[str, str, str]:
+    key, _, span = word.rpartition("=")
+    low, _, high = span.partition(":")
+    if not (key and low and high):
+        raise typer.BadParameter(f"{word!r}; allowed: KEY=LOW:HIGH")
+    return key, low, high
+
+
+LiveKeys = Annotated[
+    list[Any],
+    typer.Option(
+        "--live",
+        metavar="KEY=LOW:HIGH",
+        parser=_live_key,
+        help="Let the scene run in the page with other values of this key; repeat for more keys.",
+        default_factory=list,
+        show_default=False,
+    ),
+]
 NoPlan = Annotated[
     bool,
     typer.Option("--no-plan", help="Leave the plan of the scene out, which takes longest of large ones."),

@@ -61,8 +61,8 @@ class Total:
         return self.f.load(self.address, self.width, 8 * self.width)
 
     def add_product(self, a: Value, b: Value | float) -> None:
-        """Add a b, rounded once."""
-        self.f.store(self.f.fma(a, b, self.value), self.address, 8 * self.width)
+        """Add a b, rounded once where the machine fuses."""
+        self.f.store(self.f.muladd(a, b, self.value), self.address, 8 * self.width)
 
 
 def each(f: Function, count: Int | int) -> Iterator[Int | int]:

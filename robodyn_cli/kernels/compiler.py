@@ -6,18 +6,24 @@ import contextlib
 import ctypes
 import hashlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from robodyn_cli.errors import CapabilityError
 from robodyn_cli.kernels.cache import REPORT, ObjectFile, cache_directory
 from robodyn_cli.record import record
 
+OTHER_TARGETS = (0, 50)  # version of llvmlite from which on it brings all processors, with LLVM 22
+
 
 @record
-class Machine:
-    """The processor that code is made for."""
+class Target:
+    """What code is made for: a processor, its lanes of doubles, and whether it fuses multiply-add.
+
+    Writers of code take ``lanes`` and ``fused`` of it; the rest is the compiler's.
+    """
 
     triple: str
     cpu: str
@@ -27,8 +33,8 @@ class Machine:
 
 
 @lru_cache(maxsize=1)
-def machine() -> Machine:
-    """Describe this processor: its lanes of doubles and whether it fuses multiply-add."""
+def machine() -> Target:
+    """Return this processor."""
     llvm = _llvm()
     features = llvm.get_host_cpu_features()
     triple = llvm.get_default_triple()
@@ -39,7 +45,7 @@ def machine() -> Machine:
         lanes = 4
     else:
         lanes = 2
-    return Machine(
+    return Target(
         triple, llvm.get_host_cpu_name(), features.flatten(), lanes, arm or bool(features.get("fma"))
     )
 
@@ -91,17 +97,20 @@ class CompiledModule:
         return ctypes.CFUNCTYPE(result, *types)(self.address(name))
 
 
-def compile_module(key: str, write: Callable[[], str], level: int = 1) -> CompiledModule:
+def compile_module(
+    key: str, write: Callable[[], str], level: int = 1, target: Target | None = None
+) -> CompiledModule:
     """Return the machine code of a module, from the cache or compiled now.
 
     Parameters
     ----------
-    key : digest of everything that decides the code, other than the processor and robodyn's own version.
+    key : digest of everything that decides the code, other than the target and robodyn's own version.
     write : writes the IR text; called only when there is no cached object.
     level : optimisation level of the code generator, 0 to 3. Level 1 runs as fast as 2 and 3 on these graphs.
+    target : that this processor runs as well; default: this processor.
     """
     start = time.perf_counter()
-    m = machine()
+    m = target or machine()
     text = "\n".join(
         [key, str(level), m.triple, m.cpu, m.features, str(m.lanes), str(m.fused), code_version()]
     )
@@ -110,9 +119,7 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     if compiled is not None:
         return compiled
     llvm = _llvm()
-    target = llvm.Target.from_triple(m.triple).create_target_machine(
-        cpu=m.cpu, features=m.features, opt=level
-    )
+    generator = _generator(llvm, m, level)
     folder = cache_directory()
     kept = ObjectFile(folder, digest) if folder else None
     code = kept.read() if kept else None
@@ -121,7 +128,7 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
         text = write()
         REPORT.begin(text.count("\n"))
         try:
-            code = _compile(llvm, target, text)
+            code = _compile(llvm, generator, llvm.parse_assembly(text))
         finally:
             REPORT.now = ""
         if kept:
@@ -131,7 +138,7 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
         REPORT.cached += 1
     empty = llvm.parse_assembly("")
     empty.triple = m.triple
-    engine = llvm.create_mcjit_compiler(empty, target)
+    engine = llvm.create_mcjit_compiler(empty, generator)
     engine.add_object_file(llvm.ObjectFileRef.from_data(code))
     engine.finalize_object()
     REPORT.spend(time.perf_counter() - start)
@@ -139,16 +146,48 @@ def compile_module(key: str, write: Callable[[], str], level: int = 1) -> Compil
     return _loaded.setdefault(digest, CompiledModule(engine))
 
 
-def _compile(llvm: Any, target: Any, text: str) -> bytes:
+def compile_object(texts: Sequence[str], target: Target, level: int = 2) -> bytes:
+    """Return one object file of modules that call each other, for a target that need not be this processor.
+
+    Raises
+    ------
+    CapabilityError : llvmlite is too old for other targets.
+    """
+    import llvmlite
+
+    version = tuple(int(x) for x in llvmlite.__version__.split(".")[:2])
+    if version < OTHER_TARGETS:
+        raise CapabilityError(
+            f"code for {target.triple} takes llvmlite {'.'.join(map(str, OTHER_TARGETS))} or newer; here it is "
+            f"{llvmlite.__version__}"
+        )
+    llvm = _llvm()
+    llvm.initialize_all_targets()
+    llvm.initialize_all_asmprinters()
+    generator = _generator(llvm, target, level)
+    whole, *others = (llvm.parse_assembly(text) for text in texts)
+    for part in (whole, *others):
+        part.triple, part.data_layout = target.triple, str(generator.target_data)
+    for part in others:
+        whole.link_in(part)
+    return _compile(llvm, generator, whole)
+
+
+def _generator(llvm: Any, target: Target, level: int) -> Any:
+    """Return LLVM's generator of code for a target."""
+    chosen = llvm.Target.from_triple(target.triple)
+    return chosen.create_target_machine(cpu=target.cpu, features=target.features, opt=level)
+
+
+def _compile(llvm: Any, generator: Any, parsed: Any) -> bytes:
     """Return an object file.
 
     LLVM's own pipelines take as long as parsing and code generation together, and their code runs no faster: constants
     are folded and common expressions found before the text is written. Three things are left to do: a better order of
     sums (the flags allow it, and it saves a tenth of the run time), identities of single instructions, and jumps.
     """
-    parsed = llvm.parse_assembly(text)
     parsed.verify()
-    builder = llvm.create_pass_builder(target, llvm.create_pipeline_tuning_options())
+    builder = llvm.create_pass_builder(generator, llvm.create_pipeline_tuning_options())
     passes = llvm.create_new_function_pass_manager()
     passes.add_sroa_pass()
     passes.add_reassociate_pass()
@@ -157,4 +196,4 @@ def _compile(llvm: Any, target: Any, text: str) -> bytes:
     for function in parsed.functions:
         if not function.is_declaration:
             passes.run(function, builder)
-    return bytes(target.emit_object(parsed))
+    return bytes(generator.emit_object(parsed))

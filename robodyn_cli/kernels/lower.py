@@ -104,7 +104,7 @@ class _Lowering:
         for first in range(0, len(pending), per_vector):
             chunk = pending[first : first + per_vector]
             xs = [self.value(a) for a in chunk]
-            if self.width == 1 and len(chunk) > 1 and self.fused:
+            if self.width == 1 and len(chunk) > 1:
                 lanes = 2
                 while lanes < len(chunk):
                     lanes *= 2
@@ -155,7 +155,7 @@ def lower(
     inputs : for each symbol group, a value for each position (scalars are spread over the lanes); ``NUMBERS``, the
         program's table of numbers, as an ``Array``.
     width : lanes of the arithmetic.
-    fused : whether the machine has fused multiply-add.
+    fused : whether the target has fused multiply-add.
     """
     state = _Lowering(f, program, inputs, width, fused)
     for k in range(len(program.instructions)):

@@ -14,6 +14,8 @@ from robodyn_cli.kernels.program import TRIGONOMETRIC
 # pi/2 in three parts of full precision: with fused multiply-add each product is exact, so the reduction holds
 # for |x| up to about 2^49 (Cody and Waite 1980)
 PI_2 = (1.5707963267948966, 6.123233995736766e-17, -1.4973849048591833e-33)
+# without it, the first two with 33 bits: their products with whole numbers of 20 bits are exact, for |x| up to 1.6e6
+PI_2_SHORT = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 TO_NEAREST = 6755399441055744.0  # 1.5 * 2^52: adding it rounds to a whole number, kept in the low bits
 # Cephes' minimax coefficients on [-pi/4, pi/4]
 SIN = (
@@ -48,7 +50,7 @@ def polynomial(f: Function, coefficients: Sequence[float], z: Value) -> Value:
     power = z
     while len(level) > 1:
         level = [
-            f.fma(level[k + 1], power, level[k]) if k + 1 < len(level) else level[k]
+            f.muladd(level[k + 1], power, level[k]) if k + 1 < len(level) else level[k]
             for k in range(0, len(level), 2)
         ]
         if len(level) > 1:
@@ -56,13 +58,23 @@ def polynomial(f: Function, coefficients: Sequence[float], z: Value) -> Value:
     return f.lift(level[0], z.width)
 
 
+def _reduced(f: Function, n: Value, x: Value) -> tuple[Value, Value]:
+    """Return x - n pi/2 as a sum of two, by products that need not be fused: all but the last are exact."""
+    high, low, least = PI_2_SHORT
+    whole = x - n * high
+    part = n * low
+    first = whole - part
+    behind = ((whole - first) - part) - n * least
+    r = first + behind
+    return r, behind - (r - first)
+
+
 def sincos(f: Function, x: Value, fused: bool = True) -> tuple[Value, Value]:
     """Return sin x and cos x, all lanes at once, to about one unit in the last place.
 
-    NaN and infinities give NaN. Without fused multiply-add (``fused`` false) the C library is called instead.
+    NaN and infinities give NaN. Without fused multiply-add (``fused`` false) they are within two units for |x| up to
+    1e6; beyond that x itself counts as rounded by one unit more.
     """
-    if not fused:
-        return f.intrinsic("sin", [x]), f.intrinsic("cos", [x])
     width = x.width
     t, i = double_type(width), int_type(width)
 
@@ -70,14 +82,18 @@ def sincos(f: Function, x: Value, fused: bool = True) -> tuple[Value, Value]:
         return _whole(n, width)
 
     with f.strict():
-        shifted = f.fma(x, 2.0 / np.pi, TO_NEAREST)
+        shifted = f.muladd(x, 2.0 / np.pi, TO_NEAREST)
         n = shifted - TO_NEAREST
-        r = x
-        for part in PI_2:
-            r = f.fma(n, -part, r)
+        if fused:
+            r = x
+            for part in PI_2:
+                r = f.fma(n, -part, r)
+        else:
+            r, rest = _reduced(f, n, x)
         z = r * r
-        s = f.fma(r * z, polynomial(f, SIN, z), r)
-        c = f.fma(z * z, polynomial(f, COS, z), f.fma(z, -0.5, 1.0))
+        s, c = polynomial(f, SIN, z), polynomial(f, COS, z)
+        s = f.muladd(r * z, s, r) if fused else r + f.muladd(r * z, s, rest)
+        c = f.muladd(z * z, c, f.muladd(z, -0.5, 1.0))
         # the quadrant is in the low bits of ``shifted``: odd swaps sine and cosine, bit 1 is the sign
         bits = f.name(f"bitcast {t} {shifted.ref} to {i}")
         odd = f.name(f"and {i} {bits}, {whole(1)}")

@@ -98,15 +98,15 @@ def closing_steps(psi: Array, off: Array, held: Sequence[int]) -> Array:
     ----------
     psi : (T, m, nv). off : delta(eta) (T,). held : columns of rates that are held.
     """
-    steps, free = np.zeros((len(psi), psi.shape[2])), np.delete(psi, list(held), axis=2)
-    good = np.isfinite(off) & np.isfinite(free).all(axis=(1, 2))
-    if not free.size or not good.any():
-        return steps
-    _, sigma, Vt = np.linalg.svd(free[good], full_matrices=False)
-    least = (sigma > VANISHED * sigma[:, :1]).sum(axis=1) - 1
-    each = np.arange(len(least))
-    with np.errstate(all="ignore"):
-        own = Vt[each, least] * (off[good] / sigma[each, least])[:, None]
     columns = np.delete(np.arange(psi.shape[2]), list(held))
-    steps[np.ix_(good, columns)] = np.where(np.isfinite(own), own, 0.0)
+    free = psi[:, :, columns]
+    if not len(psi) or not free.size:
+        return np.zeros((len(psi), psi.shape[2]))
+    good = np.isfinite(off) & np.isfinite(free).all(axis=(1, 2))
+    _, sigma, Vt = np.linalg.svd(np.where(good[:, None, None], free, 0.0), full_matrices=False)
+    least = (sigma > VANISHED * sigma[:, :1]).sum(axis=1)[:, None] - 1
+    with np.errstate(all="ignore"):
+        size = off / np.take_along_axis(sigma, least, axis=1)[:, 0]
+        own = np.take_along_axis(Vt, least[:, :, None], axis=1)[:, 0] * size[:, None]
+    steps: Array = np.where(np.isfinite(own) & good[:, None], own, 0.0) @ np.eye(psi.shape[2])[columns]
     return steps

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +51,7 @@ def rank(A: Array, tolerance: float = RANK) -> int:
 
 def has_full_rank(A: Array, tolerance: float) -> NDArray[np.bool_]:
     """Tell of which matrices (T, m, n) all singular values count; of none that is not finite. See ``rank``."""
-    finite = np.asarray(np.isfinite(A).all(axis=(1, 2)))
+    finite: Any = np.isfinite(A).all(axis=(1, 2))
     known: Array = np.where(finite[:, None, None], A, 0.0)
     sigma = np.linalg.svd(known, compute_uv=False)
     full: NDArray[np.bool_] = sigma[:, -1] > tolerance * np.maximum(sigma[:, 0], 1e-300)

@@ -16,7 +16,7 @@ from robodyn_cli.integrators.runtime.options import stride_of
 from robodyn_cli.motion.error import Courses
 from robodyn_cli.observe.observe import Observer
 from robodyn_cli.observe.recorder import Recorder
-from robodyn_cli.over.many.course import _samplings
+from robodyn_cli.over.many.course import samplings
 from robodyn_cli.over.sensitivity.differences import LEVELS, NARROWER, Sides, extrapolated
 from robodyn_cli.over.sensitivity.led import _slopes as led_slopes
 from robodyn_cli.over.study.statistics import Moments, SampleSpread, quantiles
@@ -215,7 +215,7 @@ def test_many_runs_are_judged_at_the_samples_of_one() -> None:
     for count in (10, 37, 100, 999, 1000, 5000):
         stride = stride_of(count + 1)
         batch: Any = SimpleNamespace(structure=SimpleNamespace(motion=one))
-        sampling, wanted, judged = _samplings(batch, "gauss", count)
+        sampling, wanted, judged = samplings(batch, "gauss", count)
         times = np.arange(1, sampling.count + 1) * count / sampling.count  # in samples
         assert np.allclose(times[wanted], np.arange(1, count + 1))
         assert len(times[judged]) == math.ceil(count / stride)
@@ -229,7 +229,7 @@ def test_many_runs_are_judged_at_the_samples_of_one() -> None:
             )
             batch.structure = SimpleNamespace(motion=few, fleet=lambda method: SimpleNamespace(lanes=1))
             batch.ends = np.array([2.0])
-            taken = _samplings(batch, "gauss", 0)[0]
+            taken = samplings(batch, "gauss", 0)[0]
             assert np.allclose(
                 taken.before + taken.step * np.arange(1, taken.count + 1), times[judged] * 2.0 / count
             )

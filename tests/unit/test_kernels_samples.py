@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -14,7 +15,7 @@ from robodyn_cli.expr.fixed import literal
 from robodyn_cli.expr.graph import Graph
 from robodyn_cli.expr.rebuild import evaluate
 from robodyn_cli.kernels import samples
-from robodyn_cli.kernels.compiler import Machine, machine
+from robodyn_cli.kernels.compiler import machine
 from robodyn_cli.kernels.program import Program, make_program
 from robodyn_cli.kernels.samples import SampleKernel
 
@@ -62,7 +63,7 @@ def check(kernel: SampleKernel, data: dict[str, np.ndarray], names: dict[str, li
 def test_every_number_of_samples(lanes: int, fused: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     host = machine()
     monkeypatch.setattr(
-        samples, "machine", lambda: Machine(host.triple, host.cpu, host.features, lanes, fused and host.fused)
+        samples, "machine", lambda: dataclasses.replace(host, lanes=lanes, fused=fused and host.fused)
     )
     names = outputs(Graph())
     kernel = SampleKernel(names, KNOWN)

@@ -239,7 +239,7 @@ def digest_and_comparisons(name: str, *keys: str) -> Action:
         mechanism = Mechanism(family, keys)
         structures = Structures(family, mechanism.keys, Simulate().structure)
         ((structure, _),) = structures.groups(np.full((1, len(keys)), 1.1))
-        decisions = [(a, b, bool(outcome)) for _, a, b, outcome in structure._deciding]
+        decisions = [(a, b, bool(outcome)) for _, a, b, outcome in structure.deciding]
         return bits(structure.tables.digest, structure.tables.numbers, str(decisions))
 
     return action

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,10 +10,11 @@ import typer
 
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import NoPlan, Quiet, ReportAsJson, StoredResults
+from robodyn_cli.cli.options import LiveKeys, NoPlan, Quiet, ReportAsJson, StoredResults
 from robodyn_cli.errors import CapabilityError, RobodynError
 
 if TYPE_CHECKING:
+    from robodyn_cli.over.live.pages import Asked
     from robodyn_cli.report.page.page import Shown
     from robodyn_cli.results.result import Result
 
@@ -40,6 +41,7 @@ def command(
             "--file", "-f", metavar="FILE.html", parser=page_file, help="Page to write.", show_default=False
         ),
     ],
+    live: LiveKeys,
     no_plan: NoPlan = False,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
@@ -52,18 +54,20 @@ def command(
     console = Console(as_json, quiet)
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
-        size = write_page(shown(results, not no_plan), file)
+        size = write_page(shown(results, not no_plan, live), file)
     console.data(as_keys(PageReport("ok", str(file), len(results), size)))
     console.say(f"{file}  ({size / 1024:.0f} KiB; it needs no network)")
     return 0
 
 
-def shown(paths: list[Path], planned: bool) -> list[Shown]:
-    """Return stored results for a page, with the plans of their scenes if ``planned``.
+def shown(paths: list[Path], planned: bool, live: Sequence[Asked] = ()) -> list[Shown]:
+    """Return stored results for a page, with the plans of their scenes if ``planned``; live : keys with which they run
+    there.
 
     Raises
     ------
-    ResultFileError : a result cannot be read. CapabilityError : one has poses, but this version cannot read its scene.
+    ResultFileError : a result cannot be read. CapabilityError : one has poses, but this version cannot read its scene;
+    or a scene cannot run in a page. SceneError : no scene has a key.
     """
     from robodyn_cli.over.batch.stored import read_stored
     from robodyn_cli.report.overlay import path_ends
@@ -72,9 +76,14 @@ def shown(paths: list[Path], planned: bool) -> list[Shown]:
     read = [read_stored(path) for path in paths]
     for path, result in zip(paths, read):
         _require_scene(path, result)
+    parts: Sequence[Mapping[str, Any] | None] = [None] * len(read)
+    if live:
+        from robodyn_cli.over.live.pages import live_parts
+
+        parts = live_parts(read, live)
     return [
-        Shown(label, result, plan_of(result) if planned else None)
-        for label, result in zip(path_ends(paths), read)
+        Shown(label, result, plan_of(result) if planned else None, part)
+        for label, result, part in zip(path_ends(paths), read, parts)
     ]
 
 

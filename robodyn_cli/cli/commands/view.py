@@ -9,11 +9,12 @@ from pathlib import Path
 from robodyn_cli.cli.commands.report import shown
 from robodyn_cli.cli.console import Console
 from robodyn_cli.cli.interrupts import tidy_up_first
-from robodyn_cli.cli.options import NoPlan, Quiet, ReportAsJson, StoredResults
+from robodyn_cli.cli.options import LiveKeys, NoPlan, Quiet, ReportAsJson, StoredResults
 
 
 def command(
     results: StoredResults,
+    live: LiveKeys,
     no_plan: NoPlan = False,
     as_json: ReportAsJson = False,
     quiet: Quiet = False,
@@ -24,7 +25,7 @@ def command(
     console = Console(as_json, quiet)
     tidy_up_first()
     with console.waiting(lambda: "drawing"):
-        pages = shown(results, not no_plan)
+        pages = shown(results, not no_plan, live)
         target = Path(tempfile.mkdtemp(prefix="robodyn-")) / "report.html"
         write_page(pages, target)
     opened = webbrowser.open(target.as_uri())

@@ -132,7 +132,8 @@ class Runs:
 class Fleet:
     """The compiled code of a system and a method, for many runs.
 
-    watch : whether to look for events. A run goes on at those in ``passing``, by number, and ends at others.
+    watch : whether to look for events. passing : numbers of those at which a run goes on, kept as bits; it ends at
+    others.
     """
 
     def __init__(
@@ -140,7 +141,7 @@ class Fleet:
     ) -> None:
         self.system, self.method = system, method
         self.watch = watch and bool(system.events)
-        self._passing = sum(1 << k for k in passing if k < MOST_FUNCTIONS)
+        self.passing = sum(1 << k for k in passing if k < MOST_FUNCTIONS)
         self._p = p
         self._engines = [self._engine()]
         self._clear = np.zeros_like(self._engines[0].memory.block)
@@ -157,6 +158,11 @@ class Fleet:
 
     def _engine(self) -> Engine:
         return Engine(self.system, self.method, self._p.copy(), interpreted=False)
+
+    @property
+    def engine(self) -> Engine:
+        """The code and the memory of one run."""
+        return self._engines[0]
 
     @property
     def tables(self) -> Any:
@@ -183,7 +189,7 @@ class Fleet:
         n[:, IntegerSlot.MAX_STEPS] = options.max_steps if limits.steps is None else limits.steps
         if self.watch:
             n[:, IntegerSlot.WATCH] = UNARMED
-        self._set_steps(w, ends, options, limits.step)
+        self.set_steps(w, ends, options, limits.step)
         if samples := sampling.count:
             n[:, IntegerSlot.NEXT_SAMPLE], n[:, IntegerSlot.LAST_SAMPLE] = 1, samples
             n[:, IntegerSlot.CAPACITY] = samples
@@ -195,8 +201,9 @@ class Fleet:
         p = np.tile(self._p, (count, 1))
         return Runs(w, n, np.array(starts), p, np.ascontiguousarray(numbers), out, np.full(count, -1))
 
-    def _set_steps(self, w: Array, ends: Array, options: Options, own: Array | None) -> None:
-        """Set ends and steps; own : the longest or fixed step of each run."""
+    @staticmethod
+    def set_steps(w: Array, ends: Array, options: Options, own: Array | None) -> None:
+        """Set ends and steps in rows of doubles; own : the longest or fixed step of each run."""
         fixed = options.step is not None
         longest: Any = (options.step if fixed else options.max_step) if own is None else own
         longest = options.part_of_way(longest, ends) if fixed else longest
@@ -213,6 +220,10 @@ class Fleet:
             self._drive_to_samples(runs, threads)
         else:
             self._drive(runs, threads, self.lanes)
+
+    def drive_one_by_one(self, runs: Runs) -> None:
+        """Make the runs one after another, by the loop of a single run."""
+        self._drive(runs, 1, 1)
 
     def _drive_to_samples(self, runs: Runs, threads: int) -> None:
         """Make the runs in lanes, which have no output between steps: steps end at the samples."""
@@ -267,7 +278,7 @@ class Fleet:
         run, trial, close, _ = self._engines[0].addresses
         fields: dict[str, int] = {
             "run": run, "trial": trial, "close": close, "stop": stop.ctypes.data, "clear": self._clear.ctypes.data,
-            "events": len(self.system.events), "passing": self._passing, "all.status": runs.status.ctypes.data,
+            "events": len(self.system.events), "passing": self.passing, "all.status": runs.status.ctypes.data,
         }  # fmt: skip
         rows = {"w": runs.w, "n": runs.n, "y": runs.y, "p": runs.p, NUMBERS: runs.numbers, "out": runs.out}
         for name, array in rows.items():

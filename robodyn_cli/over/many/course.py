@@ -90,7 +90,7 @@ def integrate(
         runs = first_run(batch, method, Sampling(samples))
         return Driven(runs, _trusted(batch, runs)), CourseErrors.unknown(runs.y.shape)
     whole = samples or (max(simulate.samples - 1, 1) if course else 0)
-    sampling, wanted, judged = _samplings(batch, method, whole)
+    sampling, wanted, judged = samplings(batch, method, whole)
     runs = first_run(batch, method, sampling)
     trusted, errors = _trusted(batch, runs), CourseErrors.unknown(runs.y.shape)
     if course:
@@ -213,7 +213,7 @@ class _Judge:
         return self.batch.structure.conditioning(times, self._course(self.runs)[k])
 
 
-def _samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
+def samplings(batch: RunBatch, method: str, samples: int) -> tuple[Sampling, slice, slice]:
     """Return which samples are taken, and which of them are asked for (so many) and judged: those of single runs.
 
     Runs in lanes, which take steps of their own up to each sample, are judged by as few as may be.

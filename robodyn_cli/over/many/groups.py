@@ -38,7 +38,7 @@ class Built:
         self.keys, self.row, self.tables, self.obstacle = keys, row, tables, obstacle
         self._varying = [(k, key.place) for k, key in enumerate(keys) if key.sort == NUMBER]
         self.recipe = Recipe([place for _, place in self._varying])
-        self._deciding = self.recipe.deciding(witnesses)
+        self.deciding = self.recipe.deciding(witnesses)
         self._last: tuple[Array, ManyNumbers] | None = None  # asked for, by rows: several ask for the same
         self._confirmed = np.zeros(len(row))  # how far from its own row another one has been built
 
@@ -58,7 +58,7 @@ class Built:
 
     def fits(self, values: Array) -> NDArray[np.bool_]:
         """Return for which rows (N, keys) every comparison turns out as it did for this structure's own."""
-        return self.numbers(values).decided_alike(self._deciding)
+        return self.numbers(values).decided_alike(self.deciding)
 
     def confirmed(self, values: Array, build: Callable[[Array], Built]) -> NDArray[np.bool_]:
         """Tell for which rows (N, keys) what is built for other rows has the numbers that this structure gives.

@@ -297,8 +297,21 @@ def keeps_energy(batch: RunBatch, y: Array, steps: NDArray[np.int64], p: Array |
         for t, x, p in ((0.0, batch.states, none), (batch.ends, y, none if p is None else p.T))
     )
     work = system.split(y)[2][:, -1] if system.work_done_by else 0.0
-    risen, level = potential_end - potential, np.abs(potential_end)
-    drift = np.abs(kinetic_end - kinetic + risen - work)
-    exchanged = kinetic_end + kinetic + np.abs(risen) + np.abs(work) + level * EPS
-    kept: Masks = drift <= allowed_drift(exchanged, level, steps, batch.options.rtol)
+    change = kinetic_end - kinetic, potential_end - potential, work
+    return balances(change, kinetic + kinetic_end, potential_end, steps, batch.options.rtol)
+
+
+def balances(change: tuple[Any, Any, Any], kinetic: Any, potential: Any, steps: Any, rtol: float) -> Masks:
+    """Tell whether changes of energies and the work that was done [J] balance, as far as tolerances explain.
+
+    Parameters
+    ----------
+    change : of the kinetic and of the potential energy, and the work. kinetic : of start and end together. potential :
+    at the end.
+    """
+    gained, risen, work = change
+    level = np.abs(potential)
+    drift = np.abs(gained + risen - work)
+    exchanged = kinetic + np.abs(risen) + np.abs(work) + level * EPS
+    kept: Masks = drift <= allowed_drift(exchanged, level, steps, rtol)
     return kept

@@ -177,8 +177,12 @@ class Mechanism(ModelFunctions):
     @one_at_a_time
     def structures(self, command: BatchCommand[Any], rows: Array) -> list[tuple[Built, NDArray[np.int64]]]:
         """Return the structures that serve rows of values (N, keys) in compiled code, with their rows' numbers."""
-        groups = self._structures_of(command).groups(rows)
+        groups = self.groups(command, rows)
         return [(own, group) for own, group in groups if own is not None and not own.obstacle]
+
+    def groups(self, command: BatchCommand[Any], rows: Array) -> list[tuple[Built | None, NDArray[np.int64]]]:
+        """Return all structures that rows of values (N, keys) have, with their rows' numbers; see ``Structures``."""
+        return list(self._structures_of(command).groups(rows))
 
     def refusals(self, values: Array) -> dict[int, SceneError]:
         """Return the rows of values (N, keys) that the scene does not allow, with the errors."""

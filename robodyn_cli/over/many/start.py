@@ -71,7 +71,7 @@ def starts_of(
                 rows[name][:, k] = given[name][column]
     if not motion.problem.constraints.rows:
         return Starts(rows["q"], rows["qd"], np.ones(count, dtype=bool))
-    closing = _ManyClosing(structure, numbers, given["q"], given["qd"])
+    closing = ManyClosing(structure, numbers, given["q"], given["qd"])
     if q is None and qd is None and not closing.varies:
         same_q, same_v = (np.broadcast_to(x, (count, len(x))).copy() for x in own.values())
         return Starts(same_q, same_v, np.ones(count, dtype=bool))
@@ -102,7 +102,7 @@ def _given(
     return by_column
 
 
-class _ManyClosing:
+class ManyClosing:
     """The loops of a structure for many runs: eta (N, m) and Psi (N, m, nv) at positions of their own."""
 
     def __init__(
@@ -116,9 +116,12 @@ class _ManyClosing:
         problem = self.problem = motion.problem
         self.numbers, self.own = numbers, motion.assembled.q
         rows = problem.constraint_rows
-        self._eta = Expressions([row.eta for row in rows])
-        self._psi = Expressions([x for row in rows for x in row.psi])
-        self._cosines = Expressions([row.cosine for row in rows])
+        self.equations = {
+            "eta": [row.eta for row in rows],
+            "psi": [x for row in rows for x in row.psi],
+            "cosines": [row.cosine for row in rows],
+        }
+        self._eta, self._psi, self._cosines = map(Expressions, self.equations.values())
         self.one = Numbers(problem, ())
         self.lengths, self.sizes = self.one.lengths, self.one.sizes
         equations = (self._eta, self._psi, self._cosines)
@@ -155,20 +158,23 @@ class _ManyClosing:
         q = self._newton(q, self.free)
         sure = np.ones(len(q), dtype=bool)
         if self.missing:
-            far = ~self._on_branch(q, self.psi(q))
+            far = ~self.on_branch(q, self.psi(q))
             if far.any() and (self.one.lengths[self.missing] == 1.0).all():
                 alone, certain = self._as_alone(start)
                 q[far], sure[far] = alone[far], certain[far]
             else:
                 sure = ~far
-        residual = np.abs(self.eta(q) / self.one.sizes).max(axis=1)
-        psi = self.psi(q)
-        sound = (residual <= CLOSED) & has_full_rank(psi, RANK_TOLERANCE)
-        psi[~sound] = 0.0
         cosines = self.numbers.evaluate(self._cosines, self._inputs(q))
-        sound &= (cosines >= 0.5).all(axis=1)
-        v, agrees = self._rates(psi, v)
-        return Starts(q, v, sound & sure & agrees)
+        v, sound = self.rates_of_closed(self.eta(q), self.psi(q), cosines, v)
+        return Starts(q, v, sound & sure)
+
+    def rates_of_closed(self, eta: Array, psi: Array, cosines: Array, v: Array) -> tuple[Array, Rows]:
+        """Return rates (N, nv) that agree with the loops, and where positions close them: by eta (N, m), Psi (N, m, nv)
+        and the cosines of attitudes (N, m) there."""
+        residual = np.abs(eta / self.sizes).max(axis=1)
+        sound = (residual <= CLOSED) & has_full_rank(psi, RANK_TOLERANCE)
+        v, agrees = self._rates(np.where(sound[:, None, None], psi, 0.0), v)
+        return v, sound & (cosines >= 0.5).all(axis=1) & agrees
 
     def at_runs(self, q: Array) -> tuple[Array, Array]:
         """Return eta (N, m) and Psi (N, m, nv)."""
@@ -208,7 +214,7 @@ class _ManyClosing:
             best[better], nearest[better], rank[better] = closed[better], distance[better], own[better]
         return best, sure & (rank > 0)
 
-    def _on_branch(self, q: Array, psi: Array) -> Rows:
+    def on_branch(self, q: Array, psi: Array) -> Rows:
         """Tell which positions are on the branch of the structure's own pose: near to it, with no branching between."""
         near = (np.abs(q - self.own) / self.one.lengths).max(axis=1) < LEAP
         block, own = psi[:, :, self.missing], self.one.psi(self.own)[:, self.missing]

@@ -121,10 +121,8 @@ def drawing_of(
     model = problem.model
     if q.shape[1] != model.nq:
         raise CapabilityError(f"the result has {q.shape[1]} joint coordinates, its scene {model.nq}")
-    expressions = DrawnExpressions(problem)
-    links = Links(scene, model, expressions)
-    parts, masses, bobs = links.parts()
-    connections = Connections(scene, model, links, expressions)
+    expressions, links, connections = drawn_things(scene, problem)
+    parts, masses, bobs = links.all
     acting = loads(result, expressions, samples)
     of_mechanism = expressions.count("vertices")
     payloads = payload_parts(model, expressions) if model.payloads else []
@@ -151,6 +149,13 @@ def drawing_of(
         gravity=np.array(scene.gravity, dtype=float),
         flat=flat,
     )
+
+
+def drawn_things(scene: Scene, problem: Problem) -> tuple[DrawnExpressions, Links, Connections]:
+    """Return the links of a scene, what connects them, and where all of this is, by the numbers of its problem."""
+    expressions = DrawnExpressions(problem)
+    links = Links(scene, problem.model, expressions)
+    return expressions, links, Connections(scene, problem.model, links, expressions)
 
 
 def _latches(result: Result, scene: Scene) -> Iterator[tuple[Sequence[str], Stretches]]:

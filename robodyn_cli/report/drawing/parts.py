@@ -78,6 +78,7 @@ class Links:
         for force in model.forces:
             for reference, frame in zip(force.element.references, force.ends):
                 self.add(carrier(scene.robot, reference), frame)
+        self.all = self._parts()
 
     def add(self, link: str, frame: FixedFrame) -> None:
         """Let a link take in a place."""
@@ -86,7 +87,7 @@ class Links:
         if number is not None and number not in spots:
             spots.append(number)
 
-    def parts(self) -> tuple[list[DrawnPart], list[int], list[int]]:
+    def _parts(self) -> tuple[list[DrawnPart], list[int], list[int]]:
         """Return the links and their boxes, the centres of mass, and those that stand for a body without extent."""
         shapes = self._shapes()
         parts = [DrawnPart("ground", GROUND, tuple(self.spots[GROUND]), GREY), *shapes]

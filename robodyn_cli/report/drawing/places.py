@@ -32,13 +32,16 @@ DIGITS = 9  # after the point by which places on a body are told apart [m]
 
 
 class DrawnExpressions:
-    """Vertices, axes and forces in the world, as expressions of t, q and v. The same place has one number."""
+    """Vertices, axes and forces in the world, as expressions of t, q and v. The same place has one number.
+
+    entries : vectors (3,) by kind, in the order of their numbers.
+    """
 
     def __init__(self, problem: Problem) -> None:
         self.problem = problem
         self._vertices: dict[tuple[Any, ...], int] = {}
         self._axes: dict[tuple[Any, ...], int] = {}
-        self._entries: dict[str, list[Vector]] = {"vertices": [], "axes": [], "forces": []}
+        self.entries: dict[str, list[Vector]] = {"vertices": [], "axes": [], "forces": []}
 
     def vertex(self, body: int, p: Vector) -> int | None:
         """Return the number of a place on a body, p (3,) in its coordinates; None if data for it are unknown."""
@@ -75,22 +78,22 @@ class DrawnExpressions:
     def _store(self, kind: str, entry: Vector) -> int | None:
         if any(symbol.value[1] not in KNOWN for symbol in free_symbols(list(entry))):
             return None
-        self._entries[kind].append(entry)
-        return len(self._entries[kind]) - 1
+        self.entries[kind].append(entry)
+        return len(self.entries[kind]) - 1
 
     def count(self, kind: str) -> int:
         """Return how many ``vertices``, ``axes`` or ``forces`` there are."""
-        return len(self._entries[kind])
+        return len(self.entries[kind])
 
     def evaluate(self, t: Array, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return vertices (T, N, 3), axes (T, M, 3) and forces (T, F, 3) at times t (T,), q (T, nq), v (T, nv)."""
-        entries: Sequence[Scalar] = [x for kind in self._entries.values() for e in kind for x in e]
+        entries: Sequence[Scalar] = [x for kind in self.entries.values() for e in kind for x in e]
         with np.errstate(all="ignore"):
             values = Interpreter(entries)({"t": t[None, :], "q": q.T, "v": v.T})
         table = np.empty((len(t), len(values)))
         for k, value in enumerate(values):
             table[:, k] = value
-        ends = np.cumsum([3 * len(kind) for kind in self._entries.values()])[:-1]
+        ends = np.cumsum([3 * len(kind) for kind in self.entries.values()])[:-1]
         blocks = [block.reshape(len(t), -1, 3) for block in np.split(table, ends, axis=1)]
         return blocks[0], blocks[1], blocks[2]
 

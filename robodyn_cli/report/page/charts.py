@@ -11,6 +11,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import math
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -50,16 +51,23 @@ class Arrays:
 
 
 class Store:
-    """What the script of a page draws: figures, and the arrays that they hold by number."""
+    """What the script of a page draws and runs: figures, the arrays that they hold by number, and scenes."""
 
     def __init__(self) -> None:
         self.arrays = Arrays()
         self.figures: list[dict[str, Any]] = []
+        self.running: dict[str, list[Mapping[str, Any]]] = {}
 
     def add(self, figure: dict[str, Any]) -> int:
         """Return the number of a figure."""
         self.figures.append(figure)
         return len(self.figures) - 1
+
+    def run(self, scene: Mapping[str, Any]) -> int:
+        """Return the number of a scene that runs in the page."""
+        scenes = self.running.setdefault("live", [])
+        scenes.append(scene)
+        return len(scenes) - 1
 
 
 TIME = "time [s]"

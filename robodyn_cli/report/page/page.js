@@ -30,8 +30,8 @@ function chartOf(data, arrays) {
 }
 
 function start() {
-  const { arrays: packed, figures } = JSON.parse(document.getElementById("data").textContent);
-  const arrays = packed.map(unpacked), charts = [];
+  const { arrays: packed, figures, live } = JSON.parse(document.getElementById("data").textContent);
+  const arrays = packed.map(unpacked), charts = [], players = new Map();
   for (const section of document.querySelectorAll("[data-result]")) {
     let player = null;
     for (const figure of section.querySelectorAll("[data-figure]")) {
@@ -39,7 +39,9 @@ function start() {
       if (data.panels) charts.push(new Chart(figure, chartOf(data, arrays), player));
       else player = new Player(figure, drawingOf(data, arrays));
     }
+    players.set(section, player);
   }
+  if (live) startLive(live, players);
   // on paper all plots are there, and the scene
   let folded = [];
   window.addEventListener("beforeprint", () => {

@@ -35,16 +35,21 @@ SPEEDS = (0.001, 0.01, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 100.0, 1000.0)
 ALARMS = ("failed", "warning")  # how notes begin that nobody should miss
 LISTED = 12  # moments that have a button
 HELP = "Drag or arrow keys: turn. Wheel, pinch, + and −: zoom. Shift and drag: move. 0: as at first. Space: play."
+LIVE = (
+    "Drawing, figures and plots here are of runs in this page, made twice, so that they have errors as those of the "
+    "command; plots and tables below are of the stored result."
+)
 THINNED = "Lines of many samples are thinned: the smallest and the largest of each of some hundred intervals are kept."
 
 
 @record
 class Shown:
-    """A result on a page: its label, and the plan of its scene, None where there is none."""
+    """A result on a page: its label, and, if it is shown, the plan of its scene and what runs of it in the page."""
 
     label: str
     result: Result
     plan: Mapping[str, Any] | None = None
+    live: Mapping[str, Any] | None = None
 
 
 def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
@@ -61,6 +66,7 @@ def section(place: int, shown: Shown, store: Store, alone: bool) -> Html:
     parts: list[Any] = [
         _head(shown, alone),
         _motion(result, store) if moving else None,
+        None if shown.live is None else _live(place, store.run(shown.live)),
         tables.main_figures(result),
         _plots(result, store, moving),
         element("h3", "Summary"),
@@ -113,6 +119,26 @@ def _motion(result: Result, store: Store) -> Html:
     content += [element("figcaption", words, element("span", f" {HELP}", class_="help"))]
     content += [tables.errors_of(result.summary, "q")]
     return element("figure", content, class_="motion", data_figure=store.add(data))
+
+
+def _live(place: int, number_of: int) -> Html:
+    """Return where the ``place``-th scene runs in the page; its script shows it, where there is WebAssembly."""
+    buttons = {"again": "as in the scene", "keep": "keep this run beside others", "copy": "copy as --set"}
+    content = [
+        element("h3", "Other values, run in this page"),
+        element("p", LIVE, class_="note"),
+        element("div", class_="keys"),
+        element(
+            "p", [element("button", words, type="button", class_=name) for name, words in buttons.items()]
+        ),
+        element("p", element("code", class_="settings")),
+        element("p", class_="refused alarm", role="status"),
+        element("table", element("tbody")),
+        element("div", class_="plots"),
+    ]
+    return element(
+        "figure", content, class_="live", id=f"live-{place}", data_live=str(number_of), hidden=True
+    )
 
 
 def _controls(data: Mapping[str, Any]) -> Html:
@@ -215,7 +241,8 @@ def _printed(figure: Figure, suffix: str, part: Bbox | None) -> bytes:
 
 
 # one after another they are the script of the page
-SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "charts.js", "page.js")
+SCRIPTS = ("strokes.js", "surfaces.js", "player.js", "charts.js")
+RUNNING = ("rules.js", "runner.js", "live.js")  # where scenes run in the page
 STYLE = "page.css"
 
 
@@ -245,9 +272,9 @@ def make_page(shown: Sequence[Shown]) -> str:
         ),
         element("main", sections),
         element("footer", f"Made by robodyn {__version__}. This page fetches nothing and sends nothing."),
-        json_block({"arrays": store.arrays.packed, "figures": store.figures}, "data"),
+        json_block({"arrays": store.arrays.packed, "figures": store.figures, **store.running}, "data"),
     ]
-    return _document(heading, markup(body))
+    return _document(heading, markup(body), bool(store.running))
 
 
 def _contents(shown: Sequence[Shown]) -> Html:
@@ -262,10 +289,13 @@ def _contents(shown: Sequence[Shown]) -> Html:
     return element("nav", element("ol", links), aria_label="Results")
 
 
-def _document(title: str, body: Html) -> str:
-    script, style = Html("\n".join(_asset(name) for name in SCRIPTS)), Html(_asset(STYLE))
+def _document(title: str, body: Html, runs: bool) -> str:
+    """Return the page; runs : whether scenes run in it, for which the policy lets WebAssembly be compiled."""
+    names = (*SCRIPTS, *(RUNNING if runs else ()), "page.js")
+    script, style = Html("\n".join(_asset(name) for name in names)), Html(_asset(STYLE))
+    wasm = " 'wasm-unsafe-eval'" if runs else ""
     policy = (
-        f"default-src 'none'; script-src {_digest(script)}; style-src {_digest(style)}; img-src data:; "
+        f"default-src 'none'; script-src {_digest(script)}{wasm}; style-src {_digest(style)}; img-src data:; "
         "base-uri 'none'; form-action 'none'"
     )
     head = [

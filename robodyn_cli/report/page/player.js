@@ -253,6 +253,17 @@ class Player {
     });
   }
 
+  /* Show another motion of the same things, at the time that is shown. */
+  replace(motion) {
+    const { time } = this.view;
+    Object.assign(this.view.drawing, motion);
+    this.view.changed();
+    const slider = this.find(".time");
+    if (slider) slider.max = this.times.length - 1;
+    if (!this.playing) this.showTime(time);
+    this.draw();
+  }
+
   // -- time -----------------------------------------------------------------------------------------------------
   show(pose) {
     this.view.show(Math.max(0, Math.min(pose, this.times.length - 1)));

@@ -1,0 +1,1 @@
+"""Simulations that run elsewhere: code, data and rules of one structure."""

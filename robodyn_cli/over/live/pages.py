@@ -1,0 +1,61 @@
+"""What a page gets of results whose scenes run in it."""
+
+from __future__ import annotations
+
+import base64
+import gzip
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from robodyn_cli.errors import CapabilityError, SceneError
+from robodyn_cli.over.live.structure import LiveStructure, motion_commands
+from robodyn_cli.over.many.keys import value_of
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.load import Family, load_scene_text
+
+Asked = tuple[str, str, str]  # a key, and the lowest and highest value of it as they are written
+
+
+def live_parts(results: Sequence[Result], asked: Sequence[Asked]) -> list[Mapping[str, Any] | None]:
+    """Return what a page runs of each result, None of those without any of the keys.
+
+    Raises
+    ------
+    CapabilityError : what cannot leave, by name. SceneError : no scene has a key, or none takes such values.
+    """
+    allowed = motion_commands()
+    parts: list[Mapping[str, Any] | None] = []
+    refused: dict[str, SceneError] = {}
+    served: set[str] = set()
+    for result in results:
+        ranges: dict[str, tuple[float, float]] = {}
+        if result.command in allowed:
+            family = Family.of(load_scene_text(result.scene_text))
+            for key, low, high in asked:
+                try:
+                    ranges[key] = _written(family, key, low), _written(family, key, high)
+                except SceneError as error:
+                    refused.setdefault(key, error)
+        served |= set(ranges)
+        parts.append(_part(LiveStructure(family, ranges)) if ranges else None)
+    for key, _, _ in asked:
+        if key not in served:
+            raise refused.get(key) or CapabilityError(
+                f"--live {key}: allowed: keys of scenes of {', '.join(allowed)}"
+            )
+    return parts
+
+
+def _written(family: Family, key: str, text: str) -> float:
+    """Return the value [SI] that a key has with what is written."""
+    value = value_of(family.with_values([f"{key}={text}"]), key)
+    if value is None:
+        raise CapabilityError(f"--live {key}: {text!r} is no number")
+    return value
+
+
+def _part(live: LiveStructure) -> dict[str, Any]:
+    """Return data and code of a structure."""
+    made = live.module()
+    text = base64.b64encode(gzip.compress(made.code, 9, mtime=0)).decode()
+    return {**live.data(), "code": {"imports": list(made.imports), "constants": made.constants, "text": text}}

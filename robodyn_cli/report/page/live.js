@@ -1,0 +1,203 @@
+/* A scene that runs in the page: sliders and fields for its keys; drawing, plots and figures of what they give. */
+
+const INKS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9"];
+const GROUPS = [["q", "positions", ""], ["v", "rates", "/s"]];
+
+async function unzipped(text) {
+  const bytes = Uint8Array.from(atob(text), (c) => c.charCodeAt(0));
+  const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+  return new Uint8Array(await new Response(stream).arrayBuffer());
+}
+
+/* A number with the digits that its error leaves, and the error. */
+function stated(x, error, unit) {
+  if (!(error > 0)) return `${text(x, 10)} ${unit}`;
+  const digits = Math.min(15, Math.max(0, 1 - Math.floor(Math.log10(error))));
+  return `${x.toFixed(digits)} ± ${text(error, 2)} ${unit}`;
+}
+
+const named = (tag, words, attributes = {}) => {
+  const item = Object.assign(document.createElement(tag), attributes);
+  item.textContent = words;
+  return item;
+};
+
+class Live {
+  /* box : where it stands on the page. player : of the drawing, null where there is none. */
+  constructor(box, data, runner, player) {
+    Object.assign(this, { box, data, runner, player, beside: null, waiting: false });
+    this.values = data.keys.map((key) => key.value);
+    this.stored = player && { ...player.view.drawing };
+    this.fields();
+    this.charts = GROUPS.map(([group, title, per]) => this.chart(group, title, per));
+    box.hidden = false;
+    this.update();
+  }
+  find(name) { return this.box.querySelector(name); }
+
+  // -- values of the keys ----------------------------------------------------------------------------
+  fields() {
+    this.rows = this.data.keys.map((key, k) => {
+      const id = `${this.box.id}-${k}`, label = named("label", key.name.replace(/^robot\./, ""), { htmlFor: id });
+      const range = { min: key.low, max: key.high, step: "any" };
+      const slider = Object.assign(document.createElement("input"), { type: "range", id, ...range });
+      const field = Object.assign(document.createElement("input"), { type: "number", ...range });
+      field.setAttribute("aria-label", `${key.name} [${key.unit || "1"}]`);
+      const take = (event) => this.take(k, Number(event.target.value));
+      slider.addEventListener("input", take);
+      // arrows go a hundredth of the range
+      slider.addEventListener("keydown", (event) => {
+        const steps = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1, PageDown: -10, PageUp: 10 }[event.key];
+        if (!steps) return;
+        event.preventDefault();
+        this.take(k, Math.min(key.high, Math.max(key.low, this.values[k] + steps * (key.high - key.low) / 100)));
+      });
+      field.addEventListener("change", take);
+      this.find(".keys").append(label, slider, field, named("span", key.unit || ""));
+      return { slider, field };
+    });
+    this.find(".again").addEventListener("click", () => this.set(this.data.keys.map((key) => key.value)));
+    this.find(".keep").addEventListener("click", () => {
+      this.beside = this.beside || !this.result ? null : this.result;
+      this.find(".keep").setAttribute("aria-pressed", String(Boolean(this.beside)));
+      if (this.result) this.plot();
+    });
+    this.find(".copy").addEventListener("click", () => this.copy());
+  }
+  take(k, value) {
+    this.values[k] = value;
+    this.update();
+  }
+  set(values) {
+    this.values = values;
+    this.update();
+  }
+  /* What the command is given for what is seen. */
+  get settings() {
+    return this.data.keys.map((key, k) => [key, this.values[k]]).filter(([key, x]) => x !== key.value).map(([key, x]) => `--set ${key.name}=${x}`).join(" ");
+  }
+  async copy() {
+    const words = this.settings, output = this.find(".settings");
+    output.textContent = words || "as in the scene";
+    try {
+      await navigator.clipboard.writeText(words);
+    } catch {
+      getSelection().selectAllChildren(output); // where the browser does not let a page copy
+    }
+  }
+
+  // -- what they give --------------------------------------------------------------------------------
+  update() {
+    this.rows.forEach(({ slider, field }, k) => {
+      slider.value = this.values[k];
+      slider.setAttribute("aria-valuetext", `${text(this.values[k], 6)} ${this.data.keys[k].unit || ""}`);
+      field.value = Number(this.values[k].toPrecision(12));
+    });
+    if (this.waiting) return;
+    this.waiting = true;
+    // once before the browser paints next, however fast the slider moves
+    requestAnimationFrame(() => {
+      this.waiting = false;
+      const begun = performance.now(), result = this.made();
+      if (result) {
+        this.result = result;
+        this.draw();
+        this.figures();
+        // plots take longer than all else: they follow the drawing
+        clearTimeout(this.later);
+        this.later = setTimeout(() => this.plot());
+      }
+      this.box.dataset.milliseconds = performance.now() - begun;
+      this.box.dataset.runs = Number(this.box.dataset.runs || 0) + 1;
+    });
+  }
+  made() {
+    const result = this.runner.run(this.values), refused = result.refused;
+    this.find(".refused").textContent = refused ? `This page leaves these values to the command: ${refused}.` : "";
+    this.box.classList.toggle("left", Boolean(refused));
+    return refused ? null : result;
+  }
+
+  figures() {
+    const { data, result } = this, rows = [];
+    const end = data.locks ? "at the lock" : "at the end";
+    if (data.locks) rows.push(["time of the lock", stated(result.time, result.time_error, "s")]);
+    for (const [group, , per] of GROUPS) {
+      data[group].names.forEach((name, k) => rows.push([`${group === "q" ? "" : "rate of "}${name} ${end}`,
+        stated(result[group][k], result[`${group}_error`][k], data[group].units[k] + (group === "v" && !data.v.units[k].includes("/s") ? per : ""))]));
+    }
+    rows.push(["steps of both integrations", `${result.steps} and ${result.second_steps}`]);
+    this.find("tbody").replaceChildren(...rows.map(([name, value]) => {
+      const row = document.createElement("tr");
+      row.append(named("th", name, { scope: "row" }), named("td", value));
+      return row;
+    }));
+  }
+
+  /* Put the run in the place of the stored one in the drawing; with the values of the scene the stored one stays. */
+  draw() {
+    if (!this.player || !this.data.outputs.picture) return;
+    const { data, result, runner, player, stored } = this, sizes = data.outputs.picture, moments = player.find(".moments");
+    const own = this.values.every((x, k) => x === data.keys[k].value);
+    if (moments) moments.hidden = !own; // those of the stored run
+    if (own) {
+      if (player.view.drawing.times !== stored.times) player.replace(stored);
+      return;
+    }
+    const count = result.times.length, places = runner.along("picture", result.columns);
+    for (const name in places) places[name].shape = [count, sizes[name] / 3, 3];
+    const names = data.points;
+    const path = (trail) => {
+      const k = names.indexOf(trail.name), points = new Float32Array(3 * count);
+      for (let n = 0; n < count; n++) points.set(places.points.subarray((n * names.length + k) * 3, (n * names.length + k + 1) * 3), 3 * n);
+      return { ...trail, times: Float64Array.from(result.times), points: Object.assign(points, { shape: [count, 1, 3] }) };
+    };
+    const lock = data.locks ? [[result.time, null]] : [];
+    player.replace({
+      times: Float64Array.from(result.times), vertices: places.vertices, axes: places.axes, arrows: [],
+      trails: stored.trails.filter((trail) => names.includes(trail.name)).map(path),
+      latches: stored.latches.map((latch) => ({ ...latch, closed: lock })),
+    });
+  }
+
+  // -- plots -----------------------------------------------------------------------------------------
+  chart(group, title, per) {
+    const figure = document.createElement("figure"), units = [...new Set(this.data[group].units)];
+    figure.className = "plot";
+    figure.append(named("h3", `Live: ${title}`), named("div", "", { className: "chart" }));
+    this.find(".plots").append(figure);
+    const legend = this.data[group].names.map((name, k) => ({ ...this.line(k), text: name, band: false }));
+    const panels = units.map((unit) => ({ title: null, label: `${title} [${unit}${group === "v" && !unit.includes("/s") ? per : ""}]`, unit, log: false, x: [0, 1], y: [0, 1], lines: [], bands: [], errors: [], notes: [] }));
+    return new Chart(figure, { name: `${title} of the run in this page`, legend, panels, group }, this.player);
+  }
+  line(k) { return { colour: INKS[k % INKS.length], width: 1.6, dashes: [], marker: null, fill: null, alpha: 1, spans: [false, false] }; }
+
+  plot() {
+    for (const chart of this.charts) {
+      const { group } = chart.data, own = this.data[group];
+      for (const panel of chart.data.panels) {
+        const members = own.names.map((_, k) => k).filter((k) => own.units[k] === panel.unit);
+        panel.lines = members.flatMap((k) => [
+          ...(this.beside ? [{ ...this.line(k), dashes: [4, 3], alpha: 0.6, x: this.beside.times, y: this.beside.columns[own.places[k]] }] : []),
+          { ...this.line(k), entry: k, x: this.result.times, y: this.result.columns[own.places[k]] },
+        ]);
+        const values = panel.lines.flatMap((line) => line.y), low = Math.min(...values), high = Math.max(...values);
+        const room = 0.05 * (high - low) || Math.max(1e-12, 0.05 * Math.abs(high));
+        panel.x = [0, Math.max(...panel.lines.map((line) => line.x[line.x.length - 1]))];
+        panel.y = [low - room, high + room];
+      }
+      if (chart.seen) chart.draw();
+    }
+  }
+}
+
+/* Let the scenes of the page run; without WebAssembly it stays as it is. */
+async function startLive(lives, players) {
+  if (!lives.length || typeof WebAssembly !== "object" || typeof DecompressionStream !== "function") return;
+  for (const box of document.querySelectorAll("[data-live]")) {
+    const data = lives[Number(box.dataset.live)];
+    const runner = await Runner.of(data, await unzipped(data.code.text));
+    box.live = new Live(box, data, runner, players.get(box.closest("[data-result]")) || null);
+  }
+  document.documentElement.dataset.running = "yes";
+}

@@ -1,0 +1,134 @@
+"""Scenes that run in a page, in a real browser: sliders, drawing, figures with errors, what is left to the command."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from robodyn_cli.over.live.pages import live_parts
+from robodyn_cli.report.page.page import Shown, make_page, write_page
+from robodyn_cli.results.result import Result
+from robodyn_cli.scene.load import load_scene
+from robodyn_cli.works.deploy.deploy import deploy
+from robodyn_cli.works.simulate import simulate
+from tests.browser.conftest import Opener
+from tests.mechanisms import CONFIGS
+
+MASS, ANGLE = ("robot.links.crank.mass", "5", "60"), ("initial.q.theta1", "0.5 deg", "17 deg")
+ADDED = 150_000  # bytes, at most, that running adds to the page
+SECONDS = 0.05  # from slider to picture; 5 ms on a machine that does nothing else
+
+
+@pytest.fixture(scope="module")
+def four_bar() -> Result:
+    return deploy(load_scene(CONFIGS / "four_bar_deploy.yaml"))
+
+
+@pytest.fixture(scope="module")
+def live_page(four_bar: Result, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    target = tmp_path_factory.mktemp("live") / "four_bar.html"
+    write_page([Shown("deploy", four_bar, live=live_parts([four_bar], [MASS, ANGLE])[0])], target)
+    return target
+
+
+def running(opened: Opener, file: Path, **options: Any) -> Any:
+    page = opened(file, **options)
+    page.locator("html[data-running]").wait_for(state="attached", timeout=20_000)
+    page.locator(".live[data-runs='1']").wait_for()
+    return page
+
+
+def figures(page: Any) -> dict[str, str]:
+    rows = page.locator(".live tbody tr").all()
+    return {row.locator("th").inner_text(): row.locator("td").inner_text() for row in rows}
+
+
+def number_of(text: str) -> float:
+    return float(re.match(r"-?[\d.]+", text).group())  # type: ignore[union-attr]
+
+
+def slide(page: Any, k: int, value: float) -> None:
+    before = int(page.locator(".live").get_attribute("data-runs"))
+    page.locator(".live input[type=range]").nth(k).evaluate(
+        "(slider, x) => { slider.value = x; slider.dispatchEvent(new Event('input')); }", value
+    )
+    page.locator(f".live[data-runs='{before + 1}']").wait_for()
+
+
+def test_a_slider_runs_the_scene_at_once(live_page: Path, four_bar: Result, opened: Opener) -> None:
+    page = running(opened, live_page)
+    lock = four_bar.summary["lock"]["time"]
+    told = figures(page)["time of the lock"]
+    assert abs(number_of(told) - lock) < 1e-11 and "± " in told and told.endswith(" s")
+    poses = page.locator(".scene").evaluate("svg => svg.closest('figure').querySelector('.time').max")
+    slide(page, 0, 40.0)
+    assert number_of(figures(page)["time of the lock"]) > lock + 2.0
+    assert page.locator(".live .settings").inner_text() == ""
+    page.locator(".live .copy").click()
+    assert page.locator(".live .settings").inner_text() == "--set robot.links.crank.mass=40"
+    assert float(page.locator(".live").get_attribute("data-milliseconds")) < 1e3 * SECONDS
+    clock = page.locator(".clock")
+    page.locator(".time").evaluate("s => { s.value = s.max; s.dispatchEvent(new Event('input')); }")
+    assert number_of(clock.inner_text().removeprefix("t = ")) > lock + 2.0, "the drawing shows this run"
+    page.locator(".live .again").click()
+    page.locator(".live[data-runs='3']").wait_for()
+    assert number_of(figures(page)["time of the lock"]) == pytest.approx(lock, abs=1e-11)
+    assert page.locator(".time").get_attribute("max") == poses, "the stored drawing is back"
+
+
+def test_keys_and_a_second_run_beside(live_page: Path, opened: Opener) -> None:
+    page = running(opened, live_page)
+    first = figures(page)["time of the lock"]
+    page.locator(".live .keep").click()
+    assert page.locator(".live .keep").get_attribute("aria-pressed") == "true"
+    page.locator(".live input[type=range]").first.focus()
+    page.keyboard.press("ArrowRight")
+    page.locator(".live[data-runs='2']").wait_for()
+    assert figures(page)["time of the lock"] != first
+    page.locator(".live .plots").scroll_into_view_if_needed()
+    page.locator(".live .plots path[stroke-dasharray^='5 3']").first.wait_for(state="attached")
+
+
+def test_values_that_a_page_leaves_to_the_command_are_told(live_page: Path, opened: Opener) -> None:
+    page = running(opened, live_page)
+    field = page.locator(".live input[type=number]").first
+    field.fill("500")
+    field.press("Enter")
+    page.locator(".live.left").wait_for()
+    told = page.locator(".live .refused").inner_text()
+    assert (
+        told
+        == "This page leaves these values to the command: a value is outside its range (robot.links.crank.mass)."
+    )
+
+
+def test_without_webassembly_the_page_is_as_it_was(live_page: Path, chromium: Any) -> None:
+    context = chromium.new_context(offline=True)
+    context.add_init_script("delete globalThis.WebAssembly")
+    page = context.new_page()
+    page.goto(live_page.as_uri())
+    page.locator("html[data-ready]").wait_for(state="attached")
+    assert page.locator(".live").is_hidden() and page.locator(".scene[data-pose]").count() == 1
+    context.close()
+
+
+def test_several_results_each_run_by_themselves(four_bar: Result, tmp_path: Path, opened: Opener) -> None:
+    other = simulate(load_scene(CONFIGS / "double_pendulum.yaml"))
+    parts = live_parts([four_bar, other], [MASS, ("robot.links.link1.mass", "5", "25")])
+    target = tmp_path / "both.html"
+    write_page([Shown("one", four_bar, live=parts[0]), Shown("two", other, live=parts[1])], target)
+    page = opened(target)
+    page.locator("html[data-running]").wait_for(state="attached", timeout=20_000)
+    page.locator("#live-2[data-runs='1']").wait_for()
+    end = page.locator("#live-2 tbody tr").first.inner_text()
+    assert abs(number_of(end.split("\t")[1]) - float(other["q"][-1, 0])) < 1e-9
+
+
+def test_what_running_adds_to_a_page(four_bar: Result) -> None:
+    plain = make_page([Shown("deploy", four_bar)])
+    live = make_page([Shown("deploy", four_bar, live=live_parts([four_bar], [MASS, ANGLE])[0])])
+    assert "wasm-unsafe-eval" in live and "wasm-unsafe-eval" not in plain and "Runner" not in plain
+    assert len(live.encode()) - len(plain.encode()) < ADDED

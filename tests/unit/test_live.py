@@ -1,0 +1,208 @@
+"""Structures that run in a page, under node: rules that are recorded, runs beside those of the program, what is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from robodyn_cli.errors import RobodynError
+from robodyn_cli.over.live.judging import Judging
+from robodyn_cli.over.live.rules import Tape, plain
+from robodyn_cli.over.live.structure import LiveStructure
+from robodyn_cli.scene.load import Family
+from tests.live import Ranges, disagreements, in_node, live_data, random_rows, run_live, run_many
+from tests.mechanisms import CONFIGS
+from tests.node import needs_node
+
+RNG = np.random.default_rng(11)
+JUDGE = "return data.rules.map(({ rule, inputs }) => judged(rule, inputs));"
+
+
+def family_of(scene: str, overrides: Sequence[str] = ()) -> Family:
+    return Family(CONFIGS / scene, list(overrides))
+
+
+def judged_in_node(
+    rules: Sequence[tuple[Any, Mapping[str, Any]]], folder: Path
+) -> list[dict[str, np.ndarray]]:
+    """Return the outputs of rules for inputs, worked off by the page's script."""
+    data = [
+        {"rule": rule, "inputs": {k: plain(np.ravel(x)) for k, x in inputs.items()}} for rule, inputs in rules
+    ]
+    script = "for (const r of data.rules) for (const k in r.inputs) r.inputs[k] = Float64Array.from(r.inputs[k], Number);\n"
+    made = in_node({"rules": data}, script + JUDGE.replace("judged(rule, inputs)", PLAIN), folder)
+    return [{k: np.array([float(v) for v in x]) for k, x in one.items()} for one in made]
+
+
+PLAIN = "Object.fromEntries(Object.entries(judged(rule, inputs)).map(([k, x]) => [k, Array.from(x, String)]))"
+
+
+# -- rules ----------------------------------------------------------------------------------------------
+def operations(x: Any, A: Any, wide: Any) -> dict[str, Any]:
+    """Return what rules may do, of vectors (3, 4) and matrices (2, 3, 3), (2, 2, 4)."""
+    changed = x.copy()
+    changed[:, [0, 2]] = np.maximum(x[:, [0, 2]], 0.1)
+    changed[1] = 7.0
+    square = A @ np.swapaxes(A, 1, 2) + 3.0 * np.eye(3)
+    sigma, vectors = np.linalg.svd(wide, full_matrices=False)[1:]
+    place = (sigma > 0.0).sum(axis=1)[:, None] - 1
+    return {
+        "changed": changed, "rows": np.concatenate([x[:, None], changed[:, None]], axis=1)[:, ::-1, 1:],
+        "sums": x.sum(axis=0) + x.max(axis=(0, 1), initial=0.0) - x.min(axis=1)[:, None],
+        "told": (x > 0.0) & ~(x > 0.5) | np.isnan(x), "all": (x < 9.0).all(axis=1), "any": (x < -1.0).any(axis=0),
+        "chosen": np.where(np.isfinite(x), np.sqrt(np.abs(x)) ** 1.5, -x), "rounded": np.rint(4.0 * x), "sign": np.sign(x),
+        "solved": np.linalg.solve(square, A), "det": np.linalg.det(A), "sorted": np.sort(x, axis=1),
+        "inverse": np.linalg.pinv(wide, rcond=1e-12) @ wide, "sigma": sigma, "logarithm": np.log(np.exp(x) + 1.0),
+        "least": np.take_along_axis(sigma, place, axis=1)[:, 0],
+        "along": np.abs(np.take_along_axis(vectors, place[:, :, None], axis=1)[:, 0]),
+    }  # fmt: skip
+
+
+@needs_node
+def test_all_operations_come_out_as_those_of_numpy(tmp_path: Path) -> None:
+    inputs = {
+        "x": RNG.normal(size=(3, 4)),
+        "A": RNG.normal(size=(2, 3, 3)),
+        "wide": RNG.normal(size=(2, 2, 4)),
+    }
+    inputs["x"][0, 1], inputs["x"][0, 2] = 0.625, -0.125  # halves, when they are rounded
+    tape = Tape()
+    recorded = operations(*(tape.input(name, RNG.normal(size=x.shape)) for name, x in inputs.items()))
+    rule = {"code": tape.code, "outputs": {k: x.place for k, x in recorded.items()}}
+    (got,) = judged_in_node([(rule, inputs)], tmp_path)
+    for name, expected in operations(*inputs.values()).items():
+        np.testing.assert_allclose(got[name], np.ravel(expected), rtol=1e-12, atol=1e-12, err_msg=name)
+
+
+def test_a_rule_may_not_branch_on_values() -> None:
+    x = Tape().input("x", np.ones(3))
+    with pytest.raises(TypeError, match="branches on values"):
+        bool(x.max() > 0.0)
+    assert (x > 0.0).any() and not (x > 0.0).all()  # no short cut is taken
+
+
+@needs_node
+@pytest.mark.parametrize("scene", ["double_pendulum.yaml", "four_bar_deploy.yaml"])
+def test_recorded_rules_say_what_python_says(scene: str, tmp_path: Path) -> None:
+    """Along the run of the scene itself, with the numbers of which they were recorded."""
+    key = "initial.q.theta1"
+    value = {"double_pendulum.yaml": (-2.0, 2.0), "four_bar_deploy.yaml": (0.008, 0.1)}[scene]
+    judging = Judging(LiveStructure(family_of(scene), {key: value}), 60)
+    rules = judging.data()["rules"]
+    assert len(rules) >= 8
+    got = judged_in_node([(rules[name], judging.examples[name][0]) for name in rules], tmp_path)
+    for (name, (_, outputs)), own in zip(judging.examples.items(), got):
+        for output, expected in outputs.items():
+            known = np.ravel(expected).astype(float)
+            if name == "beside":  # along a line: both ways are as good
+                known, own[output] = np.abs(known), np.abs(own[output])
+            scale = np.max(np.abs(known[np.isfinite(known)]), initial=1e-300)
+            np.testing.assert_allclose(
+                own[output], known, rtol=1e-9, atol=1e-12 * scale, err_msg=f"{name} {output}"
+            )
+
+
+# -- runs -----------------------------------------------------------------------------------------------
+MASSES = {"robot.links.link1.mass": (8.0, 17.0), "robot.links.link2.mass": (9.0, 15.0)}
+CASES: dict[str, tuple[str, Sequence[str], Ranges, int]] = {
+    # scene, settings, ranges, how many settings may be left to the command
+    "masses and starts": ("double_pendulum.yaml", (), {**MASSES, "initial.q.theta2": (-2.0, 2.0), "initial.qd.theta1": (-2.0, 2.0)}, 0),
+    "lengths": ("double_pendulum.yaml", (), {"robot.joints.theta1.a": (0.7, 1.4)}, 0),
+    "explicit, torque": ("double_pendulum.yaml", ("simulate.integrator=dop853", "torques.theta1=2*sin(3*t)", "simulate.rtol=1e-8"), MASSES, 0),
+    "may be stiff": ("double_pendulum.yaml", ("robot.joints.theta1.damper.damping=0.5",), {"robot.joints.theta1.damper.damping": (0.1, 300.0)}, 18),
+    "friction": ("double_pendulum.yaml", ("robot.joints.theta2.friction.coulomb=0.5", "robot.joints.theta2.friction.transition_speed=0.05"),
+                 {"robot.joints.theta2.friction.coulomb": (0.1, 1.0)}, 0),
+    "rest at first": ("double_pendulum.yaml", ("initial.q.theta2=0.3",), {"initial.q.theta1": (-1.5707963267948966, -1.0)}, 0),
+    "lock": ("four_bar_deploy.yaml", (), {"robot.links.crank.mass": (10.0, 40.0), "robot.links.coupler.mass": (4.0, 16.0)}, 0),
+    "lock from elsewhere": ("four_bar_deploy.yaml", (), {"initial.q.theta1": (0.008, 0.3)}, 0),
+    "lock of other lengths": ("four_bar_deploy.yaml", (), {"robot.joints.theta1.a": (1.2, 1.28), "initial.q.theta1": (0.008, 0.3)}, 5),
+    "loop in space": ("benchmarks/spatial_slider_crank.yaml", (), {"robot.links.slider.mass": (1.0, 3.0)}, 0),
+    "loop with a rate": ("benchmarks/rbd_four_bar.yaml", (), {"robot.links.link1.mass": (0.4, 2.0)}, 0),
+    "body in space": ("tumbling_body.yaml", ("simulate.duration=4",), {"robot.links.handle.inertia.yy": (0.0045, 0.0055)}, 0),
+}  # fmt: skip
+
+
+@needs_node
+@pytest.mark.parametrize("name", CASES)
+def test_a_page_gives_what_the_program_gives(name: str, tmp_path: Path) -> None:
+    """Within both stated errors and 1e-12 of the size; and never an answer where the program has none."""
+    scene, overrides, ranges, most_left = CASES[name]
+    family = family_of(scene, overrides)
+    live = LiveStructure(family, ranges)
+    rows = np.vstack([live.row, random_rows(ranges, 19, 5)])
+    pages = run_live(live, rows, tmp_path)
+    wrong, refused = disagreements(pages, run_many(family, ranges, rows))
+    assert not wrong, "\n".join(wrong)
+    assert refused <= most_left, [page.get("refused") for page in pages]
+
+
+@needs_node
+def test_samples_of_a_page_are_those_of_the_program(tmp_path: Path) -> None:
+    family = family_of("double_pendulum.yaml", ["simulate.samples=101"])
+    live = LiveStructure(family, MASSES)
+    (page,) = run_live(live, live.row[None], tmp_path)
+    runs = run_many(family, MASSES, live.row[None], samples=101)
+    np.testing.assert_allclose(page["times"], runs.samples["time"][0], rtol=1e-14)
+    np.testing.assert_allclose(np.array(page["columns"][:2]).T, runs.samples["q"][0], atol=1e-9)
+
+
+@needs_node
+def test_settings_that_a_page_cannot_vouch_for_are_refused_with_their_reason(tmp_path: Path) -> None:
+    """A centre of mass that is put back onto its joint cancels: other equations, noticed by compiled comparisons."""
+    overrides = ["robot.links.link2.com=[-0.583, 0, 0]", "robot.links.link2.com_frame=link"]
+    ranges = {"robot.joints.theta2.a": (0.5, 1.2), "initial.q.theta1": (-3.0, 3.0)}
+    live = LiveStructure(family_of("double_pendulum.yaml", overrides), ranges)
+    rows = np.array([[0.583, 1.0], [0.9, 1.0], [0.9, 4.0], [0.4, 1.0]])
+    reasons = [page.get("reason") for page in run_live(live, rows, tmp_path)]
+    assert reasons == ["structure", None, "range", "range"]
+
+
+@needs_node
+def test_a_motion_without_a_lock_is_no_answer(tmp_path: Path) -> None:
+    family = family_of("four_bar_deploy.yaml", ["simulate.duration=11"])
+    live_one = family_of("four_bar_deploy.yaml", ["simulate.duration=13"])
+    ranges = {"robot.links.crank.mass": (10.0, 40.0)}
+    with pytest.raises(RobodynError, match="its own run is left to the command"):
+        LiveStructure(family, ranges).data()
+    live = LiveStructure(live_one, ranges)
+    page, other = run_live(live, np.array([[40.0], [11.0]]), tmp_path)
+    assert page["reason"] == "no lock" and 10.0 < other["time"] < 12.3
+
+
+# -- what cannot leave ----------------------------------------------------------------------------------
+REFUSED: dict[str, tuple[str, Sequence[str], Ranges, str]] = {
+    "another command": ("seven_joint_arm.yaml", (), {}, "does not run in a page; allowed: simulate, deploy"),
+    "contacts": ("bouncing_pendulum.yaml", (), {}, "contact states begin and change in Python"),
+    "controllers": ("cart_pole_lqr.yaml", (), {}, "a controller acts"),
+    "given motions": ("four_bar_prescribed.yaml", (), {}, "a motion is prescribed"),
+    "partitions": ("benchmarks/bennett.yaml", (), {}, "independent coordinates or rows are chosen"),
+    "structure": ("double_pendulum.yaml", (), {"robot.joints.theta1.alpha": (-1.0, 1.0)}, "alpha is 0 in this scene, where the equations"),
+    "options": ("double_pendulum.yaml", (), {"simulate.duration": (5.0, 20.0)}, "simulate.duration is an option of the run"),
+    "ends of ranges": ("double_pendulum.yaml", (), {"robot.links.link1.mass": (0.0, 20.0)}, "those at robot.links.link1.mass=0 are others"),
+    "not allowed": ("double_pendulum.yaml", (), {"robot.links.link1.mass": (-1.0, 20.0)}, r"allowed: a number >= 0 \[kg\]"),
+    "turned ends": ("double_pendulum.yaml", (), {"robot.links.link1.mass": (20.0, 5.0)}, "allowed: LOW:HIGH with LOW below HIGH"),
+    "without the scene": ("double_pendulum.yaml", (), {"robot.links.link1.mass": (1.0, 2.0)}, "its value in the scene, 12.456, has to lie within"),
+    "no such key": ("double_pendulum.yaml", (), {"robot.links.link1.weight": (1.0, 2.0)}, "unknown key 'weight'"),
+    "no errors": ("double_pendulum.yaml", ("simulate.error_estimate=false",), {}, "no errors are estimated"),
+    "goes on": ("mechanisms/four_bar_locked.yaml", (), {}, "goes on as the locked structure"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_cannot_leave_is_refused_by_name(name: str) -> None:
+    scene, overrides, ranges, words = REFUSED[name]
+    with pytest.raises(RobodynError, match=words):
+        LiveStructure(family_of(scene, overrides), ranges).data()
+
+
+def test_code_that_needs_what_browsers_do_not_have_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    from robodyn_cli.over.live import structure
+
+    monkeypatch.setattr(structure, "LIBRARY", frozenset())
+    live = LiveStructure(family_of("double_pendulum.yaml", ["torques.theta1=exp(-t)*sinh(theta1)"]), MASSES)
+    with pytest.raises(RobodynError, match="browsers have no function exp, sinh"):
+        live_data(live)
