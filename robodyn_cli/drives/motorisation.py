@@ -13,7 +13,7 @@ an entry of ``drives`` is driven with what motors and gears can give at its rate
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -27,6 +27,7 @@ from robodyn_cli.equations.torque_terms import Exerted, exerted
 from robodyn_cli.errors import CapabilityError, SceneError, unknown_data
 from robodyn_cli.model.model import MOTION_GROUPS, unknown_among
 from robodyn_cli.model.parts import trains
+from robodyn_cli.motors.drive import Train
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
@@ -147,6 +148,21 @@ class RatioSides:
         return free
 
 
+class Acting:
+    """What acts on the joints (see ``acting``), and Psi of the loops, as functions of samples."""
+
+    def __init__(self, problem: Problem, inertia: bool | None, samples: int) -> None:
+        self.problem, self.inertia, self.every = problem, inertia, acting(problem, inertia)
+        self.trains = trains(problem.scene)
+        held = problem.constraints.prescribed
+        rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
+        outputs = {name: one.torque for name, one in self.every.items() if name not in (CONTROL, DRIVES)}
+        self.rows = len(rows)
+        self.function = SampleFunction(
+            {**outputs, "psi": [x for row in rows for x in row]}, MOTION_GROUPS, samples
+        )
+
+
 @record
 class JointMargins:
     """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion.
@@ -159,26 +175,26 @@ class JointMargins:
     driven: tuple[int, ...]
     resisting: tuple[str, ...]
     sides: dict[str, RatioSides]
+    trains: Mapping[str, Train]
     follows: bool
 
     @staticmethod
     def of(problem: Problem, moved: Moved, inertia: bool | None) -> JointMargins:
         """Return those of a motion; inertia : whether its own counts, None where only poses do."""
-        every = acting(problem, inertia)
-        held = problem.constraints.prescribed
-        rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
-        outputs = {name: one.torque for name, one in every.items() if name not in (CONTROL, DRIVES)}
+        return JointMargins.along(Acting(problem, inertia, len(moved.times)), moved)
+
+    @staticmethod
+    def along(acts: Acting, moved: Moved) -> JointMargins:
+        """Return those of a motion, with what acts in it."""
+        problem, inertia, every, function = acts.problem, acts.inertia, acts.every, acts.function
         times, nv = moved.times, problem.model.nv
-        function = SampleFunction(
-            {**outputs, "psi": [x for row in rows for x in row]}, MOTION_GROUPS, len(times)
-        )
         v = directed(moved.qd)
 
         def call(v: Array, a: Array) -> dict[str, Array]:
             return function(t=times[:, None], q=moved.q, v=v, a=a, p=np.zeros((len(times), 0)))
 
         arrays = call(SLOW * v, 0.0 * moved.qdd)
-        psi = arrays["psi"].reshape(len(times), len(rows), nv)
+        psi = arrays["psi"].reshape(len(times), acts.rows, nv)
         independent, driven = driven_joints(problem, every, psi[len(psi) // 2])
         R = following(psi, independent)
         if R is None:
@@ -192,7 +208,7 @@ class JointMargins:
                 beside = moved.tau - sum((arrays[name] for name in names), np.zeros_like(moved.tau))
                 arrays[CONTROL] = np.array(every[CONTROL].torque, dtype=float) * beside
             if DRIVES in every:
-                arrays[DRIVES] = _given_by_drives(problem, v)
+                arrays[DRIVES] = _given_by_drives(problem, acts.trains, v)
             torques = np.stack([arrays[name] for name in every], axis=2)
             return _sides(problem, list(every.values()), R, torques, v[:, list(driven)])
 
@@ -201,7 +217,7 @@ class JointMargins:
         if inertia is not None:
             kinds["dynamic"] = sides(v, moved.qdd)
         resisting = tuple(name for name, one in every.items() if one.role != DRIVE)
-        return JointMargins(problem, moved, driven, resisting, kinds, follows=inertia is False)
+        return JointMargins(problem, moved, driven, resisting, kinds, acts.trains, follows=inertia is False)
 
     def figures(self) -> dict[str, MotorisationFigures]:
         """Return the figures by joint."""
@@ -229,7 +245,7 @@ class JointMargins:
         for v, a in zip(rates.T, self.moved.qdd.T):
             breaks = breaks_of_joint(times, v, a, breaks)
         found = {"static": breaks}
-        for name, train in trains(self.problem.scene).items():
+        for name, train in self.trains.items():
             v, a = (x[:, names.index(name)] for x in (rates, self.moved.qdd))
             for corner in train.corners:
                 breaks = breaks_of_joint(times, np.abs(v) - corner, np.sign(v) * a, breaks)
@@ -318,10 +334,10 @@ class JointMargins:
             result.add(f"motorisation/{kind}_resistance", sides.resistance, **columns.described())
 
 
-def _given_by_drives(problem: Problem, v: Array) -> Array:
+def _given_by_drives(problem: Problem, drives: Mapping[str, Train], v: Array) -> Array:
     """Return the torques (T, nv) that motors and gears can give joints with rates (T, nv), in the way they go."""
     torques, names = np.zeros_like(v), problem.model.v_names
-    for name, train in trains(problem.scene).items():
+    for name, train in drives.items():
         k = names.index(name)
         torques[:, k] = np.sign(v[:, k]) * train.available(v[:, k])
     return torques

@@ -19,7 +19,7 @@ from robodyn_cli.motion.build import build_motion
 from robodyn_cli.motion.error import First, Masks, remainder, time_errors
 from robodyn_cli.motion.motion import Motion
 from robodyn_cli.motion.self_check import tolerances
-from robodyn_cli.over.many.command import AskedRuns, BatchCommand, ManyRuns, Rows, number_of
+from robodyn_cli.over.many.command import STATUS, AskedRuns, BatchCommand, ManyRuns, Rows, number_of
 from robodyn_cli.over.many.course import LARGEST, CourseEnds, integrate, is_between, with_between
 from robodyn_cli.over.many.groups import first_of
 from robodyn_cli.over.many.integrate import (
@@ -274,6 +274,7 @@ class Deploy(MotionCommand):
 
     name = "deploy"
     words = WORDS
+    missed: Mapping[str, Any] = {STATUS: "no_lock"}
     slow = SLOW
 
     def build(self, scene: Scene) -> Motion:

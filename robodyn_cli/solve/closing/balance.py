@@ -172,7 +172,9 @@ def balances(rest: ManyAtRest, q: Array, most: int = ITERATIONS) -> list[Balance
         length = np.abs(here.along(step) / scale).max(axis=1)
         done = going & ((length < BALANCED) | ~here.free.any(axis=1))
         converged, going = converged | done, going & ~done
-        step, there, went = _stepped(rest, here, step * np.minimum(1.0, bound / length)[:, None], going)
+        step, there, went = _stepped(
+            rest, here, step * np.minimum(1.0, bound / np.maximum(length, 1e-300))[:, None], going
+        )
         bound = np.minimum(MOST_STEP, 2.0 * np.abs(here.along(step) / scale).max(axis=1))
         going = went & np.isfinite(there.free).all(axis=1)
         before, after = (np.abs(x.free).max(axis=1) for x in (here, there))

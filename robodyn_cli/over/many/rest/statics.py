@@ -231,6 +231,7 @@ class StaticsRuns(BatchCommand[StaticsStructure]):
         "equilibrium.multipliers": "unique",
     }
     slow = SLOW
+    judges = True  # they bear nothing at rest
 
     def structure(self, family: Family, keys: Sequence[Key], row: Array) -> StaticsStructure:
         return StaticsStructure(family, keys, row)
