@@ -13,21 +13,20 @@ an entry of ``drives`` is driven with what motors and gears can give at its rate
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from robodyn_cli.commands import COMMANDS
-from robodyn_cli.drives.report import UNDERSIZED, Moved, following
+from robodyn_cli.drives.report import UNDERSIZED, Moved, following, given_by_drives
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
 from robodyn_cli.equations.torque_terms import Exerted, exerted
 from robodyn_cli.errors import CapabilityError, SceneError, unknown_data
 from robodyn_cli.model.model import MOTION_GROUPS, unknown_among
 from robodyn_cli.model.parts import trains
-from robodyn_cli.motors.drive import Train
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.units import JointColumns, joint_columns
 from robodyn_cli.record import record
@@ -148,43 +147,40 @@ class RatioSides:
         return free
 
 
-class Acting:
-    """What acts on the joints (see ``acting``), and Psi of the loops, as functions of samples."""
+class ActingTorques:
+    """What acts on the joints (see ``acting``), and Psi of the loops, as functions of samples.
+
+    follows : whether the motion follows from the torques, and has accelerations that jump with them.
+    """
 
     def __init__(self, problem: Problem, inertia: bool | None, samples: int) -> None:
         self.problem, self.inertia, self.every = problem, inertia, acting(problem, inertia)
-        self.trains = trains(problem.scene)
+        self.trains, self.follows = trains(problem.scene), inertia is False
         held = problem.constraints.prescribed
         rows = [row.psi for k, row in enumerate(problem.constraints.rows) if k not in held]
         outputs = {name: one.torque for name, one in self.every.items() if name not in (CONTROL, DRIVES)}
-        self.rows = len(rows)
-        self.function = SampleFunction(
-            {**outputs, "psi": [x for row in rows for x in row]}, MOTION_GROUPS, samples
-        )
+        outputs["psi"], self.rows = [x for row in rows for x in row], len(rows)
+        self.function = SampleFunction(outputs, MOTION_GROUPS, samples)
 
 
 @record
 class JointMargins:
-    """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion.
-
-    follows : whether the motion follows from the torques, and has accelerations that jump with them.
-    """
+    """The sides of the ratios of driven joints, by place among the velocities, in poses and along a motion."""
 
     problem: Problem
     moved: Moved
     driven: tuple[int, ...]
     resisting: tuple[str, ...]
     sides: dict[str, RatioSides]
-    trains: Mapping[str, Train]
-    follows: bool
+    acts: ActingTorques
 
     @staticmethod
     def of(problem: Problem, moved: Moved, inertia: bool | None) -> JointMargins:
         """Return those of a motion; inertia : whether its own counts, None where only poses do."""
-        return JointMargins.along(Acting(problem, inertia, len(moved.times)), moved)
+        return JointMargins.along(ActingTorques(problem, inertia, len(moved.times)), moved)
 
     @staticmethod
-    def along(acts: Acting, moved: Moved) -> JointMargins:
+    def along(acts: ActingTorques, moved: Moved) -> JointMargins:
         """Return those of a motion, with what acts in it."""
         problem, inertia, every, function = acts.problem, acts.inertia, acts.every, acts.function
         times, nv = moved.times, problem.model.nv
@@ -208,7 +204,7 @@ class JointMargins:
                 beside = moved.tau - sum((arrays[name] for name in names), np.zeros_like(moved.tau))
                 arrays[CONTROL] = np.array(every[CONTROL].torque, dtype=float) * beside
             if DRIVES in every:
-                arrays[DRIVES] = _given_by_drives(problem, acts.trains, v)
+                arrays[DRIVES] = given_by_drives(problem, acts.trains, v)
             torques = np.stack([arrays[name] for name in every], axis=2)
             return _sides(problem, list(every.values()), R, torques, v[:, list(driven)])
 
@@ -217,7 +213,7 @@ class JointMargins:
         if inertia is not None:
             kinds["dynamic"] = sides(v, moved.qdd)
         resisting = tuple(name for name, one in every.items() if one.role != DRIVE)
-        return JointMargins(problem, moved, driven, resisting, kinds, acts.trains, follows=inertia is False)
+        return JointMargins(problem, moved, driven, resisting, kinds, acts)
 
     def figures(self) -> dict[str, MotorisationFigures]:
         """Return the figures by joint."""
@@ -245,7 +241,7 @@ class JointMargins:
         for v, a in zip(rates.T, self.moved.qdd.T):
             breaks = breaks_of_joint(times, v, a, breaks)
         found = {"static": breaks}
-        for name, train in self.trains.items():
+        for name, train in self.acts.trains.items():
             v, a = (x[:, names.index(name)] for x in (rates, self.moved.qdd))
             for corner in train.corners:
                 breaks = breaks_of_joint(times, np.abs(v) - corner, np.sign(v) * a, breaks)
@@ -259,7 +255,7 @@ class JointMargins:
         value, error, time, time_error = (
             float(x[0]) for x in (least.value, least.error, least.time, least.time_error)
         )
-        if self.follows and moved.times[-1] > moved.times[0]:
+        if self.acts.follows and moved.times[-1] > moved.times[0]:
             late, beside = self._turn_error(time), [self._interval(time, k) for k in (-1, 1)]
             error += late * float(np.abs(np.diff(slope)[beside] / np.diff(moved.times)[beside]).max())
             time_error += late
@@ -332,15 +328,6 @@ class JointMargins:
         for kind, sides in self.sides.items():
             result.add(f"motorisation/{kind}_available", sides.available, **columns.described())
             result.add(f"motorisation/{kind}_resistance", sides.resistance, **columns.described())
-
-
-def _given_by_drives(problem: Problem, drives: Mapping[str, Train], v: Array) -> Array:
-    """Return the torques (T, nv) that motors and gears can give joints with rates (T, nv), in the way they go."""
-    torques, names = np.zeros_like(v), problem.model.v_names
-    for name, train in drives.items():
-        k = names.index(name)
-        torques[:, k] = np.sign(v[:, k]) * train.available(v[:, k])
-    return torques
 
 
 def _sides(problem: Problem, every: Sequence[Exerted], R: Array, torques: Array, v: Array) -> RatioSides:

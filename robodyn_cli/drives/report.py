@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from robodyn_cli.equations.torque_terms import torque_terms
 from robodyn_cli.expr.graph import Scalar, free_symbols
 from robodyn_cli.model.model import MOTION_GROUPS, PARAMETER_GROUP, UNKNOWN_GROUP
 from robodyn_cli.model.parts import trains
+from robodyn_cli.motors.drive import Train
 from robodyn_cli.observe.evaluation import SampleFunction
 from robodyn_cli.observe.recorder import Recorder
 from robodyn_cli.observe.units import JointColumns, joint_columns
@@ -225,3 +226,12 @@ def following(psi: Array, driven: Sequence[int]) -> Array | None:
     follow = -np.linalg.pinv(psi[:, :, others]) @ psi[:, :, driven]
     R[np.ix_(range(samples), others, driven)] = follow
     return R
+
+
+def given_by_drives(problem: Problem, drives: Mapping[str, Train], v: Array) -> Array:
+    """Return the torques (T, nv) that motors and gears can give joints with rates (T, nv), in the way they go."""
+    torques, names = np.zeros_like(v), problem.model.v_names
+    for name, train in drives.items():
+        k = names.index(name)
+        torques[:, k] = np.sign(v[:, k]) * train.available(v[:, k])
+    return torques

@@ -46,7 +46,7 @@ class Starts:
     def states(self, structure: Structure) -> Array:
         """Return the integrator's states (N, nx)."""
         system = structure.motion.system
-        x = np.zeros((len(self.q), system.size))
+        x = np.tile(structure.motion.start, (len(self.q), 1))  # states of a controller among them
         x[:, list(system.q_places)], x[:, list(system.v_places)] = self.q, self.v
         return x
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robodyn_cli.drives.motorisation import Acting, JointMargins
+from robodyn_cli.drives.motorisation import ActingTorques, JointMargins
 from robodyn_cli.drives.report import Drives, Moved, StandingStill
 from robodyn_cli.equations.gears import geared
 from robodyn_cli.equations.problem import Problem
@@ -67,7 +67,7 @@ class InverseStructure(Built):
             self.reactions = None
             if scene.outputs.reactions:
                 self.reactions = ReactionSamples(self.program.problem, scene.inverse.samples)
-            self.beside = Beside(self.program.problem, scene)
+            self.beside = Burdens(self.program.problem, scene)
             if not (why := obstacle(self.program, self.lead, scene, keys)) and self.lead is not None:
                 self._guide(self.program.looked_at(scene.inverse.samples))
         names = list(self.program.outputs)
@@ -169,7 +169,7 @@ class InverseStructure(Built):
         return np.where(np.isfinite(off), off, np.nan)
 
 
-class Beside:
+class Burdens:
     """What drives, margins of motorisation, shaking forces and a flywheel follow from beside the torques, as far as the
     scene asks for them. scene : as it is written, whose numbers are plain ones."""
 
@@ -177,7 +177,7 @@ class Beside:
         asked = scene.inverse
         self.problem, samples = problem, asked.samples
         self.drives = StandingStill(scene, problem, samples) if scene.drives else None
-        self.margins = Acting(problem, True, samples) if scene.motorisation is not None else None
+        self.margins = ActingTorques(problem, True, samples) if scene.motorisation is not None else None
         self.shaking = Shaking(problem, asked.shaking, samples) if asked.shaking is not None else None
         self.wheel = Wheel(problem, samples) if asked.flywheel is not None else None
         parts = (self.drives, self.margins, self.shaking, self.wheel)
