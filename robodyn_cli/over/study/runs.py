@@ -116,12 +116,8 @@ class Compiled:
         rows["values"], rows["code"], rows["done"] = points.values, runs.code, True
         for k, key in enumerate(task.outputs):
             rows["outputs"][:, k], rows["errors"][:, k] = runs.outputs[key], runs.errors[key]
-        rows["holds"] = _holds(
-            task.family.own.expect,
-            runs,
-            {STATUS: COMMANDS[task.command].good, **self._command.words},
-            self._command.missed,
-        )
+        words = {STATUS: COMMANDS[task.command].good, **self._command.words}
+        rows["holds"] = _holds(task.family.own.expect, runs, words, self._command.missed)
         made = np.isin(np.arange(len(points)), left, invert=True)
         failed = np.flatnonzero(made & (runs.code != 0)).tolist()
         return RunRows(points.runs[made], rows[made], {int(points.runs[k]): runs.reason[k] for k in failed})
